@@ -19,7 +19,7 @@ from playwright.sync_api import sync_playwright
 
 from fabry_perot.simulator import launch
 from steradian.benchmarks.service import running_service
-from steradian.benchmarks.stop import _busy, _look, _release, _start, _until
+from steradian.benchmarks.stop import _cpu_load, _read_simulator, _release, _start, _until
 from steradian.core.settings import Settings
 
 ARGUMENTS = "--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
@@ -63,7 +63,7 @@ def ahead(scanner):
     found = []
     for _ in range(9):
         asked = time.time()
-        told = _look(scanner)["time"] / 1e6
+        told = _read_simulator(scanner)["time"] / 1e6
         answered = time.time()
         found.append((answered - asked, told - (asked + answered) / 2))
     return min(found)[1]
@@ -132,7 +132,7 @@ def press(service, scanner, page, under):
         before = ahead(scanner)
         page.locator("#stop").click()
         page.get_by_text("laser off (confirmed").wait_for(timeout=60_000)
-        last, after = _look(scanner)["last_shot"] / 1e6, ahead(scanner)
+        last, after = _read_simulator(scanner)["last_shot"] / 1e6, ahead(scanner)
     clicked = page.evaluate("window.clicked") / 1e3
     stop = service.ask("/scanners/scanner-0")["emergency_stop"]
     _until(lambda: service.ask(f"/scans/{scan}")["state"] in OVER)
@@ -153,8 +153,8 @@ def presses(service, scanner, browser, number):
     found = {}
     for name, under, cut in (
         ("idle", nullcontext, False),
-        ("two busy processes", _busy, False),
-        ("two busy processes, event stream cut", _busy, True),
+        ("two busy processes", _cpu_load, False),
+        ("two busy processes, event stream cut", _cpu_load, True),
     ):
         page = browser.new_page()
         page.add_init_script(CLICKED)

@@ -46,7 +46,7 @@ def main(url: str) -> None:
     """Measure, and print the percentiles of each view."""
     traces, positions = recording()
     with Client(url) as client, sync_playwright() as playwright:
-        scan = client.imports.arrays(traces, positions, sampling_interval=INTERVAL, sound_speed=SPEED)
+        scan = client.imports.import_arrays(traces, positions, sampling_interval=INTERVAL, sound_speed=SPEED)
         made = client.reconstructions.wait(client.reconstructions.create(scan.id, modes=MODES, weights="uniform"))
         print("volume", made.report["shape"])
         busy = client.reconstructions.create(scan.id, modes=MODES, weights="uniform", method="iterative", priority=0)

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import xarray
 
 import steradian
-from steradian.phantoms import pressure, sampled, yarn
+from steradian.phantoms import pressure, rasterise, yarn
 
 # %%
 mask = steradian.equi_steradian_mask(aperture=10e-3, depth=3e-3, count=800)
@@ -23,7 +23,7 @@ traces = pressure(balls, mask.positions, samples=400, **record)
 how = record | {"aperture": mask.aperture, "modes": 96, "depth_range": (1.5e-3, 4.5e-3)}
 direct = steradian.reconstruct(traces, mask, **how)
 iterative = steradian.reconstruct(traces, mask, method="iterative", **how)
-truth = sampled(balls, direct)
+truth = rasterise(balls, direct)
 images = xarray.Dataset({"truth": truth.to_xarray(), "direct": direct.to_xarray(), "iterative": iterative.to_xarray()})
 
 # %%

@@ -13,25 +13,25 @@ from fabry_perot.errors import (
     DeviceRestarted,
     EmergencyStopped,
     FaultStands,
-    LeaseLapsed,
+    LeaseExpired,
     LinkError,
     LinkLost,
-    NoAnswer,
     PlanInvalid,
     PortBusy,
     PortForbidden,
     PortUnavailable,
-    Refused,
+    RequestRejected,
+    ResponseTimeout,
     ScanAborted,
     ScannerError,
 )
-from fabry_perot.hardware import Apparatus, Instrument, InstrumentError
-from fabry_perot.host import Recovery, ScanReport
+from fabry_perot.hardware import ComposedInstrument, Instrument, InstrumentError
+from fabry_perot.host import RecoveryPolicy, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
 from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.asynchronous import AsyncScanner, connect_async
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.connecting import Found, connect, discover
+from fabry_perot.host.connecting import DiscoveredPort, connect, discover
 from fabry_perot.host.monitor import Monitor
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.stopping import emergency_stop, port_status
@@ -40,30 +40,30 @@ from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 __all__ = [
     "ALine",
     "ALineBatch",
-    "Apparatus",
     "AsyncScanner",
     "Capabilities",
+    "ComposedInstrument",
     "DeviceError",
     "DeviceFault",
     "DeviceRestarted",
+    "DiscoveredPort",
     "EmergencyStopped",
     "FaultCleared",
     "FaultStands",
-    "Found",
     "Instrument",
     "InstrumentError",
-    "LeaseLapsed",
+    "LeaseExpired",
     "LinkError",
     "LinkLost",
     "Monitor",
-    "NoAnswer",
     "PlanInvalid",
     "PortBusy",
     "PortForbidden",
     "PortStatus",
     "PortUnavailable",
-    "Recovery",
-    "Refused",
+    "RecoveryPolicy",
+    "RequestRejected",
+    "ResponseTimeout",
     "ScanAborted",
     "ScanReport",
     "Scanner",

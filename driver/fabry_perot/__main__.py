@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fabry_perot import conformance, connect, discover, emergency_stop, faults
-from fabry_perot.errors import PlanInvalid, Refused, ScannerError
+from fabry_perot.errors import PlanInvalid, RequestRejected, ScannerError
 from fabry_perot.host import scanfile
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.transport import open_transport
@@ -74,7 +74,7 @@ def _status(given: argparse.Namespace) -> None:
 def _statistics(scanner: Scanner) -> dict[str, object]:
     """Return counters of host and device; of a device with failed hardware, those that it still reports."""
     for _ in range(2):  # a refusal latches the fault, after which the device answers without its hardware
-        with suppress(Refused):
+        with suppress(RequestRejected):
             return scanner.statistics()
     return dict(scanner.status._asdict())
 
@@ -126,7 +126,7 @@ def _tune(given: argparse.Namespace) -> None:
         )
     if given.output is not None:
         tuned.save(given.output)
-        print(f"{len(points)} points in {_located(given.output)}")
+        print(f"{len(points)} points in {_path_with_size(given.output)}")
 
 
 def _scan(given: argparse.Namespace) -> int:
@@ -150,10 +150,10 @@ def _scan(given: argparse.Namespace) -> int:
         rows = scanfile.create(given.output, points, given.samples)
         before, done = signal.signal(signal.SIGINT, stop), False
         try:
-            done = scanfile.acquire(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
+            done = scanfile.run_and_store(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
         finally:
             signal.signal(signal.SIGINT, before)
-            kept = f"{int(rows['stored'].sum())} of {len(points)} A-lines in {_located(given.output)}"
+            kept = f"{int(rows['stored'].sum())} of {len(points)} A-lines in {_path_with_size(given.output)}"
             print(f"laser off; {kept}" if asked and not done else kept)
         print(scanner.report(), file=sys.stderr)
     return 0 if done else 130
@@ -161,7 +161,7 @@ def _scan(given: argparse.Namespace) -> int:
 
 def _monitor(given: argparse.Namespace) -> None:
     """Begin a session and show every frame in both directions, until Ctrl-C."""
-    with connect(given.url, baudrate=given.baud, tap=_say):
+    with connect(given.url, baudrate=given.baud, tap=_print):
         threading.Event().wait(given.seconds)
 
 
@@ -170,11 +170,11 @@ def _conformance(given: argparse.Namespace) -> int:
     transport = open_transport(given.url, given.baud)
     try:
         outcomes = conformance.run(
-            conformance.Peer(transport),
+            conformance.ConformanceHost(transport),
             fire=given.fire,
             ask=_ask if given.ask else None,
             only=given.only or (),
-            told=lambda outcome: _say(conformance.as_table([outcome])),
+            told=lambda outcome: _print(conformance.as_table([outcome])),
         )
     finally:
         transport.close()
@@ -193,7 +193,7 @@ def _connect(given: argparse.Namespace) -> Scanner:
     return connect(given.url, baudrate=given.baud)
 
 
-def _say(line: str) -> None:
+def _print(line: str) -> None:
     print(line, flush=True)
 
 
@@ -222,7 +222,7 @@ def _fault(scanner: Scanner) -> tuple[str, str]:
     return faults.by_code(code).name, faults.advice(code)
 
 
-def _located(path: Path) -> str:
+def _path_with_size(path: Path) -> str:
     return f"{path} ({path.stat().st_size:,} bytes)"
 
 

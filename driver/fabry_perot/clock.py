@@ -20,7 +20,7 @@ class Clock(Protocol):
         ...
 
 
-_ASLEEP_TOO = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+_BOOTTIME_CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
 """The clock that counts the time a suspended computer sleeps: Linux has one for that, macOS' monotonic one does."""
 
 
@@ -29,9 +29,9 @@ class RealClock:
 
     def now(self) -> int:
         """Return the monotonic time in µs."""
-        if _ASLEEP_TOO is None:
+        if _BOOTTIME_CLOCK is None:
             return time.monotonic_ns() // 1000
-        return time.clock_gettime_ns(_ASLEEP_TOO) // 1000
+        return time.clock_gettime_ns(_BOOTTIME_CLOCK) // 1000
 
 
 class VirtualClock:
@@ -61,7 +61,7 @@ class VirtualClock:
 class ScaledClock:
     """A clock that runs ``rate`` times as fast as its base, and can be held back.
 
-    A simulator that cannot compute in time calls :meth:`hold`: simulated time then continues from where the simulation
+    A simulator that cannot compute in time calls :meth:`rewind_to`: simulated time then continues from where the simulation
     really is instead of jumping over work that was never done.
 
     Parameters
@@ -84,6 +84,6 @@ class ScaledClock:
         """Return the simulated time in µs."""
         return self._offset + int((self._base.now() - self._origin) * self.rate)
 
-    def hold(self, at: int) -> None:
+    def rewind_to(self, at: int) -> None:
         """Continue from ``at`` µs, a time not later than now."""
         self._offset, self._origin = min(at, self.now()), self._base.now()

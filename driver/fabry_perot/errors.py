@@ -88,7 +88,7 @@ class PortBusy(LinkError):
     code = "port-busy"
 
 
-class NoAnswer(LinkError):
+class ResponseTimeout(LinkError):
     """Nothing answered within the protocol's time limit."""
 
     code = "no-answer"
@@ -112,7 +112,7 @@ class DeviceError(ScannerError):
     code = "device-error"
 
 
-class Refused(DeviceError):
+class RequestRejected(DeviceError):
     """The device rejected a request.
 
     Parameters
@@ -131,11 +131,11 @@ class Refused(DeviceError):
         self.operation, self.reason, self.state = operation, reason, state
         super().__init__(f"the device refused {operation}: {reason} (state {state})")
 
-    def __reduce__(self) -> tuple[type[Refused], tuple[str, str, str]]:
+    def __reduce__(self) -> tuple[type[RequestRejected], tuple[str, str, str]]:
         return type(self), (self.operation, self.reason, self.state)
 
 
-class LeaseLapsed(DeviceError):
+class LeaseExpired(DeviceError):
     """The laser lease ran out some time ago: the laser is off, plan and data are kept; ``resume()`` continues."""
 
     code = "lease-lapsed"

@@ -47,7 +47,7 @@ SHUTTER_STUCK = Fault(
 )
 EMERGENCY_STOP = Fault(0, "emergency-stop", "the emergency stop is latched", "make sure that nobody is in danger")
 _OWN_PARTS = {4: "galvo", 5: "interrogation laser", 6: "digitiser", 7: "excitation laser", 8: "shutter and interlock"}
-"""Numbers of :class:`fabry_perot.Apparatus`; other hardware has a list of its own."""
+"""Numbers of :class:`fabry_perot.ComposedInstrument`; other hardware has a list of its own."""
 _KNOWN = {fault.code: fault for fault in (EMERGENCY_STOP, INTERLOCK_OPENED, KEY_TURNED_OFF, SHUTTER_STUCK)}
 CODES = range(256)
 """All fault codes that STATUS can carry, and 0 for the emergency stop."""

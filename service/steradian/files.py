@@ -82,14 +82,14 @@ def _of_hdf5(path: Path) -> Scan | Volume:
 def _of_json(path: Path) -> Mask | ScanPlan:
     from steradian.masks import Mask
     from steradian.plans import ScanPlan
-    from steradian.plans.files import read_value
+    from steradian.plans.files import read_json
 
     try:
         said: Any = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DamagedFile(f"{path} is not JSON: {error}") from error
     if "mask" in said:
-        return read_value(ScanPlan, path)
+        return read_json(ScanPlan, path)
     if "positions" in said:
-        return read_value(Mask, path)
+        return read_json(Mask, path)
     raise DamagedFile(f"{path} is JSON, but neither a mask (positions) nor a plan (mask)")

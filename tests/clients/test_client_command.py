@@ -93,15 +93,15 @@ def test_a_refusal_is_one_line_and_a_status(url):
 def test_address_and_key_are_found(tmp_path):
     """What is given counts before the environment, and that before the file; no key goes to another's address."""
     there = {"XDG_CONFIG_HOME": str(tmp_path), "APPDATA": str(tmp_path)}
-    assert Address.find(environment=there) == Address("http://127.0.0.1:8000", None)
+    assert Address.resolve(environment=there) == Address("http://127.0.0.1:8000", None)
     config_file(there).parent.mkdir()
     config_file(there).write_text('url = "http://lab:8000"\nkey = "from file"\n')
-    assert Address.find(environment=there) == Address("http://lab:8000", "from file")
-    assert Address.find("http://other:1", environment=there) == Address("http://other:1", None)
+    assert Address.resolve(environment=there) == Address("http://lab:8000", "from file")
+    assert Address.resolve("http://other:1", environment=there) == Address("http://other:1", None)
     there |= {"STERADIAN_URL": "http://here:9", "STERADIAN_KEY": "from environment"}
-    assert Address.find(environment=there) == Address("http://here:9", "from environment")
-    assert Address.find("http://other:1", environment=there) == Address("http://other:1", None)
-    assert Address.find("http://other:1", "given", environment=there) == Address("http://other:1", "given")
+    assert Address.resolve(environment=there) == Address("http://here:9", "from environment")
+    assert Address.resolve("http://other:1", environment=there) == Address("http://other:1", None)
+    assert Address.resolve("http://other:1", "given", environment=there) == Address("http://other:1", "given")
 
 
 @pytest.mark.long

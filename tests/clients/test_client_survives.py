@@ -16,7 +16,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 import pytest
 
-from steradian_client import Client, Damaged, JobFailed, Unreachable
+from steradian_client import Client, ConnectionFailed, CorruptTransfer, JobFailed
 from support.flaky import Flaky
 
 
@@ -76,7 +76,7 @@ def test_a_download_that_is_cut_in_half_is_taken_up_there(service, shaky, line, 
 def test_a_download_that_is_changed_on_its_way_is_refused(shaky, line, recorded, tmp_path):
     """The service states the checksum of the whole file; what does not have it is not left behind."""
     line.spoil_after(1_000_000)
-    with pytest.raises(Damaged, match="SHA-256"):
+    with pytest.raises(CorruptTransfer, match="SHA-256"):
         shaky.scans.save_file(recorded.id, tmp_path / "scan.h5")
     assert not list(tmp_path.iterdir())
 
@@ -112,13 +112,13 @@ def test_what_makes_the_laser_fire_is_not_sent_again_unasked(service, shaky, lin
     assert any(event.kind == "progress" for event in service.events.follow(scan_id=scan.id))
     service.scans.pause(scan.id)
     line.lose_answer(b"PUT /api/v1/scans")
-    with pytest.raises(Unreachable, match="look before you repeat it"):
+    with pytest.raises(ConnectionFailed, match="look before you repeat it"):
         shaky.scans.resume(scan.id)
     assert len(line.lost) == 1
     service.scans.abort(scan.id)
     service.scanners.emergency_stop()
     line.lose_answer(b"DELETE /api/v1/scanners")
-    with pytest.raises(Unreachable, match="look before you repeat it"):
+    with pytest.raises(ConnectionFailed, match="look before you repeat it"):
         shaky.scanners.release_stop()
     service.scanners.release_stop()
 
@@ -146,7 +146,7 @@ def test_files_of_a_job_lie_in_the_folder_that_was_asked_for(tmp_path):
         pool.submit(server.serve_forever)
         try:
             with Client(f"http://127.0.0.1:{server.server_port}") as client:
-                found = client.exports.run("nrrd", tmp_path / "folder", reconstruction_id="r0")
+                found = client.exports.export_and_download("nrrd", tmp_path / "folder", reconstruction_id="r0")
         finally:
             server.shutdown()
     assert found == [tmp_path / "folder" / "outside"]
@@ -159,10 +159,10 @@ def test_what_makes_the_laser_fire_is_not_kept_for_later(line):
     with Client(line.url, patience=1e6) as client:
         client.health()
         line.close()
-        with pytest.raises(Unreachable):
+        with pytest.raises(ConnectionFailed):
             client.scans.resume("scan")
-        with pytest.raises(Unreachable):
-            client.scanners.release_stop()
+        with pytest.raises(ConnectionFailed):
+            client.scanners.release_emergency_stop()
 
 
 def test_an_event_stream_that_is_reset_goes_on_where_it_broke(service, shaky, line):

@@ -10,7 +10,7 @@ import pytest
 import steradian_client
 from steradian_client import AsyncClient, Client, routes
 from steradian_client.resources.base import Resource
-from steradian_client.worlds import managed, operation, stream
+from steradian_client.worlds import dual_context_manager, dual_iterator, dual_method
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(steradian_client.__file__).parent
@@ -82,5 +82,5 @@ def test_every_method_says_what_it_does(kind):
     assert len(nouns) == 12
     for noun in nouns:
         for name in dir(type(noun)):
-            if isinstance(getattr(type(noun), name), operation | stream | managed):
+            if isinstance(getattr(type(noun), name), dual_method | dual_iterator | dual_context_manager):
                 assert getattr(noun, name).__doc__, (noun, name)

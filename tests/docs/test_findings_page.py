@@ -11,10 +11,10 @@ import steradian.jobs
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.api.schemas.reports import ReportView, SoundSpeedView
 from steradian.api.schemas.resources import MaskPreviewView
-from steradian.imaging.iterative.base import Stopped
+from steradian.imaging.iterative.base import StopReason
 from steradian.plans import Link, ScannerLimits, findings, preview
-from steradian.reconstructions.pipeline.run import LOWERED
-from steradian.reconstructions.shots import BITS
+from steradian.reconstructions.pipeline.run import SHRINKAGE_NOTE
+from steradian.reconstructions.shots import FLAG_BITS
 from steradian.scans.acquisition.resume_checks import Tolerance
 
 ROOT = Path(__file__).parents[2]
@@ -88,19 +88,19 @@ def test_figures_of_a_mask_and_of_a_report_are_called_so():
 
 def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
     rows = PAGE["Volumes"][1:]
-    assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(Stopped))
+    assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(StopReason))
     notes = [row[1] for row in rows if row[0] == "notes"]
     folder = JOBS.parent / "reconstructions" / "pipeline"
     source = "".join((folder / name).read_text("utf-8") for name in ("run.py", "report_notes.py"))
     assert source.count("notes.append(") + source.count("yield ") == len(notes)
-    assert any(note in LOWERED for note in notes)
+    assert any(note in SHRINKAGE_NOTE for note in notes)
     assert any(note.startswith("the weights sum to") for note in notes)
     assert "the weights sum to" in source
 
 
 def test_flags_of_a_lines_are_those_of_the_scanner():
     flags = [row[0] for row in PAGE["Scans"][1:] if len(row) == 4]
-    assert flags == [*BITS, "dark"]
+    assert flags == [*FLAG_BITS, "dark"]
 
 
 def test_a_resumed_scan_is_compared_by_the_figures_that_the_page_has():

@@ -28,7 +28,7 @@ class Faults:
     """The filters, reachable from tests by one fixture."""
 
     bit_flips, byte_loss, drop = line_faults.BitFlips, line_faults.ByteFaults, line_faults.FramesOfType
-    stall, recorder = line_faults.Stall, line_faults.Recorder
+    stall, recorder = line_faults.Delay, line_faults.Recorder
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ import numpy as np
 
 from fabry_perot.clock import VirtualClock
 from fabry_perot.device import Device
-from fabry_perot.errors import NoAnswer, Refused
-from fabry_perot.hardware.instrument import InstrumentError, Interrogation, Sampling
-from fabry_perot.host import Host, Plan
-from fabry_perot.simulator.faults import Chain, Filter
+from fabry_perot.errors import RequestRejected, ResponseTimeout
+from fabry_perot.hardware.instrument import InstrumentError, PlanSampling, PointRecord
+from fabry_perot.host import Host, WirePlan
+from fabry_perot.simulator.faults import Filter, FilterChain
 from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
@@ -64,13 +64,13 @@ class CountingInstrument:
         self.waiting: deque[tuple[int, int, int]] = deque()
         self.settled: int | None = None
         self.fired = self.until = self.last = 0
-        self.done: list[Interrogation] = []
+        self.done: list[PointRecord] = []
         self.sweeping: tuple[int, list[int]] | None = None
 
     def capabilities(self):
         return {**CAPABILITIES, **self.limits}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         self.samples, self.beams = sampling.samples, sampling.beams
         self.period = round(1e9 / sampling.pulse_rate_mhz)
 
@@ -91,7 +91,7 @@ class CountingInstrument:
             return None
         return -(-max(self.settled, self.last + 1) // self.period) * self.period
 
-    def poll(self, now: int) -> list[Interrogation]:
+    def poll(self, now: int) -> list[PointRecord]:
         while (time := self.due()) is not None and time <= now and time < self.until and self.open_now:
             index, averages, _ = self.waiting[0]
             self.log.append((time, index, len(self.log) + 1))
@@ -100,7 +100,7 @@ class CountingInstrument:
             if self.fired == averages:
                 for beam in range(self.beams):
                     line = self.make(index * self.beams + beam)
-                    self.done.append(Interrogation(line, 0.25, index, time, len(self.log), averages, beam=beam))
+                    self.done.append(PointRecord(line, 0.25, index, time, len(self.log), averages, beam=beam))
                 self.waiting.popleft()
                 self.settled = None
                 self.aim(time)
@@ -177,7 +177,7 @@ class Line:
     """One direction of a line: a list of filters, each ``bytes, now -> bytes``, then a delay."""
 
     def __init__(self, *filters: Filter, delay: int = 300) -> None:
-        self.chain, self.delay = Chain(filters), delay
+        self.chain, self.delay = FilterChain(filters), delay
         self.filters = self.chain.filters
         self._queue: deque[tuple[int, bytes]] = deque()
 
@@ -227,14 +227,14 @@ class Bench:
                 self.stored += batch
                 if batch and self.acknowledging:
                     self.host.acknowledge(batch[-1].number, now)
-            self.up.put(self.host.pull(), now)
+            self.up.put(self.host.take_output(), now)
         else:
             self.up.put(b"", now)
             self.down.get(now)
-        while (due := self.device.next_due()) < self.device_now and due > self.device.now:
+        while (due := self.device.next_deadline()) < self.device_now and due > self.device.now:
             self.device.poll(due)
         self.device.receive(self.up.get(now), self.device_now)
-        self.down.put(self.device.pull(16384), now)
+        self.down.put(self.device.next_frames(16384), now)
 
     def until(self, ready: Callable[[], bool], limit_ms: int = 60_000) -> int:
         """Turn until ``ready()``; returns the ms it took and fails beyond the limit."""
@@ -259,11 +259,11 @@ class Bench:
 
     def upload(
         self, count: int = 50, *, samples: int = 64, averages: int = 1, rate: float = 200.0, beams: int = 1
-    ) -> Plan:
+    ) -> WirePlan:
         points = np.zeros(count, POINT)
         points["x"] = np.arange(count) * 1000
         points["averages"] = averages
-        plan = Plan(np.repeat(points, beams), samples, 8000, round(rate * 1e3), beams=beams)
+        plan = WirePlan(np.repeat(points, beams), samples, 8000, round(rate * 1e3), beams=beams)
         call = self.host.upload(plan, self.clock.now())
         self.until(lambda: call.done and self.device.plan.loaded and self.device.state.name == "READY")
         return plan
@@ -293,7 +293,7 @@ class Bench:
             try:
                 self.call(Operation.RELEASE)
                 self.start()
-            except (Refused, NoAnswer):
+            except (RequestRejected, ResponseTimeout):
                 self.run(100)
         raise AssertionError("not done after 50 resumes")
 

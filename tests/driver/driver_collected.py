@@ -14,5 +14,5 @@ def collect(scanner) -> list:
                 lines += batch
                 scanner.acknowledge(batch[-1])
             return lines
-        except fabry_perot.LeaseLapsed:  # this machine was busy with something else for half a second
+        except fabry_perot.LeaseExpired:  # this machine was busy with something else for half a second
             scanner.resume()

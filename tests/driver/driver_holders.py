@@ -58,7 +58,7 @@ LIAR = """
 
 def report(simulator: Simulator) -> dict:
     """The simulator's own account: its clock (µs), shots, time of the last one (µs), state, shutter open or not."""
-    return simulator.command("report", fired=False)
+    return simulator.send_command("report", fired=False)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 from driver_bench import CountingInstrument
 
 from fabry_perot.clock import VirtualClock
-from fabry_perot.conformance import Peer, run
+from fabry_perot.conformance import ConformanceHost, run
 from fabry_perot.device import Device
 from fabry_perot.device.timing import DeviceTiming
 
@@ -44,7 +44,7 @@ class VirtualLine:
         for now in range(before * self.speed + step, self.clock.now() * self.speed + 1, step):
             self.device.receive(data, now)
             data = b""
-        return self.device.pull(16384)
+        return self.device.next_frames(16384)
 
     def close(self) -> None: ...
 
@@ -58,5 +58,5 @@ class VirtualLine:
 
 def outcomes(*only: str, speed: int = 1, **limits: int) -> dict[str, str]:
     line = VirtualLine(speed, **{"ring": 16, **limits})
-    found = run(Peer(line, line.clock), fire=True, ask=line.ask, only=only)
+    found = run(ConformanceHost(line, line.clock), fire=True, ask=line.ask, only=only)
     return {outcome.name: outcome.failure or outcome.skipped for outcome in found}

@@ -12,11 +12,11 @@ from fabry_perot.device import Device
 from fabry_perot.device import body as device_body
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.ring import ALineRing
+from fabry_perot.device.ring import ALineRingBuffer
 from fabry_perot.host.aborts import Aborts
-from fabry_perot.host.assembly import Assembly
+from fabry_perot.host.assembly import AlineReassembler
 from fabry_perot.host.core import Host
-from fabry_perot.host.recovery import Keeper
+from fabry_perot.host.recovery import ScanRecovery
 from fabry_perot.host.uploader import Uploader
 from fabry_perot.wire import framing
 from fabry_perot.wire.framing import CRC, HEADER, Frame
@@ -52,13 +52,13 @@ def _overwrites(patch: pytest.MonkeyPatch) -> None:
         self._blobs.append((point, encoding, blob))
         self.produced += 1
 
-    patch.setattr(ALineRing, "append", append)
-    patch.setattr(ALineRing, "room", property(lambda self: 1 << 30))
+    patch.setattr(ALineRingBuffer, "append", append)
+    patch.setattr(ALineRingBuffer, "free", property(lambda self: 1 << 30))
 
 
 def _accepts_gaps(patch: pytest.MonkeyPatch) -> None:
     def accept(self, first, points):
-        start, stop = max(first, self.expected), min(first + len(points), self.limit)
+        start, stop = max(first, self.expected), min(first + len(points), self.window_end)
         if stop <= start:
             return points[:0]
         for index in range(start, stop):
@@ -70,7 +70,7 @@ def _accepts_gaps(patch: pytest.MonkeyPatch) -> None:
 
 
 def _no_credit_check(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(ALineRing, "limit", property(lambda self: 1 << 62, lambda self, value: None), raising=False)
+    patch.setattr(ALineRingBuffer, "limit", property(lambda self: 1 << 62, lambda self, value: None), raising=False)
 
 
 def _unchecked(name: str) -> Patch:
@@ -133,7 +133,7 @@ def _same_token(patch: pytest.MonkeyPatch) -> None:
         self._armed_at, self.token = self.now, 77
         return self.token
 
-    patch.setattr(Device, "new_token", new_token)
+    patch.setattr(Device, "issue_arm_token", new_token)
 
 
 def _no_shutter(patch: pytest.MonkeyPatch) -> None:
@@ -152,7 +152,7 @@ MUTANTS = {
     "no CRC check": Mutant(_deframer(crc=False, length=True), tests.noise_that_only_a_checksum_finds),
     "no length check": Mutant(_deframer(crc=True, length=False), tests.a_length_that_lies_under_a_valid_checksum),
     "no tail-loss repair": Mutant(
-        lambda patch: patch.setattr(Assembly, "sent", lambda self, number: None), tests.the_last_a_line_is_lost
+        lambda patch: patch.setattr(AlineReassembler, "mark_sent", lambda self, number: None), tests.the_last_a_line_is_lost
     ),
     "no plan time-out": Mutant(
         lambda patch: patch.setattr(Uploader, "__init__", _with_period(Uploader.__init__, 1 << 60)),
@@ -199,14 +199,14 @@ MUTANTS = {
         ),
     ),
     "interlock not watched": Mutant(
-        lambda patch: patch.setattr(Device, "watch", lambda self: True),
+        lambda patch: patch.setattr(Device, "check_safety", lambda self: True),
         tests.an_opened_interlock_ends_emission_for_good,
     ),
     "abort not repeated": Mutant(_one_abort, tests.an_abort_ends_emission_within_its_bound),
     "token used again": Mutant(_same_token, tests.an_arm_token_starts_one_scan_only),
     "echoes of the future": Mutant(_future_echoes, tests.an_echo_of_the_future_keeps_no_laser_on),
     "laser comes back at any time": Mutant(
-        lambda patch: patch.setattr(Keeper, "_permitted", lambda self: True),
+        lambda patch: patch.setattr(ScanRecovery, "_permitted", lambda self: True),
         tests.a_laser_that_was_off_for_seconds_waits_for_a_person,
     ),
 }

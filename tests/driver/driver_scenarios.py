@@ -7,7 +7,7 @@ import random
 from driver_bench import Bench
 from driver_world import World
 
-from fabry_perot.errors import Refused
+from fabry_perot.errors import RequestRejected
 from fabry_perot.host import Host
 from fabry_perot.simulator import faults
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
@@ -21,7 +21,7 @@ def stall_released_after_the_hosts_death() -> None:
     world.begin()
     world.run(40)
     now = world.clock.now()
-    world.up.filters.append(faults.Stall(now + 100_000, now + 3_000_000))
+    world.up.filters.append(faults.Delay(now + 100_000, now + 3_000_000))
     world.run(150)
     world.kill_host()
     world.run(4_000)
@@ -38,7 +38,7 @@ def long_stall_with_a_living_host() -> None:
     world.begin()
     world.run(40)
     now = world.clock.now()
-    world.up.filters.append(faults.Stall(now, now + 450_000))
+    world.up.filters.append(faults.Delay(now, now + 450_000))
     world.run(460)
     world.kill_host()
     world.run(1_500)
@@ -95,7 +95,7 @@ def an_old_echo_in_a_new_session() -> None:
     token = bench.call(Operation.ARM)["token"]
     try:
         bench.call(Operation.START, token=token, **old)
-    except Refused:
+    except RequestRejected:
         return
     raise AssertionError("an echo from before the session started the laser")
 
@@ -243,7 +243,7 @@ def every_way_out_of_a_running_scan_closes_the_shutter() -> None:
         bench = Bench()
         bench.scan(500)
         bench.run(60)
-        bench.device.must(event)
+        bench.device.transition(event)
         assert not bench.instrument.open_now, f"the shutter is open after {event.name}"
 
 
@@ -270,7 +270,7 @@ def an_arm_token_starts_one_scan_only() -> None:
     bench.call(Operation.ARM)
     try:
         bench.call(Operation.START, token=token, **bench.host.lease_fields())
-    except Refused:
+    except RequestRejected:
         return
     raise AssertionError("a spent token started the laser")
 

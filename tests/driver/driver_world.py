@@ -13,8 +13,8 @@ import numpy as np
 from driver_bench import Bench, truth
 from driver_reference import frames
 
-from fabry_perot.errors import Refused, ScannerError
-from fabry_perot.host import Host, Keeper, Plan, Recovery
+from fabry_perot.errors import RequestRejected, ScannerError
+from fabry_perot.host import Host, RecoveryPolicy, ScanRecovery, WirePlan
 from fabry_perot.simulator.faults import Recorder
 from fabry_perot.wire.codes import AbortLevel, Operation
 from fabry_perot.wire.messages import POINT, unpack_body
@@ -32,9 +32,9 @@ class World(Bench):
         records = np.zeros(points, POINT)
         records["x"] = np.arange(points) * 1000
         records["averages"] = 1
-        self.plan = Plan(records, 300, 8000, 200_000)
+        self.plan = WirePlan(records, 300, 8000, 200_000)
         self.count, self.nonce, self.boots = points, 1, 1
-        self.keeper = Keeper(self.host, Recovery(patience=1e9))
+        self.keeper = ScanRecovery(self.host, RecoveryPolicy(patience=1e9))
         self.memory: list = []
         self.disk: dict[int, object] = {}
         self.disk_full = self.hung = self.plugged_out = self.asleep = False
@@ -91,24 +91,24 @@ class World(Bench):
         elif self.host_alive:
             self.host.receive(b"" if self.plugged_out else self.down.get(now), now)
             self.application(now)
-            self.up.put(self.host.pull(), now)
+            self.up.put(self.host.take_output(), now)
         else:
             self.up.put(b"", now)
         data = self.up.get(now)
         if self.device_now < self.dark_until:
             return
-        while (due := self.device.next_due()) < self.device_now and due > self.device.now:
+        while (due := self.device.next_deadline()) < self.device_now and due > self.device.now:
             self.device.poll(due)
         self.deliver(data)
         self.device.receive(data, self.device_now)
-        sent = self.device.pull(16384)
+        sent = self.device.next_frames(16384)
         self.down.put(b"" if self.plugged_out else sent, now)
         self.audit()
 
     def audit(self) -> None:
         """Un-acknowledged data never vanish: what is not in the ring is in the application's hands."""
         ring = self.device.ring
-        assert ring.fill == ring.produced - ring.acknowledged <= ring.capacity
+        assert ring.used == ring.produced - ring.acknowledged <= ring.capacity
         kept = len(self.disk) + len(self.memory) if self.host_alive else len(self.disk)
         if ring.plan == self.plan.uid and self.host_alive and self.host.assembly is not None:
             assert ring.acknowledged <= max(kept, self.host.assembly.complete)
@@ -152,7 +152,7 @@ class World(Bench):
     def clear(self) -> None:
         """Clear what is latched, unless its cause stands."""
         if self.host.device_state in (DeviceState.ESTOP, DeviceState.FAULT):
-            with suppress(Refused):
+            with suppress(RequestRejected):
                 self.call(Operation.CLEAR_FAULT)
 
     def go(self) -> None:
@@ -162,7 +162,7 @@ class World(Bench):
         self.clear()
         if self.host.device_state not in RUNNING:
             self.stopped_at = None
-            self.keeper.take_up(self.plan, self.host_now)
+            self.keeper.resume(self.plan, self.host_now)
             self.until(lambda: not self.keeper.busy or self.host.failure, 20_000)
             if self.keeper.refusal is not None:
                 raise self.keeper.refusal
@@ -193,13 +193,13 @@ class World(Bench):
         self.nonce += 1
         self.kill_host()
         self.host, self.host_alive, self.hung, self.plugged_out = Host(self.nonce), True, False, False
-        self.keeper = Keeper(self.host, Recovery(patience=1e9))
+        self.keeper = ScanRecovery(self.host, RecoveryPolicy(patience=1e9))
         self.connect()
         self.clear()
         status = self.host.status
         if status.plan == self.plan.uid and status.acknowledged <= len(self.disk):
             self.until(lambda: self.host.plan_status is not None, 5_000)
-            assert self.host.adopt(self.plan, self.clock.now(), len(self.disk))
+            assert self.host.resume_plan(self.plan, self.clock.now(), len(self.disk))
         else:
             self.call_upload()
 
@@ -220,8 +220,8 @@ class World(Bench):
             try:
                 if not self.host_alive or self.host.failure is not None:
                     self.new_host()
-                if not self.keeper.minding and (self.keeper.waiting or self.host.device_state in HALTED):
-                    self.keeper.suspend()  # stopped by somebody, be it by an old ABORT that was replayed, or for long
+                if not self.keeper.is_recovering and (self.keeper.waiting or self.host.device_state in HALTED):
+                    self.keeper.disable()  # stopped by somebody, be it by an old ABORT that was replayed, or for long
                 idle = self.host.device_state not in RUNNING | {DeviceState.DRAINING, DeviceState.DONE}
                 if not self.keeper.engaged and idle and not self.host.aborting:
                     self.go()

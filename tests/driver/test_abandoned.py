@@ -10,7 +10,7 @@ import pytest
 from driver_bench import Bench
 
 import fabry_perot
-from fabry_perot.device.outbox import DEPTH
+from fabry_perot.device.outbox import MAX_QUEUED
 from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import AbortLevel, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
@@ -66,7 +66,7 @@ def test_what_was_on_its_way_to_a_cancelled_consumer_comes_to_the_next_one():
                             await scanner.acknowledge(batch[-1])
                 except TimeoutError:
                     wait = 0.001 + (7 * wait) % 0.05
-                except fabry_perot.LeaseLapsed:
+                except fabry_perot.LeaseExpired:
                     await scanner.resume()
         return numbers
 
@@ -78,7 +78,7 @@ def test_after_a_lapse_and_a_resume_a_lines_come_again():
     async def take_all(simulator) -> tuple[list[int], int]:
         numbers: list[int] = []
         lapses = 0
-        recovery = fabry_perot.Recovery(within=0.0)
+        recovery = fabry_perot.RecoveryPolicy(within=0.0)
         async with await fabry_perot.connect_async(simulator.url, recovery=recovery) as scanner:
             await scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
             await scanner.start(await scanner.arm())
@@ -89,7 +89,7 @@ def test_after_a_lapse_and_a_resume_a_lines_come_again():
                     async for batch in scanner.alines():
                         numbers += [line.number for line in batch]
                         await scanner.acknowledge(batch[-1])
-                except fabry_perot.LeaseLapsed:
+                except fabry_perot.LeaseExpired:
                     lapses += 1
                     await scanner.resume()
         return numbers, lapses
@@ -101,7 +101,7 @@ def test_after_a_lapse_and_a_resume_a_lines_come_again():
 
 
 def waiting(bench: Bench) -> list[Frame]:
-    return Deframer().feed(bench.device.pull(1 << 24) + b"\0")
+    return Deframer().feed(bench.device.next_frames(1 << 24) + b"\0")
 
 
 def test_a_fault_on_a_line_that_takes_no_bytes_waits_once():
@@ -109,19 +109,19 @@ def test_a_fault_on_a_line_that_takes_no_bytes_waits_once():
     bench.connect()
     bench.device.raise_fault(7)
     for _ in range(10_000):
-        bench.device.poll(bench.device.next_due() + 1_000)
+        bench.device.poll(bench.device.next_deadline() + 1_000)
     frames = [frame.type for frame in waiting(bench)]
     assert frames.count(Type.FAULT) == 1
-    assert len(frames) <= DEPTH + 3
+    assert len(frames) <= MAX_QUEUED + 3
 
 
 def test_aborts_without_end_on_a_line_that_takes_no_bytes_are_obeyed_and_their_answers_bounded():
     bench = Bench()
     bench.connect()
-    for number in range(10 * DEPTH):
+    for number in range(10 * MAX_QUEUED):
         data = encode_frame(Frame(Type.ABORT, 2, 0, 0, 0, pack(Abort(AbortLevel.EMERGENCY_STOP, number))))
         bench.device.receive(data, bench.device_now)
     assert bench.device.state is DeviceState.ESTOP
     answers = [frame for frame in waiting(bench) if frame.type == Type.ABORT_ACK]
-    assert 0 < len(answers) <= DEPTH
-    assert answers[0].payload[1:5] == (10 * DEPTH - 1).to_bytes(4, "little"), "the newest first"
+    assert 0 < len(answers) <= MAX_QUEUED
+    assert answers[0].payload[1:5] == (10 * MAX_QUEUED - 1).to_bytes(4, "little"), "the newest first"

@@ -11,14 +11,14 @@ from driver_bench import Bench
 
 import fabry_perot
 from fabry_perot.device import Device
-from fabry_perot.errors import Refused
-from fabry_perot.hardware import InstrumentError, Record, Sampling
+from fabry_perot.errors import RequestRejected
+from fabry_perot.hardware import InstrumentError, PlanSampling, TriggerRecord
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
-from fabry_perot.hardware.averaging import mean
-from fabry_perot.host import Plan
+from fabry_perot.hardware.averaging import average_shots
+from fabry_perot.host import WirePlan
 from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.film import Response
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.wire.codes import FLAG_GATE, MISFIRE, AbortLevel, Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
@@ -32,10 +32,10 @@ def points(count: int, **columns) -> np.ndarray:
     return made
 
 
-def ready(rate: int = 500_000, **settings) -> PhantomInstrument:
+def ready(rate: int = 500_000, **settings) -> SimulatedInstrument:
     """An instrument set up for a plan, with its shutter open and a lease of a minute."""
-    instrument = PhantomInstrument(phantoms.yarn(0), **settings)
-    instrument.begin(Sampling(64, 8000, rate))
+    instrument = SimulatedInstrument(phantoms.yarn(0), **settings)
+    instrument.begin(PlanSampling(64, 8000, rate))
     instrument.open()
     instrument.permit(60_000_000, 0)
     return instrument
@@ -48,7 +48,7 @@ def calls(monkeypatch, part: object, name: str) -> list[tuple]:
     return made
 
 
-def run(instrument: PhantomInstrument, until: int, step: int = 1_000, start: int = 0) -> list:
+def run(instrument: SimulatedInstrument, until: int, step: int = 1_000, start: int = 0) -> list:
     return [taken for now in range(start, until, step) for taken in instrument.poll(now)]
 
 
@@ -56,7 +56,7 @@ def test_points_of_one_wavelength_are_one_block_of_the_hardwares_own_triggers(mo
     instrument = ready()
     armed = calls(monkeypatch, instrument.digitiser, "arm")
     fired = calls(monkeypatch, instrument.excitation, "fire")
-    instrument.queue(0, points(40, averages=3), 0)
+    instrument.queue_points(0, points(40, averages=3), 0)
     taken = run(instrument, 400_000)
     assert [each.point for each in taken] == list(range(40))
     assert all(each.averages == 3 for each in taken)
@@ -66,12 +66,12 @@ def test_points_of_one_wavelength_are_one_block_of_the_hardwares_own_triggers(mo
 def test_a_block_ends_where_the_wavelength_changes_and_is_one_point_for_a_galvo_that_cannot_step(monkeypatch):
     instrument = ready()
     armed = calls(monkeypatch, instrument.digitiser, "arm")
-    instrument.queue(0, points(9, wavelength=[1_548_000] * 4 + [1_549_000] * 5), 0)
+    instrument.queue_points(0, points(9, wavelength=[1_548_000] * 4 + [1_549_000] * 5), 0)
     assert [each.wavelength for each in run(instrument, 100_000)] == [1_548_000] * 4 + [1_549_000] * 5
     assert [given[0] for given in armed] == [4, 5]
     instrument.galvo.steps_by_trigger = False
     armed.clear()
-    instrument.queue(9, points(4), 100_000)
+    instrument.queue_points(9, points(4), 100_000)
     assert len(run(instrument, 200_000, start=100_000)) == 4
     assert [given[0] for given in armed] == [1, 1, 1, 1]
 
@@ -81,7 +81,7 @@ def test_blocks_record_what_single_shots_do_whenever_software_looks():
     where = points(30, averages=1, y=np.arange(30) * -70_000)
     often, seldom = ready(), ready()
     for instrument in (often, seldom):
-        instrument.queue(0, where, 0)
+        instrument.queue_points(0, where, 0)
     one, other = run(often, 150_000, step=50), run(seldom, 600_000, step=150_000)
     assert len(one) == len(other) == 30
     for first, second in zip(one, other, strict=True):
@@ -92,7 +92,7 @@ def test_blocks_record_what_single_shots_do_whenever_software_looks():
 
 def test_no_pulse_leaves_after_the_permission_even_if_nobody_calls_again():
     instrument = ready()
-    instrument.queue(0, points(60, averages=5), 0)
+    instrument.queue_points(0, points(60, averages=5), 0)
     instrument.poll(0)
     instrument.poll(2_000)
     instrument.permit(50_000, 2_000)
@@ -107,7 +107,7 @@ def test_no_pulse_leaves_after_the_permission_even_if_nobody_calls_again():
 
 def test_a_stop_keeps_what_is_whole_and_wastes_the_rest():
     instrument = ready()
-    instrument.queue(0, points(10, averages=4), 0)
+    instrument.queue_points(0, points(10, averages=4), 0)
     taken = run(instrument, 21_000)
     instrument.stop(21_000)
     taken += instrument.poll(21_000)
@@ -120,19 +120,19 @@ def test_a_stop_keeps_what_is_whole_and_wastes_the_rest():
 
 
 def test_a_sweep_is_a_job_that_ends_and_nobody_waits_for_it():
-    instrument = PhantomInstrument(phantoms.yarn(0), seed=3, response=Response(nonlinear=True))
+    instrument = SimulatedInstrument(phantoms.yarn(0), seed=3, response=Response(nonlinear=True))
     wavelengths = np.linspace(1_546_000, 1_554_000, 81).round().astype(np.int64)
     instrument.sweep(1_000_000, -2_000_000, wavelengths, 0)
     now, levels = 0, None
     while levels is None:
-        levels = instrument.swept(now)
+        levels = instrument.sweep_result(now)
         due = instrument.next_due(now)
         assert levels is not None or due is not None
         now = max(now + 1, due or 0)
-    truth = instrument.recorder.film.level(1_000_000, -2_000_000, wavelengths.astype(float))
+    truth = instrument.recorder.film.dc_level(1_000_000, -2_000_000, wavelengths.astype(float))
     assert levels == pytest.approx(truth, abs=0.51)
     assert now > 80 * 200
-    assert instrument.swept(now) is None, "told once"
+    assert instrument.sweep_result(now) is None, "told once"
 
 
 PARTS = {
@@ -153,7 +153,7 @@ def test_whatever_a_part_raises_is_a_fault_of_that_part(part, monkeypatch):
         raise ConnectionResetError("no answer on the bus")
 
     monkeypatch.setattr(getattr(instrument, part), name, fail)
-    instrument.queue(0, points(3), 0)
+    instrument.queue_points(0, points(3), 0)
     act = instrument.interlock_closed if part == "shutter" else partial(run, instrument, 10_000)
     with pytest.raises(InstrumentError, match="no answer on the bus") as caught:
         act()
@@ -165,7 +165,7 @@ def test_a_laser_that_cannot_wait_for_the_gate_it_claims_is_a_fault_of_the_laser
     monkeypatch.delattr(type(instrument.excitation), "fire_at_gate")
     flagged = points(3)
     flagged["flags"] |= FLAG_GATE
-    instrument.queue(0, flagged, 0)
+    instrument.queue_points(0, flagged, 0)
     with pytest.raises(InstrumentError, match="fire_at_gate") as caught:
         run(instrument, 10_000)
     assert caught.value.fault == FAULT_EXCITATION
@@ -175,7 +175,7 @@ def test_a_digitiser_that_misses_a_trigger_is_a_fault_and_no_shot_is_counted_to_
     instrument = ready()
     trigger, count = instrument.digitiser.trigger, iter(range(1_000))
     monkeypatch.setattr(instrument.digitiser, "trigger", lambda *given: trigger(*given) if next(count) != 5 else None)
-    instrument.queue(0, points(4, averages=4), 0)
+    instrument.queue_points(0, points(4, averages=4), 0)
     with pytest.raises(InstrumentError, match="missing") as caught:
         run(instrument, 400_000)
     assert caught.value.fault == FAULT_DIGITISER
@@ -190,7 +190,7 @@ def test_a_record_of_another_length_than_was_asked_for_is_a_fault_of_the_digitis
         return [replace(each, samples=each.samples[: 32 if next(cut) == 1 else None]) for each in records(now)]
 
     monkeypatch.setattr(instrument.digitiser, "records", short)
-    instrument.queue(0, points(4, averages=averages), 0)
+    instrument.queue_points(0, points(4, averages=averages), 0)
     with pytest.raises(InstrumentError, match="32 samples") as caught:
         run(instrument, 400_000)
     assert caught.value.fault == FAULT_DIGITISER
@@ -200,11 +200,11 @@ class Real(Bench):
     """A bench whose hardware is the simulator's apparatus."""
 
     def boot(self, boot: int) -> Device:
-        self.instrument = PhantomInstrument(phantoms.yarn(0))
+        self.instrument = SimulatedInstrument(phantoms.yarn(0))
         return Device(self.instrument, boot=boot, now=self.device_now, **self.options)
 
-    def upload(self, count: int = 50, *, averages: int = 1, **columns) -> Plan:
-        plan = Plan(points(count, averages=averages, **columns), 64, 8000, 500_000)
+    def upload(self, count: int = 50, *, averages: int = 1, **columns) -> WirePlan:
+        plan = WirePlan(points(count, averages=averages, **columns), 64, 8000, 500_000)
         call = self.host.upload(plan, self.clock.now())
         self.until(lambda: call.done and self.device.state is DeviceState.READY)
         return plan
@@ -235,7 +235,7 @@ def test_a_full_ring_never_has_more_shots_fired_than_it_can_hold():
     bench.scan(40)
     bench.run(300)
     assert bench.device.state is DeviceState.BLOCKED
-    assert bench.instrument.shots() == 6 == bench.device.ring.fill
+    assert bench.instrument.shots() == 6 == bench.device.ring.used
 
 
 @pytest.mark.parametrize("end", ["emergency stop", "new session", "hardware"])
@@ -260,7 +260,7 @@ def test_a_sweep_that_is_cut_short_ends_and_its_hardware_rests(end, monkeypatch)
     bench.until(lambda: call.done, 2_000)
     assert stopped
     assert bench.instrument.next_due(bench.device_now) is None
-    with pytest.raises((Refused, fabry_perot.LinkLost), match=reason):
+    with pytest.raises((RequestRejected, fabry_perot.LinkLost), match=reason):
         call.result()
     assert (bench.device.state in (DeviceState.ESTOP, DeviceState.FAULT)) is (end != "new session")
 
@@ -269,12 +269,14 @@ def test_a_pulse_whose_energy_is_out_of_range_flags_the_average_that_hides_it():
     """Four pulses of 1, 1, 0.4 and 1.6 of nominal are 1.0 in the mean."""
 
     def line(*energies: int) -> int:
-        records = [Record(np.zeros(4, np.int16), 1.0, 0, energy=energy) for energy in energies]
-        return mean(0, records, (8_000, 12_000)).quality
+        records = [TriggerRecord(np.zeros(4, np.int16), 1.0, 0, energy=energy) for energy in energies]
+        return average_shots(0, records, (8_000, 12_000)).quality
 
     assert line(10_000, 10_000, 4_000, 16_000) == MISFIRE
     assert line(8_000, 12_000) == 0
-    assert mean(0, [Record(np.zeros(4, np.int16), 1.0, 0, energy=1)]).quality == 0, "a laser that says no range"
+    assert average_shots(0, [TriggerRecord(np.zeros(4, np.int16), 1.0, 0, energy=1)]).quality == 0, (
+        "a laser that says no range"
+    )
 
 
 def test_a_scanner_flags_pulses_beyond_what_its_laser_says_and_tells_the_host_what_is_nominal():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fabry_perot.errors import FrameError
-from fabry_perot.host.aline import META, ALineBatch, check_record
-from fabry_perot.host.assembly import Assembly
+from fabry_perot.host.aline import META, ALineBatch, parse_record
+from fabry_perot.host.assembly import AlineReassembler
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import LAYOUT, ALineHead, ALineMeta, pack
 
@@ -24,54 +24,54 @@ def payload(number: int, *, plan: int = PLAN, fragment: int = 0, fragments: int 
 
 
 def test_lines_out_of_order_are_delivered_in_order_and_the_gap_is_asked_for_once_per_repeat_time():
-    assembly = Assembly(PLAN, 0, window=8, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=8, repeat=100)
     assembly.receive(payload(1))
-    assert not assembly.take()
+    assert not assembly.pop_ready()
     assert assembly.missing(0) == [(0, 0xFF)]
     assert assembly.missing(50) == []
     assert assembly.missing(100) == [(0, 0xFF)]
     assembly.receive(payload(0))
-    assert [line.number for line in assembly.take()] == [0, 1]
-    assert not assembly.gaps
+    assert [line.number for line in assembly.pop_ready()] == [0, 1]
+    assert not assembly.has_gaps
 
 
 def test_only_the_missing_fragment_is_asked_for():
-    assembly = Assembly(PLAN, 0, window=8, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=8, repeat=100)
     data = blob()
     assembly.receive(payload(0, fragment=0, fragments=3, data=data[:20]))
     assembly.receive(payload(0, fragment=2, fragments=3, data=data[40:]))
-    assembly.sent(1)
+    assembly.mark_sent(1)
     assert assembly.missing(0) == [(0, 1)]
     assembly.receive(payload(0, fragment=1, fragments=3, data=data[20:40]))
-    assert len(assembly.take()) == 1
+    assert len(assembly.pop_ready()) == 1
 
 
 def test_nothing_beyond_the_window_is_kept_so_memory_is_bounded():
-    assembly = Assembly(PLAN, 0, window=4, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     for number in range(20):
         assembly.receive(payload(number))
-    assert len(assembly.take()) == 4
+    assert len(assembly.pop_ready()) == 4
     assert assembly.horizon == 4
 
 
 def test_lines_of_another_plan_are_ignored():
-    assembly = Assembly(PLAN, 0, window=4, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     assembly.receive(payload(0, plan=PLAN + 1))
-    assert not assembly.take()
+    assert not assembly.pop_ready()
 
 
 def test_an_impossible_fragment_is_an_error():
     with pytest.raises(FrameError):
-        Assembly(PLAN, 0, window=4, repeat=100).receive(payload(0, fragment=2, fragments=2))
+        AlineReassembler(PLAN, 0, window=4, repeat=100).receive(payload(0, fragment=2, fragments=2))
 
 
 def test_samples_that_do_not_match_their_checksum_are_asked_for_again():
     damaged = blob()[:-1] + b"!"
     with pytest.raises(FrameError, match="checksum"):
-        check_record(damaged)
-    assembly = Assembly(PLAN, 0, window=4, repeat=100)
+        parse_record(damaged)
+    assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     assembly.receive(payload(0, data=damaged))
-    assembly.sent(1)
+    assembly.mark_sent(1)
     assert assembly.damaged == 1
     assert assembly.missing(0) == [(0, 0xFF)]
 
@@ -82,7 +82,7 @@ def test_samples_that_do_not_match_their_checksum_are_asked_for_again():
 )
 def test_a_blob_of_a_wrong_length_or_an_unknown_encoding_is_refused(data, encoding):
     with pytest.raises(FrameError):
-        check_record(data, encoding)
+        parse_record(data, encoding)
 
 
 def several(number: int, values: list[int]) -> bytes:
@@ -91,53 +91,53 @@ def several(number: int, values: list[int]) -> bytes:
 
 
 def test_several_a_lines_of_one_frame_come_out_one_by_one_with_their_own_number_and_point():
-    assembly = Assembly(PLAN, 0, window=8, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=8, repeat=100)
     assembly.receive(several(0, [3, 4, 5]))
-    lines = assembly.take()
+    lines = assembly.pop_ready()
     assert [(line.number, line.point, int(line.samples[0])) for line in lines] == [(0, 5, 3), (1, 6, 4), (2, 7, 5)]
 
 
 def test_of_several_in_one_frame_only_those_are_kept_that_are_new_undamaged_and_within_the_window():
-    assembly = Assembly(PLAN, 0, window=4, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     assembly.receive(payload(1))
     data = bytearray(several(0, [3, 4, 5, 6, 7]))
     data[-1 - 2 * len(blob())] ^= 1  # the samples of number 2
     assembly.receive(bytes(data))
-    assert [line.number for line in assembly.take()] == [0, 1]
+    assert [line.number for line in assembly.pop_ready()] == [0, 1]
     assert (assembly.duplicates, assembly.damaged) == (1, 1)
     assert assembly.missing(0) == [(2, 0xFF)]
     assembly.receive(payload(2))
-    assert [line.number for line in assembly.take()] == [2, 3]
+    assert [line.number for line in assembly.pop_ready()] == [2, 3]
 
 
 @pytest.mark.parametrize("data", [blob() + b"x", b""])
 def test_a_frame_that_does_not_divide_into_its_a_lines_is_an_error(data):
     with pytest.raises(FrameError, match="equal"):
-        Assembly(PLAN, 0, window=4, repeat=100).receive(pack(ALineHead(PLAN, 0, 0, 0, 1, 0, 1)) + data)
+        AlineReassembler(PLAN, 0, window=4, repeat=100).receive(pack(ALineHead(PLAN, 0, 0, 0, 1, 0, 1)) + data)
 
 
 def test_a_payload_shorter_than_its_head_is_an_error():
     with pytest.raises(FrameError, match="head"):
-        Assembly(PLAN, 0, window=4, repeat=100).receive(bytes(15))
+        AlineReassembler(PLAN, 0, window=4, repeat=100).receive(bytes(15))
 
 
 def test_a_repaired_fragment_count_starts_the_a_line_anew():
-    assembly, data = Assembly(PLAN, 0, window=4, repeat=100), blob()
+    assembly, data = AlineReassembler(PLAN, 0, window=4, repeat=100), blob()
     assembly.receive(payload(0, fragment=0, fragments=3, data=data[:20]))
     assembly.receive(payload(0, fragment=0, fragments=2, data=data[:30]))
     assembly.receive(payload(0, fragment=1, fragments=2, data=data[30:]))
-    assert len(assembly.take()) == 1
+    assert len(assembly.pop_ready()) == 1
     assembly.receive(payload(0, fragment=0, fragments=2, data=data[:30]))
     assert assembly.duplicates == 1
 
 
 def test_a_batch_ends_where_the_length_of_the_a_lines_changes():
-    assembly = Assembly(PLAN, 0, window=8, repeat=100)
+    assembly = AlineReassembler(PLAN, 0, window=8, repeat=100)
     short = np.full(4, 1, "<i2").tobytes()
     meta = pack(ALineMeta(0, 0, 1, crc32c(short), 1.0, 8000, 4, 1, 10_000, 0, 0, 0, 0))
     for number, data in enumerate([None, None, meta + short]):
         assembly.receive(payload(number, data=data))
-    assert [batch.samples.shape for batch in (assembly.take(), assembly.take(), assembly.take())] == [
+    assert [batch.samples.shape for batch in (assembly.pop_ready(), assembly.pop_ready(), assembly.pop_ready())] == [
         (2, 8),
         (1, 4),
         (0, 0),
@@ -145,12 +145,12 @@ def test_a_batch_ends_where_the_length_of_the_a_lines_changes():
 
 
 def test_the_columns_of_a_batch_are_the_attributes_of_its_a_lines():
-    assembly = Assembly(PLAN, 3, window=8, repeat=100)
+    assembly = AlineReassembler(PLAN, 3, window=8, repeat=100)
     for number in range(3, 6):
         data = np.arange(number, number + 8, dtype="<i2").tobytes()
         values = (70 + number, 1_550_000, number, crc32c(data), 0.25, 8000, 8, 2, 10_012, -1200, -601, 1, -3_000_000)
         assembly.receive(payload(number, data=pack(ALineMeta(*values)) + data))
-    batch = assembly.take()
+    batch = assembly.pop_ready()
     assert isinstance(batch, ALineBatch)
     names = [*batch[0].__slots__]
     for name in names:

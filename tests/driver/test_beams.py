@@ -13,13 +13,13 @@ from driver_line import outcomes
 import fabry_perot
 from fabry_perot.device.scan import Scan
 from fabry_perot.errors import FrameError, PlanInvalid
-from fabry_perot.hardware import InstrumentError, Sampling
+from fabry_perot.hardware import InstrumentError, PlanSampling
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER
-from fabry_perot.host import Plan
+from fabry_perot.host import WirePlan
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.ledger import Ledger
+from fabry_perot.host.ledger import ShotLedger
 from fabry_perot.simulator import launch, phantoms
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.options import pattern
 from fabry_perot.simulator.recorder import peak_pressure
 from fabry_perot.wire.messages import POINT
@@ -46,7 +46,7 @@ def test_every_beam_records_the_pressure_where_it_is_of_the_one_pulse_of_its_pla
     assert (shots == shots[:, :1]).all()
     assert np.unique(shots).size == 9
     assert report.fired == 9 + report.wasted, "one pulse a place, not one a beam"
-    assert (report.points, report.stored, report.balanced) == (54, 54, True)
+    assert (report.points, report.stored, report.is_balanced) == (54, 54, True)
     balls, times = phantoms.yarn(seed), np.arange(200) * 8000e-12
     rms = peak_pressure(balls, 1500.0) * 10 ** (-30.0 / 20)
     for line in lines[::7]:
@@ -80,7 +80,7 @@ def test_a_plan_that_starts_between_beams_fires_the_place_and_makes_the_missing_
         lines, report = collect(scanner), scanner.report()
     assert [line.point for line in lines] == list(range(10, 24))
     assert report.fired == 2 * 3 + report.wasted
-    assert report.balanced
+    assert report.is_balanced
 
 
 def test_beams_that_a_scanner_has_not_are_refused_by_name():
@@ -92,14 +92,14 @@ def test_beams_that_a_scanner_has_not_are_refused_by_name():
 
 def test_the_account_of_a_reboot_counts_pulses_by_place():
     """Four beams, two shots a place; the device booted after 3 places and a shot at a fourth, with 9 A-lines here."""
-    plan = Plan.from_metres(places(6), samples=64, sampling_interval=8e-9, pulse_rate=50.0, averages=2, beams=4)
+    plan = WirePlan.from_metres(places(6), samples=64, sampling_interval=8e-9, pulse_rate=50.0, averages=2, beams=4)
     assert plan.length == 24
-    ledger = Ledger()
-    ledger.started(boot=1, start=0, laser_shots=100, wasted=0)
-    ledger.lost(plan, 2, 9, 107, 0)
+    ledger = ShotLedger()
+    ledger.record_start(boot=1, start=0, laser_shots=100, wasted=0)
+    ledger.record_reboot(plan, 2, 9, 107, 0)
     assert (ledger.refired, ledger.refired_places) == ([9, 10, 11], 1)
     assert ledger.wasted(0) == 1
-    ledger.lost(plan, 3, 9, 109, 0)  # from A-line 9 on: its place is fired on as a whole, and is lost again
+    ledger.record_reboot(plan, 3, 9, 109, 0)  # from A-line 9 on: its place is fired on as a whole, and is lost again
     assert (ledger.refired, ledger.refired_places) == ([9, 10, 11] * 2, 2)
 
 
@@ -116,13 +116,13 @@ def test_a_scanner_that_restarts_in_mid_plan_ends_with_every_a_line_and_a_balanc
                     scanner.acknowledge(batch[-1])
                     if len(got) > 60 and not asked:
                         asked = True
-                        simulator.command("reboot")
-            except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted):
+                        simulator.send_command("reboot")
+            except (fabry_perot.LeaseExpired, fabry_perot.DeviceRestarted):
                 scanner.resume()
         report = scanner.report()
     assert got == list(range(240))
     assert report.restarts == 1
-    assert report.balanced, report
+    assert report.is_balanced, report
 
 
 def test_capabilities_without_a_place_for_each_beam_are_garbled():
@@ -131,12 +131,12 @@ def test_capabilities_without_a_place_for_each_beam_are_garbled():
 
 
 def test_records_that_are_not_of_the_beam_that_is_due_are_a_fault_of_the_digitiser():
-    instrument = PhantomInstrument(phantoms.yarn(0), beams=pattern("3", 1e-3))
+    instrument = SimulatedInstrument(phantoms.yarn(0), beams=pattern("3", 1e-3))
     instrument.boot(0)
-    instrument.begin(Sampling(64, 8_000, 500_000, 3))
+    instrument.begin(PlanSampling(64, 8_000, 500_000, 3))
     points = np.zeros(2, POINT)
     points["averages"] = 1
-    instrument.queue(0, points, 1)
+    instrument.queue_points(0, points, 1)
     instrument.open()
     instrument.permit(1 << 40, 1)
     instrument.poll(1)

@@ -15,7 +15,7 @@ from driver_holders import report
 import fabry_perot
 from fabry_perot import faults
 from fabry_perot.host import HostTiming
-from fabry_perot.host.tap import describe
+from fabry_perot.host.tap import format_frame
 from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation, Type
 from fabry_perot.wire.framing import Frame
@@ -48,7 +48,7 @@ def scan_until_it_stops(scanner, lines, then=None):
                 scanner.acknowledge(batch[-1])
                 if then is not None and len(lines) > 30:
                     then, _ = None, then()
-        except fabry_perot.LeaseLapsed:
+        except fabry_perot.LeaseExpired:
             scanner.resume()
         except fabry_perot.ScannerError as error:
             return error
@@ -97,7 +97,7 @@ def test_a_fault_is_not_cleared_while_its_cause_stands_and_then_the_scan_goes_on
         assert "Kim cleared the fault interlock-opened" in str(cleared)
         scanner.resume()
         assert scan_until_it_stops(scanner, lines) is None
-        assert scanner.report().balanced
+        assert scanner.report().is_balanced
     assert [line.number for line in lines] == list(range(COUNT))
     assert report(simulator)["shots"] == COUNT + scanner.status.shots_wasted
 
@@ -158,7 +158,7 @@ def test_errors_of_faults_survive_their_way_to_another_process():
 
 
 def test_a_frame_of_a_fault_is_shown_with_its_name():
-    shown = describe(Frame(Type.FAULT, 2, 7, 1, 1, pack(Fault(1, 1))))
+    shown = format_frame(Frame(Type.FAULT, 2, 7, 1, 1, pack(Fault(1, 1))))
     assert "interlock-opened" in shown
 
 
@@ -171,7 +171,7 @@ def test_the_device_refuses_to_clear_a_fault_while_its_cause_stands(part):
     bench.run(30)
     setattr(bench.instrument, part, False)
     bench.until(lambda: bench.host.device_state is DeviceState.FAULT, 2_000)
-    with pytest.raises(fabry_perot.Refused, match="wrong-state"):
+    with pytest.raises(fabry_perot.RequestRejected, match="wrong-state"):
         bench.call(Operation.CLEAR_FAULT)
     assert bench.device.state is DeviceState.FAULT
     setattr(bench.instrument, part, True)
@@ -186,8 +186,8 @@ def test_the_device_clears_no_emergency_stop_while_its_shutter_is_open():
     bench.start()
     bench.run(30)
     bench.instrument.stuck = True
-    bench.device.step(Event.EMERGENCY_STOP)
-    with pytest.raises(fabry_perot.Refused, match="wrong-state"):
+    bench.device.try_transition(Event.EMERGENCY_STOP)
+    with pytest.raises(fabry_perot.RequestRejected, match="wrong-state"):
         bench.call(Operation.CLEAR_FAULT)
     bench.instrument.stuck = False
     bench.call(Operation.CLEAR_FAULT)

@@ -19,11 +19,11 @@ def test_a_clock_held_back_goes_on_from_there_and_skips_no_simulated_time():
     base = VirtualClock()
     clock = ScaledClock(2.0, base)
     base.advance(500)
-    clock.hold(300)
+    clock.rewind_to(300)
     assert clock.now() == 300
     base.advance(10)
     assert clock.now() == 320
-    clock.hold(9_999)
+    clock.rewind_to(9_999)
     assert clock.now() == 320, "holding back never moves it forward"
 
 

@@ -12,7 +12,7 @@ from driver_bench import CAPABILITIES
 from driver_line import VirtualLine, outcomes
 from driver_mutants import MUTANTS
 
-from fabry_perot.conformance import SCENARIOS, Peer, as_junit, run
+from fabry_perot.conformance import SCENARIOS, ConformanceHost, as_junit, run
 from fabry_perot.device import operations
 from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation, Result
@@ -72,7 +72,7 @@ def test_a_mutant_fails_the_scenario_made_for_it(name, monkeypatch):
 def test_nothing_opens_the_shutter_of_real_hardware_and_nobody_is_asked_unless_wanted(monkeypatch):
     monkeypatch.setitem(CAPABILITIES, "simulated", False)
     line = VirtualLine(ring=16)
-    found = run(Peer(line, line.clock))
+    found = run(ConformanceHost(line, line.clock))
     assert "open" not in line.instrument.shutter
     assert {each.name for each in found if each.skipped} == {
         scenario.run.__name__ for scenario in SCENARIOS if scenario.fires or scenario.asks
@@ -85,7 +85,7 @@ def test_firmware_that_starts_when_it_must_not_does_not_fire_real_hardware_unles
     MUTANTS[name].apply(monkeypatch)
     monkeypatch.setitem(CAPABILITIES, "simulated", False)
     line = VirtualLine(ring=16)
-    run(Peer(line, line.clock))
+    run(ConformanceHost(line, line.clock))
     assert "open" not in line.instrument.shutter
 
 
@@ -96,7 +96,7 @@ def test_a_silent_line_fails_every_scenario_and_ends():
             return b""
 
     line = Silent()
-    found = run(Peer(line, line.clock), only=["hello", "credit"])
+    found = run(ConformanceHost(line, line.clock), only=["hello", "credit"])
     assert [each.failure for each in found] == ["HELLO of version 2 is not answered"] * 2
 
 
@@ -128,7 +128,7 @@ def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_pa
 def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
     MUTANTS["token used again"].apply(monkeypatch)
     line = VirtualLine(ring=16)
-    suite = ElementTree.fromstring(as_junit(run(Peer(line, line.clock), fire=True, only=["token"]), "here"))  # noqa: S314
+    suite = ElementTree.fromstring(as_junit(run(ConformanceHost(line, line.clock), fire=True, only=["token"]), "here"))  # noqa: S314
     assert suite.get("failures") == "1"
     assert suite.find("testcase/failure").get("message") == "expected: another token for another ARM"
 

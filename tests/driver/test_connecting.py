@@ -68,7 +68,7 @@ def test_the_asyncio_driver_scans_tunes_and_reports_like_the_synchronous_one(sim
         async with await fabry_perot.connect_async(simulator.url, timing=PATIENT) as scanner:
             assert scanner.capabilities.simulated
             assert (await scanner.tune(0.0, 0.0, steps=11)).levels.shape == (11,)
-            assert len((await scanner.pretune(where(2), steps=11)).wavelength) == 2
+            assert len((await scanner.measure_tuning_map(where(2), steps=11)).wavelength) == 2
             assert (await scanner.set(interrogation_uw=900))["interrogation_uw"] == 900
             await scanner.park()
             await scanner.upload(where(600), **PARAMETERS)  # more than the device holds: its end waits for the host
@@ -92,7 +92,7 @@ def test_the_asyncio_driver_scans_tunes_and_reports_like_the_synchronous_one(sim
 
     lines, report = asyncio.run(scan())
     assert [line.number for line in lines] == list(range(600))
-    assert report.balanced
+    assert report.is_balanced
     assert report.stored == 600
 
 
@@ -239,7 +239,7 @@ def test_a_second_host_on_a_terminal_hears_which_process_holds_it():
 
 def test_the_account_of_a_scan_can_be_had_after_the_link_is_lost_for_good():
     """Every stored A-line is counted, and the fired shots as last heard; the report says how old that is."""
-    brief = fabry_perot.Recovery(patience=0.5)
+    brief = fabry_perot.RecoveryPolicy(patience=0.5)
     with launch(speed=5) as running, fabry_perot.connect(running.url, timing=PATIENT, recovery=brief) as scanner:
         scanner.upload(where(2000), **PARAMETERS)
         scanner.start(scanner.arm())
@@ -247,12 +247,12 @@ def test_the_account_of_a_scan_can_be_had_after_the_link_is_lost_for_good():
         batches = scanner.alines()
         while stored < 50:
             stored += store(scanner, next(batches))
-        running.command("unplug", seconds=10_000)
+        running.send_command("unplug", seconds=10_000)
         rest = []
         with pytest.raises(fabry_perot.LinkLost):
             rest.extend(store(scanner, batch) for batch in batches)
         report = scanner.report()
-        account = running.command("report")
+        account = running.send_command("report")
     assert report.stored == stored + sum(rest)
     assert report.stored <= report.fired <= account["shots"]
     assert report.age > 0
@@ -286,7 +286,7 @@ def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_w
 def test_a_port_that_is_gone_is_logged_when_it_goes_and_when_it_is_back(caplog):
     with caplog.at_level(logging.INFO, "fabry_perot"), launch(speed=20) as running:
         with fabry_perot.connect(running.url, timing=PATIENT):
-            running.command("unplug", seconds=20)
+            running.send_command("unplug", seconds=20)
             until(lambda: "the port is open again" in caplog.text)
     gone = [record.getMessage() for record in caplog.records if "is gone" in record.getMessage()]
     assert len(gone) == 1

@@ -166,7 +166,7 @@ def test_a_holder_is_found_under_the_number_that_its_port_has_after_it_was_unplu
     with launch(speed=20) as simulator, fabry_perot.connect(simulator.url):
         first = os.path.realpath(simulator.url)
         blocked = os.open(first, os.O_RDWR | os.O_NOCTTY)  # so that the number is not given out again
-        simulator.command("unplug", seconds=10)
+        simulator.send_command("unplug", seconds=10)
         until(lambda: os.path.exists(simulator.url) and os.path.realpath(simulator.url) != first)
         until(lambda: fabry_perot.port_status(os.path.realpath(simulator.url)) is not None)
         os.close(blocked)
@@ -176,7 +176,7 @@ def test_a_holder_whose_port_is_unplugged_is_not_asked_for_another_one_that_got_
     with launch(speed=5) as simulator, fabry_perot.connect(simulator.url) as scanner:
         (listener,) = sockets_of(simulator.url)
         number = [name for name in ports.aliases(simulator.url) if name.startswith("device")]
-        simulator.command("unplug", seconds=1000)
+        simulator.send_command("unplug", seconds=1000)
         until(lambda: not os.path.exists(simulator.url))
         for do in ("stop", "status", "yield"):
             assert "another port" in control.ask(listener, 60.0, do=do, port=number).body["error"]

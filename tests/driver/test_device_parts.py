@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.operations import carry_out
-from fabry_perot.device.outbox import DEPTH, Outbox
+from fabry_perot.device.operations import execute
+from fabry_perot.device.outbox import MAX_QUEUED, TransmitQueue
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.replies import ReplyCache
-from fabry_perot.device.ring import ALineRing
+from fabry_perot.device.ring import ALineRingBuffer
 from fabry_perot.wire.codes import Operation, Result, Type
 from fabry_perot.wire.framing import Deframer
 from fabry_perot.wire.messages import LAYOUT, POINT, ALineHead
@@ -92,26 +92,26 @@ def test_an_echo_from_before_the_present_session_counts_for_nothing():
 
 
 def test_the_ring_refuses_rather_than_overwrites():
-    ring = ALineRing(2)
+    ring = ALineRingBuffer(2)
     ring.append(0, b"a")
     ring.append(1, b"b")
     with pytest.raises(OverflowError):
         ring.append(2, b"c")
     ring.acknowledge(1, 10, [])
     ring.append(2, b"c")
-    assert (ring.acknowledged, ring.produced, ring.fill) == (1, 3, 2)
+    assert (ring.acknowledged, ring.produced, ring.used) == (1, 3, 2)
 
 
 def test_the_ring_ignores_an_acknowledgement_of_what_was_never_produced():
-    ring = ALineRing(2)
+    ring = ALineRingBuffer(2)
     ring.append(0, b"a")
     ring.acknowledge(5, 10, [(7, 0xFF)])
-    assert ring.fill == 1
+    assert ring.used == 1
     assert ring.next_payload(100) is None, "no credit was granted by it either"
 
 
 def test_the_ring_sends_nothing_beyond_the_hosts_credit():
-    ring = ALineRing(8)
+    ring = ALineRingBuffer(8)
     for index in range(5):
         ring.append(index, b"x")
     ring.acknowledge(0, 2, [])
@@ -121,14 +121,14 @@ def test_the_ring_sends_nothing_beyond_the_hosts_credit():
 
 def test_points_with_a_gap_before_them_are_not_accepted():
     plan = PlanBuffer(10)
-    plan.begin(1, 20)
+    plan.reset(1, 20)
     points = np.zeros(4, POINT)
     assert len(plan.accept(2, points)) == 0
     assert len(plan.accept(0, points)) == 4
     assert len(plan.accept(2, points)) == 2, "an overlap adds only what is new"
     assert len(plan.accept(6, np.zeros(10, POINT))) == 4, "no more than the memory holds"
     plan.position = 3
-    assert plan.limit == 13
+    assert plan.window_end == 13
 
 
 def test_old_request_ids_are_stale_once_their_reply_is_forgotten():
@@ -167,10 +167,10 @@ SWEEP = {"x": 0, "y": 0, "from_pm": 1_500_000, "to_pm": 1_600_000, "steps": 11}
 def test_a_parameter_out_of_range_is_refused_by_its_name_and_changes_nothing(bench, operation, good, change, field):
     bench.connect()
     before = bench.device.statistics()
-    result, body = carry_out(bench.device, operation, {**good, **change})
+    result, body = execute(bench.device, operation, {**good, **change})
     assert (result, body) == (Result.OUT_OF_RANGE, {"field": field})
     assert bench.device.statistics() == before
-    outcome = carry_out(bench.device, operation, good)
+    outcome = execute(bench.device, operation, good)
     assert outcome is None if operation is Operation.TUNE_SCAN else outcome[0] is Result.OK  # None: a sweep has begun
 
 
@@ -178,10 +178,10 @@ def test_what_would_disturb_a_scan_is_refused_while_it_runs(bench):
     bench.scan(50)
     bodies = {Operation.PLAN_NEW: PLAN_NEW, Operation.SET: {"power": 1}, Operation.TUNE_SCAN: SWEEP}
     for operation, body in bodies.items():
-        assert carry_out(bench.device, operation, body)[0] is Result.WRONG_STATE
+        assert execute(bench.device, operation, body)[0] is Result.WRONG_STATE
     for operation in (Operation.PARK, Operation.ARM, Operation.RELEASE, Operation.CLEAR_FAULT, Operation.START):
         body = {"token": 1, "echo": 1, "ttl": 1}
-        assert carry_out(bench.device, operation, body)[0] is Result.WRONG_STATE
+        assert execute(bench.device, operation, body)[0] is Result.WRONG_STATE
     bench.finish()
     bench.check_exact(50)
 
@@ -190,15 +190,15 @@ def test_a_plan_is_not_replaced_without_purge_while_a_lines_of_it_are_held(bench
     bench.acknowledging = False
     bench.scan(20)
     bench.until(lambda: len(bench.stored) == 20)
-    assert carry_out(bench.device, Operation.PLAN_NEW, {**PLAN_NEW, "purge": False}) == (Result.RING_NOT_EMPTY, {})
+    assert execute(bench.device, Operation.PLAN_NEW, {**PLAN_NEW, "purge": False}) == (Result.RING_NOT_EMPTY, {})
     assert bench.device.ring.fill == 20
 
 
 def test_a_scanner_that_cannot_tune_says_so_and_an_unknown_operation_too(bench):
     bench.connect()
     bench.device.limits["tuning_us"] = 0
-    assert carry_out(bench.device, Operation.TUNE_SCAN, SWEEP)[0] is Result.NOT_SUPPORTED
-    assert carry_out(bench.device, 99, {})[0] is Result.UNKNOWN_OPERATION
+    assert execute(bench.device, Operation.TUNE_SCAN, SWEEP)[0] is Result.NOT_SUPPORTED
+    assert execute(bench.device, 99, {})[0] is Result.UNKNOWN_OPERATION
 
 
 def test_a_device_that_looks_late_finds_what_the_hardware_took_at_its_own_times(bench):
@@ -221,9 +221,9 @@ def test_the_scan_itself_asks_for_a_lease_before_each_shot(bench):
     assert len(bench.instrument.log) == fired
 
 
-def ring_of(*blobs: tuple[int, int, int], group: int = 255, limit: int = 99) -> ALineRing:
+def ring_of(*blobs: tuple[int, int, int], group: int = 255, limit: int = 99) -> ALineRingBuffer:
     """A ring holding A-lines given as (point, encoding, length of the blob)."""
-    ring = ALineRing(32)
+    ring = ALineRingBuffer(32)
     ring.clear(9)
     ring.group = group
     ring.acknowledge(0, limit, [])
@@ -232,7 +232,7 @@ def ring_of(*blobs: tuple[int, int, int], group: int = 255, limit: int = 99) -> 
     return ring
 
 
-def sent(ring: ALineRing, size: int = 1016) -> list[tuple[int, int, int, bool]]:
+def sent(ring: ALineRingBuffer, size: int = 1016) -> list[tuple[int, int, int, bool]]:
     """(number, fragments, A-lines in it, again) of all frames the ring has to send."""
     frames = []
     while (part := ring.next_payload(size)) is not None:
@@ -276,7 +276,7 @@ def test_what_is_asked_for_again_goes_by_itself_and_only_if_it_is_held_and_exist
 def test_an_acknowledgement_of_what_was_never_fired_is_ignored():
     ring = ring_of(*PLAIN)
     ring.acknowledge(13, 99, [])
-    assert (ring.acknowledged, ring.fill) == (0, 12)
+    assert (ring.acknowledged, ring.used) == (0, 12)
     for _ in range(20):
         ring.append(0, b"")
     with pytest.raises(OverflowError):
@@ -284,11 +284,11 @@ def test_an_acknowledgement_of_what_was_never_fired_is_ignored():
 
 
 def test_the_first_control_messages_go_first_and_a_full_outbox_drops_what_will_be_repeated():
-    outbox = Outbox(7)
-    for count in range(DEPTH + 5):
-        outbox.put(Type.PLAN_STATUS, bytes([count]))
-    outbox.put(Type.FAULT, b"urgent", urgent=True)
+    outbox = TransmitQueue(7)
+    for count in range(MAX_QUEUED + 5):
+        outbox.enqueue(Type.PLAN_STATUS, bytes([count]))
+    outbox.enqueue(Type.FAULT, b"urgent", urgent=True)
     frames = []
     while (data := outbox.next_control()) is not None:
         frames += Deframer().feed(data)
-    assert [frame.payload for frame in frames] == [b"urgent", *(bytes([count]) for count in range(DEPTH - 1))]
+    assert [frame.payload for frame in frames] == [b"urgent", *(bytes([count]) for count in range(MAX_QUEUED - 1))]

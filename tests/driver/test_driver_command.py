@@ -107,7 +107,7 @@ def test_ctrl_c_of_a_scan_turns_the_laser_off_and_keeps_every_shot(tmp_path):
         signal.signal(signal.SIGINT, heard)
         try:
             deadline = time.monotonic() + 60
-            while simulator.command("report")["shots"] < 20:
+            while simulator.send_command("report")["shots"] < 20:
                 assert time.monotonic() < deadline
                 time.sleep(0.02)
             process.send_signal(signal.SIGINT)
@@ -115,7 +115,7 @@ def test_ctrl_c_of_a_scan_turns_the_laser_off_and_keeps_every_shot(tmp_path):
         finally:
             process.kill()
             process.wait()
-        account = simulator.command("report")
+        account = simulator.send_command("report")
     assert process.returncode == 130, errors
     assert "Traceback" not in errors
     stored = int(re.search(r"laser off; (\d+) of 2000 A-lines", said)[1])

@@ -133,7 +133,7 @@ def test_emergency_stop_of_a_host_that_does_not_answer_is_unconfirmed_within_its
 
 def test_emergency_stop_of_a_line_that_is_cut_is_unconfirmed():
     with launch() as simulator:
-        simulator.command("cut", way="up", seconds=1000)
+        simulator.send_command("cut", way="up", seconds=1000)
         answer = fabry_perot.emergency_stop(simulator.url, timeout=0.5)
     assert (answer.laser, answer.shutter) == ("unconfirmed", "unknown")
     assert "no scanner answered" in answer.detail
@@ -145,7 +145,7 @@ def test_emergency_stop_while_the_line_is_unplugged_keeps_the_laser_off_after_it
         folder = tmp_path / str(attempt)
         folder.mkdir()
         with launch(**FAST) as simulator, scan_of(simulator, folder) as scan:
-            began = simulator.command("unplug", seconds=1.5)["time"]
+            began = simulator.send_command("unplug", seconds=1.5)["time"]
             answer = fabry_perot.emergency_stop(simulator.url, timeout=0.9, who="Pat")
             if report(simulator)["time"] - began > 1_400_000 or not answer.holder:
                 continue
@@ -189,7 +189,7 @@ def test_emergency_stop_of_a_scan_that_a_person_resumes_loses_nothing():
                     if not stopped and len(lines) > 20:
                         stopped = fabry_perot.emergency_stop(simulator.url, timeout=20.0).laser == "off"
                         assert stopped
-            except (fabry_perot.ScanAborted, fabry_perot.LeaseLapsed):
+            except (fabry_perot.ScanAborted, fabry_perot.LeaseExpired):
                 scanner.resume()
         assert report(simulator)["shots"] == 300
     assert [line.number for line in lines] == list(range(300))
@@ -259,11 +259,11 @@ def test_emergency_stop_in_a_random_order_of_troubles_never_says_off_while_the_s
                     case ["freeze"]:
                         os.kill(scan.pid, signal.SIGSTOP)
                     case ["unplug"]:
-                        simulator.command("unplug", seconds=float(rng.uniform(0.1, 2)))
+                        simulator.send_command("unplug", seconds=float(rng.uniform(0.1, 2)))
                     case [("cut" | "stall") as fault, *way]:
-                        simulator.command(fault, way=(way or ["up"])[0], seconds=float(rng.uniform(0.1, 2)))
+                        simulator.send_command(fault, way=(way or ["up"])[0], seconds=float(rng.uniform(0.1, 2)))
                     case ["interlock"]:
-                        simulator.command("interlock", closed=False)
+                        simulator.send_command("interlock", closed=False)
                 time.sleep(float(rng.uniform(0, 0.3)))
             began = time.monotonic()
             answer = fabry_perot.emergency_stop(simulator.url)

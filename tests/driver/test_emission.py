@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from driver_bench import Bench, NotReached
 
-from fabry_perot.errors import Refused, ScannerError
+from fabry_perot.errors import RequestRejected, ScannerError
 from fabry_perot.host import Host
 from fabry_perot.wire.codes import (
     FAULT_INTERLOCK,
@@ -42,10 +42,10 @@ def scanning(count: int = 500) -> Bench:
 def test_every_way_out_of_a_running_scan_closes_the_shutter_at_once(state, event):
     bench = scanning()
     for step in INTO[state]:
-        bench.device.must(step)
+        bench.device.transition(step)
     assert bench.device.state is state
     assert bench.instrument.shutter.count("open") == 1, "it is open as long as the scan runs"
-    bench.device.must(event)
+    bench.device.transition(event)
     assert bench.instrument.shutter[-1] == "close"
     assert not bench.instrument.open_now
 
@@ -173,12 +173,12 @@ def test_nothing_moves_and_nothing_is_changed_in_a_latched_state(state):
     bench = Bench()
     bench.connect()
     bench.upload(30)
-    bench.device.must(E.HARDWARE_FAULT if state is S.FAULT else E.EMERGENCY_STOP)
+    bench.device.transition(E.HARDWARE_FAULT if state is S.FAULT else E.EMERGENCY_STOP)
     moved = []
     for name in ("park", "sweep", "configure", "queue"):
         setattr(bench.instrument, name, partial(moved.append, name))
     for operation, body in ((Operation.PARK, {}), (Operation.SET, {"power": 2}), (Operation.TUNE_SCAN, SWEEP)):
-        with pytest.raises(Refused, match="wrong-state"):
+        with pytest.raises(RequestRejected, match="wrong-state"):
             bench.call(operation, **body)
     assert moved == []
 
@@ -211,7 +211,7 @@ def test_a_pause_while_armed_spends_the_token():
         bench.run(50)
         assert bench.device.state is S.READY
         assert bench.device.token is None
-        with pytest.raises(Refused):
+        with pytest.raises(RequestRejected):
             bench.call(Operation.START, token=token, **bench.host.lease_fields())
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fabry_perot.errors import FrameError, PlanInvalid
-from fabry_perot.host import Plan
+from fabry_perot.host import WirePlan
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.phantoms import yarn
 from fabry_perot.wire.encoding import Encoding, decode, encode
 
@@ -81,7 +81,7 @@ def test_a_scan_may_ask_for_packed_a_lines(make_bench):
     bench.connect()
     points = np.zeros(5, bench_point())
     points["averages"] = 1
-    plan = Plan(points, 700, 8000, 200_000, encoding=Encoding.DELTA_RICE)
+    plan = WirePlan(points, 700, 8000, 200_000, encoding=Encoding.DELTA_RICE)
     call = bench.host.upload(plan, bench.clock.now())
     bench.until(lambda: call.done and bench.device.state.name == "READY")
     bench.start()
@@ -98,7 +98,7 @@ def bench_point():
 
 
 def known(**changes) -> Capabilities:
-    instrument = PhantomInstrument(yarn(0))
+    instrument = SimulatedInstrument(yarn(0))
     return Capabilities.from_map({**instrument.capabilities(), "lease_cap_us": 1, **changes})
 
 
@@ -124,7 +124,7 @@ def test_an_encoding_the_scanner_lacks_is_refused_with_those_it_has(name, encodi
 
 @pytest.mark.parametrize("lack", ["model", "x_nm", "encodings", "samples"])
 def test_capabilities_that_lack_something_are_refused(lack):
-    data = {**PhantomInstrument(yarn(0)).capabilities(), "lease_cap_us": 1}
+    data = {**SimulatedInstrument(yarn(0)).capabilities(), "lease_cap_us": 1}
     del data[lack]
     with pytest.raises(FrameError, match=lack):
         Capabilities.from_map(data)

@@ -46,7 +46,7 @@ def test_whole_pieces_come_twice_or_too_late_but_are_never_lost():
 
 
 def test_a_stall_gives_up_everything_at_its_end_and_a_cut_nothing():
-    stall, cut = faults.Stall(100, 200), faults.Cut(100, 200)
+    stall, cut = faults.Delay(100, 200), faults.DropAll(100, 200)
     assert (stall(b"a", 99), stall(b"b", 100), stall(b"c", 199), stall(b"d", 200), stall(b"", 300)) == (
         b"a",
         b"",
@@ -88,7 +88,7 @@ def test_a_recorder_keeps_the_end_and_a_replay_puts_it_in_front_once():
 
 
 def test_a_chain_passes_through_all_of_them_in_order():
-    chain = faults.Chain([faults.Cut(0, 10), faults.Recorder()])
+    chain = faults.FilterChain([faults.DropAll(0, 10), faults.Recorder()])
     chain.filters.append(recorder := faults.Recorder())
     assert chain(b"a", 5) == b""
     assert chain(b"b", 10) == recorder.data == b"b"

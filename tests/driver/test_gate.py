@@ -7,9 +7,9 @@ import pytest
 
 import fabry_perot
 from fabry_perot.errors import PlanInvalid
-from fabry_perot.hardware import Sampling
+from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import launch, phantoms
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.wire.codes import FLAG_GATE
 from fabry_perot.wire.messages import POINT
 
@@ -19,12 +19,12 @@ PULSE = 2_000
 
 def fired(flags: np.ndarray, averages: int = 1) -> np.ndarray:
     """Return when (µs) each point was fired on, by a scanner of 500 Hz with an edge each 70 ms."""
-    instrument = PhantomInstrument(phantoms.yarn(0), gate=PERIOD, repeat=1)
+    instrument = SimulatedInstrument(phantoms.yarn(0), gate=PERIOD, repeat=1)
     points = np.zeros(len(flags), POINT)
     points["x"], points["flags"], points["averages"] = np.arange(len(flags)) * 50_000, flags, averages
     instrument.boot(0)
-    instrument.begin(Sampling(64, 8_000, 500_000))
-    instrument.queue(0, points, 1)
+    instrument.begin(PlanSampling(64, 8_000, 500_000))
+    instrument.queue_points(0, points, 1)
     instrument.open()
     instrument.permit(1 << 40, 1)
     taken, now = [], 1
@@ -85,12 +85,12 @@ def test_a_host_gates_points_of_a_scanner_that_has_a_gate_and_is_told_of_one_tha
 )
 def test_a_permission_that_lapsed_is_not_made_up_for_off_the_edge(renewed):
     """The hardware's timer ran out before, or within, what an edge began; renewed later, it begins at an edge again."""
-    instrument = PhantomInstrument(phantoms.yarn(0), gate=PERIOD, repeat=1)
+    instrument = SimulatedInstrument(phantoms.yarn(0), gate=PERIOD, repeat=1)
     points = np.zeros(2, POINT)
     points["x"], points["flags"], points["averages"] = [0, 50_000], FLAG_GATE, 5
     instrument.boot(0)
-    instrument.begin(Sampling(64, 8_000, 500_000))
-    instrument.queue(0, points, 1)
+    instrument.begin(PlanSampling(64, 8_000, 500_000))
+    instrument.queue_points(0, points, 1)
     instrument.open()
     instrument.permit(PERIOD - 10_000 if renewed > PERIOD + 10 * PULSE else PERIOD + 2 * PULSE + 1, 1)
     taken, now = [], 1

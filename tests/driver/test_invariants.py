@@ -47,12 +47,12 @@ class ScanMachine(RuleBasedStateMachine):
     @rule(way=WAYS, milliseconds=SPAN)
     def stall_then_release(self, way: str, milliseconds: int) -> None:
         now = self.world.clock.now()
-        self.put(way, faults.Stall(now, now + 1000 * milliseconds))
+        self.put(way, faults.Delay(now, now + 1000 * milliseconds))
 
     @rule(way=WAYS, milliseconds=SPAN)
     def one_way_cut(self, way: str, milliseconds: int) -> None:
         now = self.world.clock.now()
-        self.put(way, faults.Cut(now, now + 1000 * milliseconds))
+        self.put(way, faults.DropAll(now, now + 1000 * milliseconds))
 
     @rule(way=WAYS)
     def slow_reader(self, way: str) -> None:

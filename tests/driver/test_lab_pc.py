@@ -24,7 +24,7 @@ from ring_digitiser import RingDigitiser  # noqa: E402
 from scpi_laser import ScpiLaser  # noqa: E402
 
 import fabry_perot  # noqa: E402
-from fabry_perot.hardware import Apparatus, GalvoCalibration, InstrumentError, Path, Sampling  # noqa: E402
+from fabry_perot.hardware import BeamPath, ComposedInstrument, GalvoCalibration, InstrumentError, PlanSampling  # noqa: E402
 from fabry_perot.hardware.apparatus import FAULT_GALVO, FAULT_LASER  # noqa: E402
 from fabry_perot.wire.codes import FLAG_GATE  # noqa: E402
 from fabry_perot.wire.messages import POINT  # noqa: E402
@@ -56,14 +56,14 @@ def laser(visa) -> Iterator[ScpiLaser]:
 
 
 @pytest.fixture
-def lab(laser, table) -> Apparatus:
+def lab(laser, table) -> ComposedInstrument:
     return lab_of(laser, table)
 
 
-def lab_of(laser: ScpiLaser, table: Table) -> Apparatus:
+def lab_of(laser: ScpiLaser, table: Table) -> ComposedInstrument:
     cards = Cards(table)
     galvo = DaqGalvo(cards, "Dev1", GalvoCalibration.fit(*marks()))
-    return Apparatus(
+    return ComposedInstrument(
         galvo=galvo,
         laser=laser,
         digitiser=RingDigitiser(
@@ -112,7 +112,7 @@ def test_the_card_steps_the_mirrors_through_places_of_the_film_and_the_records_k
     points = np.zeros(12, POINT)
     points["x"], points["y"] = np.linspace(-5e6, 5e6, 12), np.linspace(4e6, -3e6, 12)
     points["averages"], points["wavelength"] = 2, 1_550_000
-    lab.begin(Sampling(64, 8_000, 500_000))
+    lab.begin(PlanSampling(64, 8_000, 500_000))
     lab.queue(0, points, now())
     lab.open()
     lab.permit(now() + 60_000_000, now())
@@ -131,7 +131,7 @@ def test_the_card_steps_the_mirrors_through_places_of_the_film_and_the_records_k
 def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, table):
     points = np.zeros(60, POINT)
     points["averages"], points["wavelength"] = 100, 1_550_000
-    lab.begin(Sampling(64, 8_000, 1_000_000))
+    lab.begin(PlanSampling(64, 8_000, 1_000_000))
     lab.queue(0, points, now())
     lab.open()
     ends = now() + 300_000
@@ -152,7 +152,7 @@ def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permissi
     points = np.zeros(2, POINT)
     points["averages"], points["wavelength"], points["flags"] = 3, 1_550_000, FLAG_GATE
     assert lab.capabilities()["gate"]
-    lab.begin(Sampling(64, 8_000, 200_000))
+    lab.begin(PlanSampling(64, 8_000, 200_000))
     lab.queue(0, points, now())
     lab.open()
     taken: list = []
@@ -180,14 +180,14 @@ def test_an_open_interlock_keeps_the_shutter_closed_whatever_the_line_says(lab, 
 def test_a_table_that_would_have_to_wait_is_refused_as_a_fault_of_the_galvo(lab):
     points = np.zeros(3, POINT)
     points["settle"], points["wavelength"] = 5, 1_550_000
-    lab.begin(Sampling(64, 8_000, 500_000))
+    lab.begin(PlanSampling(64, 8_000, 500_000))
     lab.queue(0, points, now())
     with pytest.raises(InstrumentError, match="steps_by_trigger") as raised:
         lab.poll(now())
     assert raised.value.fault == FAULT_GALVO
     lab.galvo.steps_by_trigger = False
     one = np.ones(1, np.int64)
-    lab.galvo.follow(Path(one, one, one, 500 * one), now())
+    lab.galvo.follow(BeamPath(one, one, one, 500 * one), now())
     assert film_place(lab.galvo._volts[None])[0] == pytest.approx([1e-9, 1e-9], abs=5e-6)
 
 
@@ -229,7 +229,7 @@ def test_host_reads_the_fault_of_an_instrument_in_its_words_and_goes_on_once_it_
                 assert scanner.statistics()["fault_text"] == ""
                 process.kill()
                 process.wait()
-                with pytest.raises(fabry_perot.Refused, match="hardware-fault"):
+                with pytest.raises(fabry_perot.RequestRejected, match="hardware-fault"):
                     scanner.statistics()
                 answer = scanner.statistics()
                 assert (answer["fault"], answer["state"]) == (FAULT_LASER, DeviceState.FAULT)

@@ -41,16 +41,18 @@ def experiment(end: str, link: str, *, stalled: bool) -> tuple[dict, dict, dict]
         try:
             for _ in range(20):
                 assert host.stdout.readline()
-            before = simulator.command("stall", way="up", seconds=3.0) if stalled else simulator.command("report")
+            before = (
+                simulator.send_command("stall", way="up", seconds=3.0) if stalled else simulator.send_command("report")
+            )
             if stalled:
                 time.sleep(0.15)  # the host's leases go on into the buffer
             if end == "unplug":
-                simulator.command("unplug", seconds=1.0)
+                simulator.send_command("unplug", seconds=1.0)
             else:
                 host.send_signal(signal.SIGKILL if end == "kill" else signal.SIGSTOP)
-            ended = simulator.command("report")
+            ended = simulator.send_command("report")
             wait_for(simulator, ended["time"] + (3_500_000 if stalled else 1_000_000))
-            return before, ended, simulator.command("report")
+            return before, ended, simulator.send_command("report")
         finally:
             host.kill()
             host.stdout.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fabry_perot.errors import Refused
+from fabry_perot.errors import RequestRejected
 from fabry_perot.wire.codes import Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import pack_body
@@ -115,13 +115,13 @@ def test_points_outside_the_devices_limits_are_refused_by_the_device_itself(benc
 
 def test_unknown_and_malformed_requests_are_answered_and_change_nothing(bench):
     bench.connect()
-    with pytest.raises(Refused, match="malformed"):
+    with pytest.raises(RequestRejected, match="malformed"):
         bench.call(Operation.PLAN_NEW, plan="x")
-    with pytest.raises(Refused, match="out-of-range"):
+    with pytest.raises(RequestRejected, match="out-of-range"):
         bench.call(Operation.PLAN_NEW, plan=1, length=1, samples=9000, interval_ps=8000, pulse_rate_mhz=50_000)
-    with pytest.raises(Refused, match="malformed"):
+    with pytest.raises(RequestRejected, match="malformed"):
         bench.call(Operation.TUNE_SCAN)
-    with pytest.raises(Refused, match="colour"):
+    with pytest.raises(RequestRejected, match="colour"):
         bench.call(Operation.SET, colour=1)
     assert bench.device.state is DeviceState.LINKED
 

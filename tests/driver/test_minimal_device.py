@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot.conformance import SCENARIOS, Peer, run
+from fabry_perot.conformance import SCENARIOS, ConformanceHost, run
 from fabry_perot.host.transport import open_transport
 
 SOURCE = Path(__file__).parents[2] / "driver" / "examples" / "minimal-device"
@@ -65,7 +65,7 @@ def conform(program: Path, *only: str) -> dict[str, str]:
             process.send_signal(wanted.get(wish, signal.SIGHUP))
 
         try:
-            outcomes = run(Peer(transport), ask=ask, only=only)
+            outcomes = run(ConformanceHost(transport), ask=ask, only=only)
         finally:
             transport.close()
     return {outcome.name: outcome.failure or outcome.skipped for outcome in outcomes}
@@ -100,7 +100,7 @@ def test_our_host_scans_it_to_the_last_sample(program):
                 for batch in scanner.alines():
                     lines += batch
                     scanner.acknowledge(batch[-1])
-            except fabry_perot.LeaseLapsed:  # this machine was busy with something else
+            except fabry_perot.LeaseExpired:  # this machine was busy with something else
                 scanner.resume()
         report = scanner.report()
     assert [line.point for line in lines] == list(range(300))

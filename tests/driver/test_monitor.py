@@ -35,9 +35,9 @@ def test_a_monitor_of_a_device_that_has_just_booted_shows_its_state(line):
         assert (status.state, status.laser, status.shutter) == ("linked", "off", "closed")
         assert (status.interlock, status.key, status.fault, status.holder) == ("closed", "on", 0, "")
         assert (monitor.error, monitor.holder) == (None, "")
-        simulator.command("interlock", closed=False)
+        simulator.send_command("interlock", closed=False)
         until(lambda: monitor.status.interlock == "open")
-        simulator.command("key", on=False)
+        simulator.send_command("key", on=False)
         until(lambda: monitor.status.key == "off")
 
 
@@ -58,7 +58,7 @@ def test_a_monitor_shows_the_age_of_what_it_knows_and_why_it_knows_nothing_new()
     with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
         connected(monitor)
         assert monitor.status.age < 60
-        simulator.command("cut", way="down", seconds=1000)
+        simulator.send_command("cut", way="down", seconds=1000)
         until(lambda: monitor.connection == "disconnected")
         assert monitor.status.age > 0.9
         assert "no scanner has been heard" in monitor.error
@@ -67,7 +67,7 @@ def test_a_monitor_shows_the_age_of_what_it_knows_and_why_it_knows_nothing_new()
 def test_a_monitor_opens_a_port_again_after_it_was_unplugged():
     with launch(speed=5) as simulator, fabry_perot.Monitor(simulator.url) as monitor:
         connected(monitor)
-        simulator.command("unplug", seconds=10)
+        simulator.send_command("unplug", seconds=10)
         until(lambda: monitor.connection == "disconnected")
         assert simulator.url in monitor.error
         assert monitor.stop(timeout=0.3).laser == "unconfirmed"
@@ -134,22 +134,22 @@ def test_a_monitor_that_takes_over_from_a_program_that_was_killed_stops_the_lase
 def test_a_monitor_clears_a_fault_once_its_cause_is_gone(tmp_path):
     with launch(**FAST) as simulator:
         with scan_of(simulator, tmp_path) as scan:
-            simulator.command("interlock", closed=False)
+            simulator.send_command("interlock", closed=False)
             assert "the interlock was opened" in scan.communicate(timeout=250)[1]
         with fabry_perot.Monitor(simulator.url) as monitor:
             connected(monitor)
             assert (monitor.status.state, monitor.status.fault) == ("fault", 1)
             with pytest.raises(fabry_perot.FaultStands, match="the interlock is open"):
                 monitor.clear_fault("Kim")
-            simulator.command("interlock", closed=True)
+            simulator.send_command("interlock", closed=True)
             cleared = monitor.clear_fault("Kim")
             assert (cleared.fault.name, cleared.by, cleared.state) == ("interlock-opened", "Kim", "safe_hold")
-            with pytest.raises(fabry_perot.Refused):
+            with pytest.raises(fabry_perot.RequestRejected):
                 monitor.clear_fault("Kim")
 
 
 def test_a_monitor_that_does_not_hold_the_port_clears_nothing(tmp_path):
-    with fabry_perot.Monitor(str(tmp_path / "port")) as monitor, pytest.raises(fabry_perot.NoAnswer):
+    with fabry_perot.Monitor(str(tmp_path / "port")) as monitor, pytest.raises(fabry_perot.ResponseTimeout):
         monitor.clear_fault("Kim")
     with launch() as simulator, program(FOREIGN, simulator.url) as other:
         other.stdout.readline()
@@ -188,11 +188,11 @@ def test_a_status_that_waited_in_a_buffer_is_not_shown_as_of_now():
     bench.connect()
     passive = Passive(now=10.0)
     bench.device.poll(bench.device_now + 200_000)
-    old = bench.device.pull(65536)
+    old = bench.device.next_frames(65536)
     passive.receive(old, 10.001)
     assert passive.status is None
     bench.device.poll(bench.device_now + 400_000)
-    passive.receive(bench.device.pull(65536), 10.1)
+    passive.receive(bench.device.next_frames(65536), 10.1)
     assert passive.status is not None
 
 

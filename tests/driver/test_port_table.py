@@ -20,7 +20,7 @@ from driver_lines import line, same, seven_bits, stranger, with_crlf, without_fl
 from test_diagnosis import MARLIN, NOISE, read_at, statuses, with_version
 
 import fabry_perot
-from fabry_perot import NoAnswer, PlanInvalid, PortBusy, PortForbidden, PortUnavailable, ScannerError
+from fabry_perot import PlanInvalid, PortBusy, PortForbidden, PortUnavailable, ResponseTimeout, ScannerError
 from fabry_perot.errors import LinkLost, ProtocolMismatch
 from fabry_perot.host import HostTiming, ports
 from fabry_perot.host.transport import open_transport
@@ -151,19 +151,34 @@ TABLE: list[tuple[str, Port, type[ScannerError], str]] = [
     ("plain file", at(__file__), PortUnavailable, "no serial port but a file"),
     ("/dev/null", at("/dev/null"), PortUnavailable, "no serial port but another kind of device"),
     ("no name", at(""), PortUnavailable, "no port is named"),
-    ("silence", sends(b""), NoAnswer, "nothing was received: it is off"),
-    ("random bytes", sends(NOISE[:400]), NoAnswer, "bytes without any frame came: another baud rate than 3,000,000"),
-    ("flood", sends(NOISE, period=0.0005), NoAnswer, "bytes without any frame came"),
-    ("read too fast", sends(read_at(statuses(3), 921_600, 3_000_000)), NoAnswer, "more slowly than they are read"),
-    ("zeros", sends(bytes(2000)), NoAnswer, "only zero bytes came"),
-    ("one byte", sends(b"\x55" * 2000), NoAnswer, "only the byte 0x55 came"),
-    ("Marlin", sends(MARLIN), NoAnswer, "a 3D printer with Marlin firmware ('echo: Marlin 2.1')"),
-    ("grbl", sends(b"Grbl 1.1f ['$' for help]\r\n"), NoAnswer, "a motion controller with grbl firmware"),
-    ("echo", answers(lambda: same), NoAnswer, "the port echoes what is sent"),
-    ("XON/XOFF", through(without_flow_control, without_flow_control), NoAnswer, "turn software flow control off"),
-    ("CR LF", through(with_crlf, with_crlf), NoAnswer, "the line changes line ends"),
-    ("7 bits", through(seven_bits, seven_bits), NoAnswer, "the line carries 7 bits a byte"),
-    ("deaf", through(lambda data: b"", same), NoAnswer, "the scanner is heard but does not answer"),
+    ("silence", sends(b""), ResponseTimeout, "nothing was received: it is off"),
+    (
+        "random bytes",
+        sends(NOISE[:400]),
+        ResponseTimeout,
+        "bytes without any frame came: another baud rate than 3,000,000",
+    ),
+    ("flood", sends(NOISE, period=0.0005), ResponseTimeout, "bytes without any frame came"),
+    (
+        "read too fast",
+        sends(read_at(statuses(3), 921_600, 3_000_000)),
+        ResponseTimeout,
+        "more slowly than they are read",
+    ),
+    ("zeros", sends(bytes(2000)), ResponseTimeout, "only zero bytes came"),
+    ("one byte", sends(b"\x55" * 2000), ResponseTimeout, "only the byte 0x55 came"),
+    ("Marlin", sends(MARLIN), ResponseTimeout, "a 3D printer with Marlin firmware ('echo: Marlin 2.1')"),
+    ("grbl", sends(b"Grbl 1.1f ['$' for help]\r\n"), ResponseTimeout, "a motion controller with grbl firmware"),
+    ("echo", answers(lambda: same), ResponseTimeout, "the port echoes what is sent"),
+    (
+        "XON/XOFF",
+        through(without_flow_control, without_flow_control),
+        ResponseTimeout,
+        "turn software flow control off",
+    ),
+    ("CR LF", through(with_crlf, with_crlf), ResponseTimeout, "the line changes line ends"),
+    ("7 bits", through(seven_bits, seven_bits), ResponseTimeout, "the line carries 7 bits a byte"),
+    ("deaf", through(lambda data: b"", same), ResponseTimeout, "the scanner is heard but does not answer"),
     ("version 1", answers(lambda: firmware(1)), ProtocolMismatch, "protocol version 1, this driver version 2"),
     ("version 3", answers(lambda: firmware(3)), ProtocolMismatch, "protocol version 3, this driver version 2"),
     ("version 0, then 4", answers(lambda: firmware(0, named=4)), ProtocolMismatch, "speaks protocol version 4"),
@@ -171,10 +186,15 @@ TABLE: list[tuple[str, Port, type[ScannerError], str]] = [
     ("frames 0xF0", answers(lambda: firmware(2, frame=0xF0)), ProtocolMismatch, "of version 0xF0, those of this"),
     ("locked", held("lock"), PortBusy, "is in use by HOLDER"),
     ("claimed", held("claim"), PortBusy, "is in use by HOLDER"),
-    ("open elsewhere", held("open"), NoAnswer, "HOLDER has PORT open, too"),
+    ("open elsewhere", held("open"), ResponseTimeout, "HOLDER has PORT open, too"),
     ("TCP, nobody", nobody, PortUnavailable, "nothing listens there"),
     ("TCP, web server", web_server, PortUnavailable, "text came from a web server"),
-    ("TCP, silence", silent_server, NoAnswer, "nothing was received: it is off, at another port, has another baud"),
+    (
+        "TCP, silence",
+        silent_server,
+        ResponseTimeout,
+        "nothing was received: it is off, at another port, has another baud",
+    ),
     ("TCP, no port", at("socket://127.0.0.1"), PortUnavailable, "it names no port number"),
     ("TCP, no host", at("socket://:4001"), PortUnavailable, "it names no host"),
     ("TCP, space", at("socket://127.0.0.1: 4001"), PortUnavailable, "such a URL is socket://HOST:PORT"),
@@ -212,7 +232,7 @@ def test_port_that_is_no_scanner_has_an_error_of_its_own(make, error, words, sca
 
 def test_error_of_a_bad_line_counts_bytes_and_frames(scanner):
     fabry_perot.connect(scanner).close()
-    with line(scanner, down=seven_bits) as bad, pytest.raises(NoAnswer, match=r"[\d,]+ bytes in \d") as raised:
+    with line(scanner, down=seven_bits) as bad, pytest.raises(ResponseTimeout, match=r"[\d,]+ bytes in \d") as raised:
         fabry_perot.connect(bad.url, timing=EAGER)
     assert "0 whole frames" in str(raised.value)
 

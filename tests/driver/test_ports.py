@@ -14,19 +14,19 @@ from fabry_perot.device import Device
 from fabry_perot.errors import (
     DeviceFault,
     EmergencyStopped,
-    LeaseLapsed,
+    LeaseExpired,
     LinkLost,
-    NoAnswer,
     PlanInvalid,
     PortUnavailable,
-    Refused,
+    RequestRejected,
+    ResponseTimeout,
     ScanAborted,
 )
-from fabry_perot.host import HostTiming, Recovery, streaming, transport
+from fabry_perot.host import HostTiming, RecoveryPolicy, streaming, transport
 from fabry_perot.host.connecting import connect
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.session import Session
-from fabry_perot.host.streaming import Pump, stop_reason
+from fabry_perot.host.streaming import IoPump, stream_end_reason
 from fabry_perot.host.transport import SocketTransport, TerminalTransport
 from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation
@@ -83,7 +83,7 @@ class Wire:
         if self.device is None:
             return b""
         self.device.receive(data, self.clock.now() - self.begun)
-        return self.device.pull(65536)
+        return self.device.next_frames(65536)
 
     def write(self, data: bytes) -> None:
         if self.deaf:
@@ -101,7 +101,7 @@ def device() -> Device:
 
 def test_a_port_without_a_scanner_is_released_after_the_last_try():
     wire = Wire()
-    with pytest.raises(NoAnswer, match="3 tries"):
+    with pytest.raises(ResponseTimeout, match="3 tries"):
         Session(wire, timing=EAGER)
     assert wire.closed
 
@@ -109,14 +109,14 @@ def test_a_port_without_a_scanner_is_released_after_the_last_try():
 def test_waiting_for_what_does_not_come_ends_in_time():
     session = Session(Wire(device()))
     try:
-        with pytest.raises(NoAnswer, match=r"within 0\.01 s"):
+        with pytest.raises(ResponseTimeout, match=r"within 0\.01 s"):
             session.wait(lambda: False, 0.01)
     finally:
         session.close()
 
 
 def test_a_port_that_takes_no_bytes_any_more_is_opened_anew_after_as_many_tries_as_it_needs(monkeypatch):
-    monkeypatch.setattr(streaming, "FIRST_WAIT", 0.001)
+    monkeypatch.setattr(streaming, "INITIAL_BACKOFF", 0.001)
     wire, tries = Wire(device()), []
 
     def reopen() -> Wire:
@@ -142,7 +142,7 @@ def test_a_port_that_takes_no_bytes_any_more_is_opened_anew_after_as_many_tries_
 
 
 def test_a_lost_port_that_does_not_come_back_fails_everything_under_way(monkeypatch):
-    monkeypatch.setattr(streaming, "FIRST_WAIT", 0.001)
+    monkeypatch.setattr(streaming, "INITIAL_BACKOFF", 0.001)
     wire = Wire(device())
 
     def reopen() -> Wire:
@@ -159,7 +159,7 @@ def test_a_lost_port_that_does_not_come_back_fails_everything_under_way(monkeypa
 
 def test_a_pump_that_never_ran_is_stopped_without_waiting():
     wire = Wire()
-    Pump(wire, Session.__new__(Session), RealClock(), threading.Condition()).stop()
+    IoPump(wire, Session.__new__(Session), RealClock(), threading.Condition()).stop()
     assert wire.closed
 
 
@@ -167,9 +167,9 @@ def test_a_scanner_that_is_not_connected_says_so():
     scanner = Scanner(Wire(device()))
     with scanner:
         scanner._host.capabilities = scanner._host.status = None
-        with pytest.raises(NoAnswer):
+        with pytest.raises(ResponseTimeout):
             _ = scanner.capabilities
-        with pytest.raises(NoAnswer):
+        with pytest.raises(ResponseTimeout):
             _ = scanner.status
 
 
@@ -180,13 +180,13 @@ def test_resuming_a_plan_the_scanner_does_not_hold_and_a_start_beyond_the_plan_a
             scanner.upload([(0.0, 0.0)], start=1, **parameters)
         with pytest.raises(PlanInvalid, match="resume"):
             scanner.upload([(0.0, 0.0)], resume=True, **parameters)
-        with pytest.raises(Refused):
+        with pytest.raises(RequestRejected):
             scanner.arm()
 
 
 def test_a_scanner_says_whether_anything_fired_is_still_to_be_delivered():
     with Scanner(Wire(device())) as scanner:
-        assert not scanner.holds
+        assert not scanner.has_pending_data
         # more than the device holds: it cannot be done before the host acknowledges
         scanner.upload([(0.0, 0.0)] * 600, samples=64, sampling_interval=8e-9, pulse_rate=200.0)
         scanner.start(scanner.arm())
@@ -194,22 +194,22 @@ def test_a_scanner_says_whether_anything_fired_is_still_to_be_delivered():
         for batch in scanner.alines(idle=True):
             lines += batch
             if len(lines) > 3 and scanner.state == "scanning":
-                assert scanner.holds
+                assert scanner.has_pending_data
                 scanner.pause()
-            if scanner.state == "paused" and not scanner.holds:
+            if scanner.state == "paused" and not scanner.has_pending_data:
                 break
         assert len(lines) == scanner.status.produced < 600
-        assert not scanner.recovering
+        assert not scanner.is_recovering
 
 
 def test_a_recovery_that_ran_out_of_its_time_after_release_is_a_lapse_and_no_stop():
     """RELEASE clears the device's cause; nobody has stopped the scan all the same."""
-    with Scanner(Wire(device()), recovery=Recovery(within=0.0)) as scanner:
+    with Scanner(Wire(device()), recovery=RecoveryPolicy(within=0.0)) as scanner:
         scanner.upload([(0.0, 0.0)] * 3000, samples=64, sampling_interval=8e-9, pulse_rate=200.0)
         scanner.start(scanner.arm())
         scanner._session.wait(lambda: scanner.status.state == DeviceState.SAFE_HOLD, 20.0)
         scanner._session.request(Operation.RELEASE)
-        with pytest.raises(LeaseLapsed):
+        with pytest.raises(LeaseExpired):
             deque(scanner.alines(), maxlen=0)
         assert scanner.state == "ready"
 
@@ -226,19 +226,19 @@ def test_a_recovery_that_ran_out_of_its_time_after_release_is_a_lapse_and_no_sto
 def test_each_way_a_scan_can_end_has_its_own_error(bench, state, cause, expected):
     bench.scan(5)
     bench.finish()
-    assert stop_reason(bench.host, bench.clock.now(), 1_000_000) is None, "it is done, not stopped"
+    assert stream_end_reason(bench.host, bench.clock.now(), 1_000_000) is None, "it is done, not stopped"
     bench.host.device_state = state
-    assert stop_reason(bench.host, bench.clock.now(), 1_000_000) is None, "not before STATUS says the same"
+    assert stream_end_reason(bench.host, bench.clock.now(), 1_000_000) is None, "not before STATUS says the same"
     bench.host.status = bench.host.status._replace(state=state, cause=cause)
-    assert isinstance(stop_reason(bench.host, bench.clock.now(), 1_000_000), expected)
+    assert isinstance(stream_end_reason(bench.host, bench.clock.now(), 1_000_000), expected)
 
 
 def test_a_silent_line_is_waited_for_as_long_as_asked(bench):
     bench.scan(5)
     bench.finish()
     heard = bench.host.heard_at
-    assert stop_reason(bench.host, heard + 1_000_000, 1_000_000) is None
-    assert isinstance(stop_reason(bench.host, heard + 1_000_001, 1_000_000), LinkLost)
+    assert stream_end_reason(bench.host, heard + 1_000_000, 1_000_000) is None
+    assert isinstance(stream_end_reason(bench.host, heard + 1_000_001, 1_000_000), LinkLost)
 
 
 def test_a_port_that_cannot_be_locked_is_busy_and_one_that_is_not_there_unavailable(monkeypatch):
@@ -262,5 +262,5 @@ def test_an_abort_is_sent_although_nobody_reads_what_the_tap_shows_any_more():
     lines: list[str] = []
     with launch() as simulator, connect(simulator.url, tap=show) as scanner:
         scanner.abort("emergency-stop")
-        assert simulator.command("report")["state"] == "estop"
+        assert simulator.send_command("report")["state"] == "estop"
     assert len(lines) == 1

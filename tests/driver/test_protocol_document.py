@@ -10,10 +10,10 @@ import pytest
 from driver_reference import rice
 
 from fabry_perot.device import DeviceTiming
-from fabry_perot.device.handlers import LEAST_PAYLOAD
+from fabry_perot.device.handlers import MIN_PAYLOAD
 from fabry_perot.device.operations import MAX_STEPS
 from fabry_perot.errors import FrameError
-from fabry_perot.host import HostTiming, Recovery
+from fabry_perot.host import HostTiming, RecoveryPolicy
 from fabry_perot.wire.codes import MAX_GROUP, MAX_MISSING, Operation, Result, Type
 from fabry_perot.wire.encoding import Encoding, encode
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD, Deframer, Frame, crc32c, encode_frame
@@ -126,12 +126,12 @@ def test_the_table_of_transitions_is_the_codes():
 
 
 def test_every_capability_in_the_table_is_one_the_simulator_sends():
-    from fabry_perot.simulator.instrument import PhantomInstrument
+    from fabry_perot.simulator.instrument import SimulatedInstrument
     from fabry_perot.simulator.phantoms import yarn
 
     section = DOCUMENT.split("**Capabilities**")[1].split("## Device states")[0]
     keys = {key for cell in re.findall(r"^\| ([a-z_, ]+) \|", section, re.MULTILINE) for key in cell.split(", ")}
-    assert keys - {"key"} == {*PhantomInstrument(yarn(0)).capabilities(), "lease_cap_us"}
+    assert keys - {"key"} == {*SimulatedInstrument(yarn(0)).capabilities(), "lease_cap_us"}
 
 
 def test_the_time_limits_are_the_codes():
@@ -150,11 +150,11 @@ def test_the_time_limits_are_the_codes():
     silence = f"silence | without STATUS for {host.silence // 1000} ms the host repeats HELLO"
     assert f"{silence}, after {host.patience // 10**6} s" in DOCUMENT
     assert f"at most {MAX_PAYLOAD} bytes; {UART_PAYLOAD} on a UART, {USB_PAYLOAD} on USB" in DOCUMENT
-    assert f"lesser of both sides', at least {LEAST_PAYLOAD}" in DOCUMENT
+    assert f"lesser of both sides', at least {MIN_PAYLOAD}" in DOCUMENT
     assert f"steps (2 … {MAX_STEPS})" in DOCUMENT
     assert f"× 0 … {MAX_MISSING}" in DOCUMENT
     assert f"group (1 … {MAX_GROUP}; 1)" in DOCUMENT
-    assert f"No more than {Recovery().within:g} s have passed" in DOCUMENT
+    assert f"No more than {RecoveryPolicy().within:g} s have passed" in DOCUMENT
     assert f"one START within {device.arm_timeout // 1_000_000} s" in DOCUMENT
 
 

@@ -9,7 +9,7 @@ import pytest
 from driver_bench import Bench, truth
 from driver_reference import ALines, castagnoli, frames
 
-from fabry_perot.host import Plan
+from fabry_perot.host import WirePlan
 from fabry_perot.simulator import faults
 from fabry_perot.wire.codes import Type
 from fabry_perot.wire.encoding import Encoding
@@ -28,7 +28,7 @@ def record(encoding: int, *, noisy: bool) -> tuple[Bench, bytes, bytes]:
     bench.connect()
     points = np.zeros(30, POINT)
     points["averages"] = 1
-    plan = Plan(points, 500, 8000, 200_000, encoding)
+    plan = WirePlan(points, 500, 8000, 200_000, encoding)
     call = bench.host.upload(plan, bench.clock.now())
     bench.until(lambda: call.done and bench.device.state.name == "READY")
     bench.start()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fabry_perot.hardware import Sampling
+from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import phantoms, recorder
 
 PLACES = [(x, y) for x in range(-2_000_000, 2_000_001, 500_000) for y in (-1_000_000, 0, 1_000_000)]
@@ -19,11 +19,11 @@ def test_a_place_is_computed_once_for_all_frames_and_records_stay_what_the_phant
     balls = phantoms.yarn(0)
     made = recorder.Recorder(balls, noise_db=300, energy_jitter=0.0)
     asked.clear()
-    made.begin(Sampling(256, 8000, 50_000))
+    made.begin(PlanSampling(256, 8000, 50_000))
     for frame in range(3):
-        made.expect(PLACES)
+        made.prefetch(PLACES)
         for shot, (x, y) in enumerate(PLACES):
-            record = made.record(x, y, recorder.REST, frame * len(PLACES) + shot)
+            record = made.record(x, y, recorder.IDLE_LEVEL, frame * len(PLACES) + shot)
             where = np.array([[x * 1e-9, y * 1e-9]])
             clean = phantoms.pressure(balls, where, np.arange(256) * 8e-9, 1500.0)[0]
             assert np.abs(record.samples - clean / made.scale).max() < 1e-3
@@ -31,9 +31,9 @@ def test_a_place_is_computed_once_for_all_frames_and_records_stay_what_the_phant
 
 
 def test_lines_that_are_too_many_to_keep_are_forgotten_and_computed_again(monkeypatch):
-    monkeypatch.setattr(recorder, "KEPT", 2 * recorder.BLOCK * 256)
+    monkeypatch.setattr(recorder, "CACHED_POINTS", 2 * recorder.BLOCK * 256)
     made = recorder.Recorder(phantoms.yarn(0), noise_db=300, energy_jitter=0.0)
-    made.begin(Sampling(256, 8000, 50_000))
-    twice = [[made.record(x, y, recorder.REST, 0).samples for x, y in 3 * PLACES] for _ in range(2)]
+    made.begin(PlanSampling(256, 8000, 50_000))
+    twice = [[made.record(x, y, recorder.IDLE_LEVEL, 0).samples for x, y in 3 * PLACES] for _ in range(2)]
     assert np.array_equal(twice[0], twice[1])
     assert len(made._lines) <= 2 * recorder.BLOCK

@@ -12,7 +12,7 @@ import pytest
 from driver_world import World
 
 import fabry_perot
-from fabry_perot import Recovery
+from fabry_perot import RecoveryPolicy
 from fabry_perot.simulator import faults, launch, phantoms
 from fabry_perot.simulator.recorder import peak_pressure
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
@@ -20,7 +20,7 @@ from fabry_perot.wire.states import DeviceState
 from support.waiting import until
 
 SAMPLES = 1024
-PATIENT = Recovery(patience=60.0)
+PATIENT = RecoveryPolicy(patience=60.0)
 
 
 def points(count: int) -> np.ndarray:
@@ -58,7 +58,7 @@ def take_all(scanner, count: int, events) -> list:
                 if events and len(lines) >= events[0][0] and events[0][1](keep):
                     events.pop(0)
                 keep()
-        except (fabry_perot.LeaseLapsed, fabry_perot.DeviceRestarted):
+        except (fabry_perot.LeaseExpired, fabry_perot.DeviceRestarted):
             scanner.resume()
     return lines
 
@@ -95,11 +95,11 @@ def run_scan(tmp_path, count: int, faults, **settings):
         noise = {name: settings[name] for name in ("bit_errors", "lost_frames") if name in settings}
         events = [(after, partial(suffer, simulator, do, seconds, noise)) for after, do, seconds in faults]
         lines = take_all(scanner, count, events)
-        report, truth = scanner.report(), simulator.command("report")
+        report, truth = scanner.report(), simulator.send_command("report")
     assert not events, "it came too late each time"
     assert [line.number for line in lines] == [line.point for line in lines] == list(range(count))
     assert exact(lines, where)
-    assert report.balanced
+    assert report.is_balanced
     assert report.fired == truth["shots"]
     fired = [point for _, point in truth["fired"]]
     assert tuple(sorted(point for point in set(fired) if fired.count(point) == 2)) == report.refired
@@ -130,7 +130,7 @@ def test_a_start_whose_answer_is_read_late_still_counts_from_its_first_point(lat
     answer = world.call(Operation.START, token=token, **world.host.lease_fields())
     world.run(late)
     assert (len(world.disk) > 0) is (late > 0)
-    world.keeper.engage(world.plan, answer["laser_shots"], world.clock.now())
+    world.keeper.start(world.plan, answer["laser_shots"], world.clock.now())
     for kept in (10, 20):
         world.until(lambda kept=kept: len(world.disk) >= kept, 10_000)
         lose_some(world)
@@ -187,12 +187,12 @@ def test_soak_1605_points_over_a_bad_line_with_two_unplugs_and_a_reboot(tmp_path
 def test_without_recovery_a_restart_is_reported_as_what_it_is():
     with (
         launch(speed=5, ring=64) as simulator,
-        fabry_perot.connect(simulator.url, recovery=Recovery(restarts=False)) as scanner,
+        fabry_perot.connect(simulator.url, recovery=RecoveryPolicy(restarts=False)) as scanner,
     ):
         scanner.upload(points(500), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
         scanner.start(scanner.arm())
         with pytest.raises(fabry_perot.DeviceRestarted):
-            take_all(scanner, 500, [(5, lambda _keep: bool(simulator.command("reboot", seconds=0.1)))])
+            take_all(scanner, 500, [(5, lambda _keep: bool(simulator.send_command("reboot", seconds=0.1)))])
 
 
 @pytest.mark.timeout(100)
@@ -201,17 +201,17 @@ def test_without_recovery_a_restart_is_reported_as_what_it_is():
 )
 def test_what_ends_the_connection_while_a_scan_is_taken_up_is_told(do, seconds, error, tmp_path):
     # A busy machine may hold this process up for longer than the laser may rest: that would be told instead.
-    brief = Recovery(patience=2.0 if error is fabry_perot.LinkLost else 60.0, restarts=False, within=60.0)
+    brief = RecoveryPolicy(patience=2.0 if error is fabry_perot.LinkLost else 60.0, restarts=False, within=60.0)
     with (
         launch(speed=5, ring=64, link=str(tmp_path / "scanner")) as simulator,
         fabry_perot.connect(simulator.url, recovery=brief) as scanner,
     ):
         scanner.upload(points(200), samples=64, sampling_interval=8e-9, pulse_rate=50.0)
         scanner.start(scanner.arm())
-        until(lambda: simulator.command("drift", pm=0)["state"] == "safe_hold")  # nobody takes A-lines
+        until(lambda: simulator.send_command("drift", pm=0)["state"] == "safe_hold")  # nobody takes A-lines
         batches = scanner.alines(idle=True)
         until(lambda: not next(batches))  # what was fired, and the first step back
-        simulator.command(do, seconds=seconds)
+        simulator.send_command(do, seconds=seconds)
         with pytest.raises(error):
             list(batches)
 
@@ -222,7 +222,7 @@ def test_the_account_of_a_scan_that_is_over_outlives_a_restart():
         scanner.start(scanner.arm())
         take_all(scanner, 20, [])
         before = scanner.report()
-        simulator.command("reboot", seconds=0.1)
+        simulator.send_command("reboot", seconds=0.1)
 
         def arm():
             with suppress(fabry_perot.LinkError):  # it has no power yet
@@ -232,14 +232,14 @@ def test_the_account_of_a_scan_that_is_over_outlives_a_restart():
             until(arm)
         after = scanner.report()
     assert (after.points, after.fired, after.stored, after.held) == (20, 20, 20, 0)
-    assert after.balanced
+    assert after.is_balanced
     assert before.age == 0 < after.age
 
 
 def test_a_step_of_recovery_that_goes_unanswered_is_tried_again_later():
     world = World()
     world.begin()
-    world.keeper._policy = Recovery(patience=1e9, within=10.0)
+    world.keeper._policy = RecoveryPolicy(patience=1e9, within=10.0)
     world.run(60)
     world.unplug(100)
     world.run(100)
@@ -255,7 +255,7 @@ def test_an_interruption_that_outlasts_the_patience_ends_the_scan_with_a_lost_li
     world = World()
     world.begin()
     world.run(60)
-    world.keeper._policy = Recovery(patience=2.0)
+    world.keeper._policy = RecoveryPolicy(patience=2.0)
     world.unplug(1 << 40)
     world.run(2_500)
     assert isinstance(world.host.failure, fabry_perot.LinkLost)
@@ -268,11 +268,11 @@ def test_an_emergency_stop_during_recovery_ends_it_and_fires_nothing_more():
     world.run(60)
     world.reboot(100)
     world.until(lambda: world.keeper.waiting, 5_000)
-    world.keeper.take_up(world.plan, world.clock.now())
+    world.keeper.resume(world.plan, world.clock.now())
     world.until(lambda: world.keeper.busy and world.device.plan.length > 0, 5_000)
     fired = len(world.instrument.log)
     world.abort(AbortLevel.EMERGENCY_STOP)
     world.run(3_000)
     assert world.device.state is DeviceState.ESTOP
     assert len(world.instrument.log) == fired
-    assert not world.keeper.minding
+    assert not world.keeper.is_recovering

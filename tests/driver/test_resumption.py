@@ -9,7 +9,7 @@ import pytest
 from driver_bench import Bench
 from driver_world import World
 
-from fabry_perot.errors import LeaseLapsed
+from fabry_perot.errors import LeaseExpired
 from fabry_perot.wire.codes import Operation, Type
 from fabry_perot.wire.framing import Frame, encode_frame
 from fabry_perot.wire.messages import Lease, pack
@@ -70,7 +70,7 @@ def test_an_application_that_wakes_up_has_its_say_before_the_laser_comes_back():
     world.hung = True
     world.run(1_000)
     world.keeper.poll(world.host_now)
-    assert world.keeper.minding
+    assert world.keeper.is_recovering
     assert not world.keeper.busy
     world.keeper.poll(world.host_now)
     assert world.keeper.busy
@@ -91,7 +91,7 @@ def test_an_interlock_that_opened_while_the_laser_was_off_keeps_it_off():
 @pytest.mark.parametrize("meanwhile", ["nothing", "interlock", "reboot", "time"])
 def test_a_laser_that_an_application_let_rest_comes_back_without_a_person_only_by_the_same_rule(meanwhile):
     world = running()
-    world.keeper.suspend()
+    world.keeper.disable()
     world.call(Operation.PAUSE)
     if meanwhile == "interlock":
         world.instrument.closed = False
@@ -100,10 +100,10 @@ def test_a_laser_that_an_application_let_rest_comes_back_without_a_person_only_b
     elif meanwhile == "reboot":
         world.reboot(100)
     world.run(3_000 if meanwhile == "time" else 500)
-    world.keeper.take_up(world.plan, world.host_now, by_itself=True)
+    world.keeper.resume(world.plan, world.host_now, by_itself=True)
     world.until(lambda: not world.keeper.busy)
     assert (shots_after(world) > 0) is (meanwhile == "nothing")
-    assert isinstance(world.keeper.refusal, LeaseLapsed) is (meanwhile != "nothing")
+    assert isinstance(world.keeper.refusal, LeaseExpired) is (meanwhile != "nothing")
     world.finish()  # a person may take it up in any case
 
 

@@ -6,7 +6,7 @@ import pickle
 
 import pytest
 
-from fabry_perot.errors import DeviceRestarted, PlanInvalid, Refused
+from fabry_perot.errors import DeviceRestarted, PlanInvalid, RequestRejected
 from fabry_perot.hardware.instrument import InstrumentError
 from fabry_perot.host import Host
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
@@ -97,7 +97,7 @@ def test_a_new_session_switches_the_laser_off_and_offers_unacknowledged_lines_ag
     bench.run(300)
     assert bench.device.state is DeviceState.SAFE_HOLD
     assert bench.device.ring.sent == acknowledged, "nothing is sent before the new host grants credit"
-    assert bench.host.adopt(plan, bench.clock.now())
+    assert bench.host.resume_plan(plan, bench.clock.now())
     bench.run(100)
     bench.call(Operation.RELEASE)
     bench.start()
@@ -158,7 +158,7 @@ def test_an_echo_from_an_earlier_session_cannot_start_a_scan_in_a_new_one(bench)
     bench.connect()
     token = bench.call(Operation.ARM)["token"]
     assert bench.device_now - old["echo"] < TTL
-    with pytest.raises(Refused, match="no-lease"):
+    with pytest.raises(RequestRejected, match="no-lease"):
         bench.call(Operation.START, token=token, **old)
 
 
@@ -168,7 +168,7 @@ def test_a_finished_scans_lease_is_of_no_use_to_the_next_one(bench):
     bench.upload(5)
     token = bench.call(Operation.ARM)["token"]
     assert bench.device.lease.permits(bench.device_now)
-    with pytest.raises(Refused, match="no-lease"):
+    with pytest.raises(RequestRejected, match="no-lease"):
         bench.call(Operation.START, token=token, echo=1, ttl=500_000)
 
 
@@ -240,7 +240,7 @@ def test_an_emergency_stop_is_latched_until_cleared(bench):
     bench.upload(10)
     bench.host.abort(AbortLevel.EMERGENCY_STOP, bench.clock.now())
     bench.run(50)
-    with pytest.raises(Refused, match="wrong-state"):
+    with pytest.raises(RequestRejected, match="wrong-state"):
         bench.call(Operation.ARM)
     bench.call(Operation.CLEAR_FAULT)
     assert bench.device.state is DeviceState.SAFE_HOLD
@@ -259,10 +259,10 @@ def test_start_needs_the_right_token_and_a_young_echo(bench):
     bench.upload(10)
     token = bench.call(Operation.ARM)["token"]
     fields = bench.host.lease_fields()
-    with pytest.raises(Refused, match="bad-token"):
+    with pytest.raises(RequestRejected, match="bad-token"):
         bench.call(Operation.START, token=token ^ 1, **fields)
     bench.run(600)
-    with pytest.raises(Refused, match="no-lease"):
+    with pytest.raises(RequestRejected, match="no-lease"):
         bench.call(Operation.START, token=token, **fields)
     assert bench.device.state is DeviceState.ARMED
     assert bench.instrument.log == []
@@ -273,7 +273,7 @@ def test_an_unused_arm_token_expires(bench):
     bench.upload(10)
     token = bench.call(Operation.ARM)["token"]
     bench.run(30_001)
-    with pytest.raises(Refused):
+    with pytest.raises(RequestRejected):
         bench.call(Operation.START, token=token, **bench.host.lease_fields())
     assert bench.device.state is DeviceState.READY
 
@@ -311,7 +311,7 @@ def test_a_fault_of_the_hardware_in_mid_scan_is_latched_reported_by_its_code_and
     assert bench.device.state is DeviceState.SAFE_HOLD
 
 
-@pytest.mark.parametrize("error", [PlanInvalid("samples", 9, "1 … 8"), Refused("ARM", "no-lease", "READY")])
+@pytest.mark.parametrize("error", [PlanInvalid("samples", 9, "1 … 8"), RequestRejected("ARM", "no-lease", "READY")])
 def test_an_error_says_the_same_on_the_other_side_of_a_process_boundary(error):
     again = pickle.loads(pickle.dumps(error))  # noqa: S301
     assert str(again) == str(error)

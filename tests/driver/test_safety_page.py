@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fabry_perot.device import DeviceTiming
-from fabry_perot.host import HostTiming, Recovery
+from fabry_perot.host import HostTiming, RecoveryPolicy
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text()
@@ -61,4 +61,4 @@ def test_the_figures_are_what_the_formulas_give():
         ("(50 ms)", shutter),
     ):
         assert words in PAGE, value
-    assert f"within {Recovery().within:g} s of the last contact" in PAGE
+    assert f"within {RecoveryPolicy().within:g} s of the last contact" in PAGE

@@ -15,20 +15,20 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot.device.serving import Service
+from fabry_perot.device.serving import DeviceServer
 from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.errors import DeviceFault, PortBusy, PortUnavailable
-from fabry_perot.hardware import Apparatus, InstrumentError
+from fabry_perot.hardware import ComposedInstrument, InstrumentError
 from fabry_perot.hardware.apparatus import FAULT_DIGITISER
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.simulator import phantoms
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.wire.messages import POINT
 
 PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 500.0}
 
 
-def served(instrument: Apparatus, port: str) -> tuple[threading.Event, threading.Thread, str]:
+def served(instrument: ComposedInstrument, port: str) -> tuple[threading.Event, threading.Thread, str]:
     """Serve in a thread until the event is set."""
     over, known, urls = threading.Event(), threading.Event(), []
 
@@ -57,11 +57,11 @@ def collect(scanner: fabry_perot.Scanner) -> list:
     while True:
         try:
             return lines + take_all(scanner)
-        except fabry_perot.LeaseLapsed:  # this machine was busy with something else
+        except fabry_perot.LeaseExpired:  # this machine was busy with something else
             scanner.resume()
 
 
-def check(scanner: fabry_perot.Scanner, instrument: PhantomInstrument) -> None:
+def check(scanner: fabry_perot.Scanner, instrument: SimulatedInstrument) -> None:
     where = np.column_stack([np.arange(60) * 1e-4 - 3e-3, np.zeros(60)])
     scanner.upload(where, **PARAMETERS)
     scanner.start(scanner.arm())
@@ -75,7 +75,7 @@ def check(scanner: fabry_perot.Scanner, instrument: PhantomInstrument) -> None:
 
 
 def test_an_instrument_that_is_served_is_a_scanner_to_its_host_and_rests_when_the_program_ends():
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     over, thread, url = served(instrument, "socket://127.0.0.1:0")
     with fabry_perot.connect(url) as scanner:
         check(scanner, instrument)
@@ -91,10 +91,10 @@ def test_an_instrument_that_is_served_is_a_scanner_to_its_host_and_rests_when_th
 
 
 def test_the_laser_is_halted_at_the_end_of_the_program_even_if_the_shutter_does_not_answer(monkeypatch):
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     halted = []
     monkeypatch.setattr(instrument.excitation, "halt", halted.append)
-    service = Service(instrument, TcpEndpoint("127.0.0.1:0"), ring=8, plan_points=8, max_payload=641)
+    service = DeviceServer(instrument, TcpEndpoint("127.0.0.1:0"), ring=8, plan_points=8, max_payload=641)
     halted.clear()
     monkeypatch.setattr(instrument.shutter, "close", lambda: 1 // 0)
     with pytest.raises(InstrumentError):
@@ -218,12 +218,12 @@ class Wire:
 
 
 def test_a_serial_port_is_served_as_a_socket_is_in_frames_that_suit_a_uart():
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     near, far = os.openpty()
     try:
         over, thread, url = served(instrument, os.ttyname(far))
         assert url == os.ttyname(far)
-        with Scanner(Wire(near), recovery=fabry_perot.Recovery()) as scanner:
+        with Scanner(Wire(near), recovery=fabry_perot.RecoveryPolicy()) as scanner:
             check(scanner, instrument)
             assert scanner.statistics()["payload"] == 641
         over.set()
@@ -235,7 +235,7 @@ def test_a_serial_port_is_served_as_a_socket_is_in_frames_that_suit_a_uart():
 
 
 def test_an_instrument_in_the_same_process_is_connected_to_as_any_scanner():
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     with fabry_perot.connect(instrument) as scanner:
         assert scanner.capabilities.model == "simulated Fabry-Perot scanner"
         check(scanner, instrument)
@@ -245,8 +245,8 @@ def test_an_instrument_in_the_same_process_is_connected_to_as_any_scanner():
 
 def test_the_lease_holds_in_the_same_process_too():
     """An application that takes no A-lines for a while keeps no laser on, though everything runs in its process."""
-    instrument = PhantomInstrument(phantoms.yarn(0))
-    with fabry_perot.connect(instrument, recovery=fabry_perot.Recovery(within=0.0)) as scanner:
+    instrument = SimulatedInstrument(phantoms.yarn(0))
+    with fabry_perot.connect(instrument, recovery=fabry_perot.RecoveryPolicy(within=0.0)) as scanner:
         scanner.upload(np.zeros((5_000, 2)), **PARAMETERS)
         scanner.start(scanner.arm())
         next(iter(scanner.alines()))
@@ -256,13 +256,13 @@ def test_the_lease_holds_in_the_same_process_too():
             time.sleep(0.05)
         shots = instrument.shots()
         assert not instrument.shutter.is_open()
-        with pytest.raises(fabry_perot.LeaseLapsed):
+        with pytest.raises(fabry_perot.LeaseExpired):
             take_all(scanner)
         assert instrument.shots() == shots
 
 
 def test_a_fault_of_a_part_reaches_the_application_in_the_same_process(monkeypatch):
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     with fabry_perot.connect(instrument) as scanner:
         scanner.upload(np.zeros((500, 2)), **PARAMETERS)
         scanner.start(scanner.arm())
@@ -276,7 +276,7 @@ def test_a_fault_of_a_part_reaches_the_application_in_the_same_process(monkeypat
 
 def test_hardware_has_one_host_in_its_process_too():
     """A second one is told at once; when the first is gone, it is welcome."""
-    instrument = PhantomInstrument(phantoms.yarn(0))
+    instrument = SimulatedInstrument(phantoms.yarn(0))
     with fabry_perot.connect(instrument), pytest.raises(PortBusy, match="this process"):
         fabry_perot.connect(instrument)
     with fabry_perot.connect(instrument) as scanner:

@@ -120,7 +120,7 @@ def test_a_paced_uart_carries_no_more_than_its_baud_rate_and_loses_nothing():
 
 
 def test_a_consumer_that_hangs_gets_a_typed_error_and_can_resume_without_losing_an_a_line():
-    where, never = points(200), fabry_perot.Recovery(within=0.0)
+    where, never = points(200), fabry_perot.RecoveryPolicy(within=0.0)
     with launch(speed=4) as simulator, fabry_perot.connect(simulator.url, recovery=never) as scanner:
         scanner.upload(where, **PARAMETERS)
         scanner.start(scanner.arm())
@@ -132,7 +132,7 @@ def test_a_consumer_that_hangs_gets_a_typed_error_and_can_resume_without_losing_
                     scanner.acknowledge(batch[-1])
                     if lapses == 0 and len(lines) > 5:
                         wait_until(lambda: scanner.state == "safe_hold", 60.0)
-            except fabry_perot.LeaseLapsed:
+            except fabry_perot.LeaseExpired:
                 lapses += 1
                 scanner.resume()
         statistics = scanner.statistics()
@@ -196,7 +196,7 @@ def test_a_report_without_its_shots_is_short_after_any_number_of_them():
     """A list of 200,000 had the simulator, and with it the clock of the scanner, stand still for tenths of a second."""
     with launch(speed=50) as simulator, fabry_perot.connect(simulator.url) as scanner:
         lines = scan(scanner, points(300), pulse_rate=1000.0, samples=64)
-        whole, short = simulator.command("report"), simulator.command("report", fired=False)
+        whole, short = simulator.send_command("report"), simulator.send_command("report", fired=False)
     assert len(whole["fired"]) == whole["shots"] == short["shots"] == len(lines)
     assert whole["last_shot"] == short["last_shot"] == whole["fired"][-1][0]
     assert len(json.dumps(short)) < 300
@@ -210,7 +210,7 @@ def test_a_port_that_does_not_exist_is_reported_as_such(tmp_path):
 def test_a_scanner_that_dies_ends_the_stream_with_a_typed_error():
     with (
         launch(speed=5, tcp="127.0.0.1:0") as simulator,
-        fabry_perot.connect(simulator.url, recovery=fabry_perot.Recovery(patience=1.0)) as scanner,
+        fabry_perot.connect(simulator.url, recovery=fabry_perot.RecoveryPolicy(patience=1.0)) as scanner,
     ):
         scanner.upload(points(500), **PARAMETERS)
         scanner.start(scanner.arm())
@@ -243,7 +243,7 @@ def test_points_off_the_film_or_of_a_wrong_shape_are_refused(where, scanner):
 
 
 def test_starting_without_a_plan_is_refused(scanner):
-    with pytest.raises(fabry_perot.Refused, match="ARM"):
+    with pytest.raises(fabry_perot.RequestRejected, match="ARM"):
         scanner.arm()
 
 

@@ -30,7 +30,7 @@ def test_status_of_a_scanner_in_fault_and_in_emergency_stop_names_them():
         with fabry_perot.connect(simulator.url) as scanner:
             scanner.upload([(0.0, 0.0)] * 500, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
             scanner.arm()
-            simulator.command("interlock", closed=False)
+            simulator.send_command("interlock", closed=False)
             scanner._session.wait(lambda: scanner.state == "fault", 60.0)
         figures = status(simulator.url)
         assert (figures["state"], figures["fault"], figures["fault_name"]) == ("fault", 1, "interlock-opened")
@@ -48,7 +48,7 @@ def test_get_in_fault_answers_without_a_hardware_that_does_not_and_tells_its_tex
         raise InstrumentError(5, words)
 
     monkeypatch.setattr(bench.instrument, "parameters", lost)
-    with pytest.raises(fabry_perot.Refused, match="hardware-fault"):
+    with pytest.raises(fabry_perot.RequestRejected, match="hardware-fault"):
         bench.call(Operation.GET)
     answer = bench.call(Operation.GET)
     assert (answer["state"], answer["fault"]) == (DeviceState.FAULT, 5)

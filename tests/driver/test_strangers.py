@@ -9,7 +9,7 @@ import cbor2
 import pytest
 from driver_bench import Bench
 
-from fabry_perot.device.operations import carry_out
+from fabry_perot.device.operations import execute
 from fabry_perot.host import Host
 from fabry_perot.wire.codes import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
@@ -56,7 +56,9 @@ def test_a_host_of_other_versions_is_told_so_and_disturbs_nothing(versions):
     stranger = Frame(Type.HELLO, 0, 0, 0, 1, pack(Hello(*versions, 8192, 77)))
     bench.device.receive(encode_frame(stranger), bench.device_now)
     answers = [
-        unpack(HelloAck, frame.payload) for frame in Deframer().feed(bench.device.pull(9999)) if frame.type == 0x81
+        unpack(HelloAck, frame.payload)
+        for frame in Deframer().feed(bench.device.next_frames(9999))
+        if frame.type == 0x81
     ]
     assert [(answer.nonce, answer.version) for answer in answers] == [(77, 0)]
     bench.run(200)
@@ -85,7 +87,7 @@ SWEEP = {"x": 0, "y": 0, "from_pm": 1_500_000, "to_pm": 1_600_000, "steps": 11}
 def test_a_refusal_names_the_parameter_as_it_was_given(operation, body, field):
     bench = Bench()
     bench.connect()
-    _, answer = carry_out(bench.device, operation, body)
+    _, answer = execute(bench.device, operation, body)
     assert answer == {"field": field}
 
 

@@ -91,7 +91,7 @@ class Bench:
         self.now += 0.001
         self.heard += (data := self.endpoint.read(65536))
         self.device.receive(data, round(self.now * 1e6))
-        self._out = self._out or self.device.pull(16384)
+        self._out = self._out or self.device.next_frames(16384)
         self._out = self._out[self.endpoint.write(self._out) :]
 
     def until(self, client: Client, kind: Type) -> bytes:
@@ -224,11 +224,11 @@ def test_host_that_has_nothing_to_send_sends_a_lone_zero_byte_once_a_second(benc
     host.open(0)
     sent: list[tuple[int, bytes]] = []
     for now in range(0, 6_000_000, 10_000):
-        host.poll(now)
-        if data := host.pull():
+        host.tick(now)
+        if data := host.take_output():
             sent.append((now, data))
         device.receive(data, now)
-        host.receive(device.pull(16384), now)
+        host.receive(device.next_frames(16384), now)
     idle = [at for at, data in sent if data == b"\0"]
     assert len(idle) >= 4
     assert all(later - earlier == 1_000_000 for earlier, later in itertools.pairwise(idle))
@@ -245,10 +245,10 @@ def test_scanner_in_another_process_is_stopped_by_an_observer_of_its_tcp_port():
         observer = Client(simulator.url)
         with closing(observer.socket):
             observer.send(abort(11))
-            with pytest.raises((fabry_perot.ScanAborted, fabry_perot.LeaseLapsed)):  # the latter on a busy machine
+            with pytest.raises((fabry_perot.ScanAborted, fabry_perot.LeaseExpired)):  # the latter on a busy machine
                 for _ in lines:
                     pass
-            report = simulator.command("report", fired=False)
+            report = simulator.send_command("report", fired=False)
             assert (report["state"], report["shutter"]) == ("safe_hold", False)
             deadline, said = time.monotonic() + DEADLINE, list(observer.frames())
             while Type.STATUS not in [frame.type for frame in said[-1:]]:

@@ -7,11 +7,11 @@ import pytest
 
 import fabry_perot
 from fabry_perot import TuningMap
-from fabry_perot.errors import NoAnswer, PlanInvalid, Refused
-from fabry_perot.hardware import Sampling
+from fabry_perot.errors import PlanInvalid, RequestRejected, ResponseTimeout
+from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import launch, phantoms, shapes
 from fabry_perot.simulator.film import BANDWIDTH, Film, Response, directivity, low_pass
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
@@ -37,7 +37,7 @@ def test_nothing_is_armed_while_a_sweep_is_under_way(bench):
     bench.instrument.tuning = 300_000
     sweep = bench.host.call(Operation.TUNE_SCAN, bench.clock.now(), **SWEEP)
     bench.run(20)
-    with pytest.raises(Refused, match="wrong-state"):
+    with pytest.raises(RequestRejected, match="wrong-state"):
         bench.call(Operation.ARM)
     bench.until(lambda: sweep.done)
     assert bench.call(Operation.ARM)["token"]
@@ -54,21 +54,21 @@ def test_nothing_is_armed_while_a_sweep_is_under_way(bench):
 )
 def test_a_sweep_beyond_the_limits_is_refused(bench, change, reason):
     bench.connect()
-    with pytest.raises(Refused, match=reason):
+    with pytest.raises(RequestRejected, match=reason):
         bench.call(Operation.TUNE_SCAN, **{**SWEEP, **change})
 
 
 def test_nothing_is_tuned_or_set_while_the_laser_fires(bench):
     bench.scan(100)
     for operation, body in ((Operation.TUNE_SCAN, SWEEP), (Operation.SET, {"power": 2})):
-        with pytest.raises(Refused, match="wrong-state"):
+        with pytest.raises(RequestRejected, match="wrong-state"):
             bench.call(operation, **body)
 
 
 def test_a_parameter_is_set_within_its_range_only(bench):
     bench.connect()
     assert bench.call(Operation.SET, power=7) == {"power": 7}
-    with pytest.raises(Refused, match="out-of-range"):
+    with pytest.raises(RequestRejected, match="out-of-range"):
         bench.call(Operation.SET, power=11)
     assert bench.call(Operation.GET)["power"] == 7
 
@@ -100,7 +100,7 @@ def test_a_request_nobody_answers_ends_with_a_typed_error(bench, faults):
     bench.connect()
     bench.up.filters.append(faults.drop(Operation.GET, lambda count: True))
     bench.down.filters.append(faults.drop(0x83, lambda count: True))
-    with pytest.raises(NoAnswer, match="GET after 5 tries"):
+    with pytest.raises(ResponseTimeout, match="GET after 5 tries"):
         bench.call(Operation.GET)
 
 
@@ -111,7 +111,7 @@ def test_a_real_scanner_is_tuned_its_map_kept_and_its_drift_seen(tmp_path):
     with launch(speed=50, seed=3, film="real") as simulator, fabry_perot.connect(simulator.url) as scanner:
         tuned = scanner.pretune(where, steps=201)
         tuned.save(tmp_path / "map.npz")
-        simulator.command("drift", pm=200)
+        simulator.send_command("drift", pm=200)
         drift = TuningMap.load(tmp_path / "map.npz").compare(scanner.pretune(where, steps=201))
         assert scanner.set(interrogation_uw=500)["interrogation_uw"] == 500
         weaker = scanner.tune(*where[0])
@@ -179,13 +179,13 @@ def test_the_film_hears_from_the_front_and_not_from_the_side():
 
 @pytest.mark.parametrize("response", [Response(), Response(nonlinear=True, bandwidth=True, directivity=True)])
 def test_every_film_records_within_16_bits_and_a_small_range_clips_with_a_flag(response):
-    from fabry_perot.hardware.instrument import Sampling
+    from fabry_perot.hardware.instrument import PlanSampling
     from fabry_perot.wire.messages import POINT
 
     point = np.zeros(1, POINT)
     for full_scale, flag in ((2.0, 0), (0.02, 1)):
-        instrument = PhantomInstrument(phantoms.yarn(0), response=response, full_scale=full_scale)
-        instrument.begin(Sampling(1200, 8000, 50_000))
+        instrument = SimulatedInstrument(phantoms.yarn(0), response=response, full_scale=full_scale)
+        instrument.begin(PlanSampling(1200, 8000, 50_000))
         assert instrument.measure(point[0], shot=1).quality == flag
 
 
@@ -237,12 +237,12 @@ def test_a_wedge_rises_evenly():
 
 
 def test_the_laser_tunes_only_after_the_record_and_in_the_time_it_was_given():
-    instrument = PhantomInstrument(phantoms.yarn(0), seed=3, tuning=5_000)
+    instrument = SimulatedInstrument(phantoms.yarn(0), seed=3, tuning=5_000)
     places = np.zeros(4, POINT)
     places["wavelength"], places["averages"] = [1_549_000, 1_551_000] * 2, 1
     instrument.boot(0)
-    instrument.begin(Sampling(1024, 8_000, 1_000_000))
-    instrument.queue(0, places, 0)
+    instrument.begin(PlanSampling(1024, 8_000, 1_000_000))
+    instrument.queue_points(0, places, 0)
     instrument.open()
     instrument.permit(1 << 40, 0)
     taken, now = [], 0

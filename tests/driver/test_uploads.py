@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot.host import Plan
+from fabry_perot.host import WirePlan
 from fabry_perot.simulator import launch
 from fabry_perot.wire.framing import crc32c
 
@@ -15,9 +15,9 @@ PARAMETERS = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 20.0}
 
 
 def test_the_same_points_under_another_tag_are_another_plan():
-    uids = {Plan.from_metres(POINTS, **PARAMETERS, tag=tag).uid for tag in (0, 1, 2)}
+    uids = {WirePlan.from_metres(POINTS, **PARAMETERS, tag=tag).uid for tag in (0, 1, 2)}
     assert len(uids) == 3
-    assert Plan.from_metres(POINTS, **PARAMETERS).uid in uids
+    assert WirePlan.from_metres(POINTS, **PARAMETERS).uid in uids
 
 
 def test_the_identity_of_a_plan_is_worked_out_once_however_often_a_scan_asks_for_it(monkeypatch):
@@ -25,7 +25,7 @@ def test_the_identity_of_a_plan_is_worked_out_once_however_often_a_scan_asks_for
 
     sums = []
     monkeypatch.setattr(module, "crc32c", lambda data: sums.append(len(data)) or crc32c(data))
-    made = Plan.from_metres(POINTS, **PARAMETERS)
+    made = WirePlan.from_metres(POINTS, **PARAMETERS)
     assert len({made.uid for _ in range(100)}) == 1
     assert len(sums) == 1, (
         "the host asks at every A-line; over 1,605 points the sum takes longer than the A-line's rest"
@@ -44,16 +44,16 @@ def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firin
             with pytest.raises(fabry_perot.PlanInvalid, match="resume"):
                 scanner.upload(POINTS, **PARAMETERS, tag=6, resume=True)
         with fabry_perot.connect(simulator.url) as scanner:
-            fired = simulator.command("report")["shots"]
+            fired = simulator.send_command("report")["shots"]
             scanner.upload(POINTS, **PARAMETERS, tag=5, resume=True)
             held = []
-            with suppress(fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
+            with suppress(fabry_perot.LeaseExpired, fabry_perot.ScanAborted):
                 for batch in scanner.alines(idle=True):
                     held += list(batch)
             assert [line.number for line in held] == list(range(len(held)))
-            assert len(held) == fired == simulator.command("report")["shots"]
+            assert len(held) == fired == simulator.send_command("report")["shots"]
             assert len(held) >= len(first)
-            assert not scanner.holds
+            assert not scanner.has_pending_data
 
 
 def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awake():
@@ -66,10 +66,10 @@ def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awa
             lines += batch
             if len(lines) >= 5 and scanner.state == "scanning":
                 scanner.pause()
-            if scanner.state == "paused" and not scanner.holds:
+            if scanner.state == "paused" and not scanner.has_pending_data:
                 break
-        assert len(lines) == simulator.command("report")["shots"]
-        assert not scanner.recovering
+        assert len(lines) == simulator.send_command("report")["shots"]
+        assert not scanner.is_recovering
         scanner.acknowledge(lines[-1])
         scanner.resume()
         for batch in scanner.alines():

@@ -12,7 +12,7 @@ from driver_reference import ALines, frames
 from fabry_perot.host import Host
 from fabry_perot.wire.codes import Operation, Result, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
-from fabry_perot.wire.messages import REPLY_HEAD, fixed
+from fabry_perot.wire.messages import REPLY_HEAD, unpack_exact
 from fabry_perot.wire.states import DeviceState
 
 FRAMES = json.loads((driver_vectors.FOLDER / "frames.json").read_text())
@@ -59,7 +59,7 @@ def test_a_host_that_hears_the_device_of_a_transcript_ends_up_with_its_a_lines(n
             host.receive(bytes.fromhex(step["bytes"]), step["at"])
         for payload in (f.payload for f in Deframer().feed(bytes.fromhex(step["bytes"])) if f.type == Type.PLAN_STATUS):
             if host.assembly is None and payload[:4] != bytes(4):
-                host.expect(int.from_bytes(payload[:4], "little"), 0)
+                host.receive_from(int.from_bytes(payload[:4], "little"), 0)
         lines += host.take()
     assert host.device_state is DeviceState.DONE
     assert [line.number for line in lines] == list(range(count))
@@ -73,7 +73,7 @@ def test_the_refusals_are_those_of_the_document():
         if step["from"] == "device"
         for frame in Deframer().feed(bytes.fromhex(step["bytes"]))
     ]
-    replies = [fixed(REPLY_HEAD, frame.payload, tail=True) for frame in sent if frame.type == Type.RSP]
+    replies = [unpack_exact(REPLY_HEAD, frame.payload, tail=True) for frame in sent if frame.type == Type.RSP]
     answers = {number: (operation, result, state) for number, operation, result, state in replies}
     assert 900 not in answers, "of another session"
     assert answers[901] == (Operation.START, Result.MALFORMED, DeviceState.READY)

@@ -8,8 +8,8 @@ import numpy as np
 
 from fabry_perot.device import Device
 from fabry_perot.errors import DeviceRestarted, FrameError, ProtocolMismatch, ScannerError
-from fabry_perot.hardware.instrument import Interrogation, Sampling
-from fabry_perot.host import Host, Plan
+from fabry_perot.hardware.instrument import PlanSampling, PointRecord
+from fabry_perot.host import Host, WirePlan
 from fabry_perot.wire.codes import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import POINT, Hello, pack
@@ -34,7 +34,7 @@ class NullInstrument:
         limits = {"encodings": [0, 1], "line_rate": 0, "tuning_us": 1, "parameters": {"p": [0, 9]}}
         return {**ranges, **fixed, **limits, "samples": [1, 64], "pulse_rate_mhz": [1000, 1_000_000]}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         self.samples = sampling.samples
 
     def queue(self, first: int, points: Any, now: int) -> None:
@@ -43,12 +43,12 @@ class NullInstrument:
     def permit(self, until: int, now: int) -> None:
         self.until = until
 
-    def poll(self, now: int) -> list[Interrogation]:
-        done: list[Interrogation] = []
+    def poll(self, now: int) -> list[PointRecord]:
+        done: list[PointRecord] = []
         while self.points and self.last + 1000 <= now and self.last + 1000 < self.until:
             self.last, self.count = self.last + 1000, self.count + 1
             samples = np.zeros(self.samples, np.int16)
-            done.append(Interrogation(samples, 1.0, self.points.pop(0), self.last, self.count))
+            done.append(PointRecord(samples, 1.0, self.points.pop(0), self.last, self.count))
         return done
 
     def next_due(self, now: int) -> int | None:
@@ -127,9 +127,9 @@ def device(data: bytes) -> None:
     for kind, payload in _messages(data, FROM_HOST):
         now += 700
         target.receive(encode_frame(Frame(kind, 0, 7, target.outbox.session, 0, payload)), now)
-        target.pull(1000)
-        assert target.ring.fill == target.ring.produced - target.ring.acknowledged <= 8
-        assert target.next_due() >= target.now
+        target.next_frames(1000)
+        assert target.ring.used == target.ring.produced - target.ring.acknowledged <= 8
+        assert target.next_deadline() >= target.now
         assert target.scan.last_shot < max(1, target.lease.until) or target.state.name != "SCANNING"
 
 
@@ -137,14 +137,14 @@ def _connected() -> tuple[Host, Device]:
     host, peer = Host(3), Device(NullInstrument(), boot=7, ring=8, max_payload=200)
     host.open(0)
     for now in range(1000, 30_000, 1000):
-        peer.receive(host.pull(), now)
-        host.receive(peer.pull(4000), now)
+        peer.receive(host.take_output(), now)
+        host.receive(peer.next_frames(4000), now)
     points = np.zeros(5, POINT)
     points["averages"] = 1
-    host.upload(Plan(points, 16, 8000, 50_000), 30_000)
+    host.upload(WirePlan(points, 16, 8000, 50_000), 30_000)
     for now in range(31_000, 40_000, 1000):
-        peer.receive(host.pull(), now)
-        host.receive(peer.pull(4000), now)
+        peer.receive(host.take_output(), now)
+        host.receive(peer.next_frames(4000), now)
     return host, peer
 
 
@@ -160,7 +160,7 @@ def host(data: bytes) -> None:
         for line in target.take():
             assert line.number == number
             number += 1
-        target.pull()
+        target.take_output()
         if target.failure is not None:
             assert isinstance(target.failure, DeviceRestarted | ProtocolMismatch | FrameError | ScannerError)
             return

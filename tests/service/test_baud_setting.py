@@ -13,7 +13,7 @@ from steradian.core.exceptions import InvalidInput, ScanFailed
 from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
+from steradian.plans.files import write_json
 from steradian.plans.scanner import Link
 
 
@@ -49,7 +49,7 @@ def test_at_baud_refuses_what_is_out_of_range_or_has_no_line(scanner, baud):
 
 
 def test_scan_run_opens_the_port_at_the_plans_baud_rate(tmp_path):
-    write_value(SLOW, tmp_path / "plan.json")
+    write_json(SLOW, tmp_path / "plan.json")
     with stranger() as url:
         seen = []
 

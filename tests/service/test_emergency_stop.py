@@ -149,28 +149,28 @@ def test_a_stop_outlives_a_restart_and_only_a_release_ends_it(tmp_path):
         key = {"Idempotency-Key": uuid.uuid4().hex}
         again = service.http.post("/scans", json={"plan_id": plan}, headers=key)
         assert again.status_code == 201
-        until(lambda: service.scanner.command("report")["shots"] > after["shots"])
+        until(lambda: service.scanner.send_command("report")["shots"] > after["shots"])
 
 
 def test_a_latch_whose_block_is_torn_counts_as_pressed_until_somebody_releases_it(tmp_path):
     data = DataDirectory(tmp_path)
     data.create()
     latch, other = EmergencyLatch(data.emergency), EmergencyLatch(data.emergency)
-    assert latch.standing() is None
+    assert latch.active() is None
     first = latch.press("Ada", "smoke " + "ß" * 500)
-    assert other.standing() == first
+    assert other.active() == first
     second = other.press("Ben", None)
     latch.release(first.number)
-    assert latch.standing() == second, "who releases what he saw releases nothing that came after it"
+    assert latch.active() == second, "who releases what he saw releases nothing that came after it"
     latch.release(second.number)
-    assert other.standing() is None
+    assert other.active() is None
     with (data.emergency / "pressed").open("r+b") as file:
         file.write(b"\xff" * 100)
-    torn = latch.standing()
+    torn = latch.active()
     assert torn is not None
     assert "cannot be read" in torn.reason
     latch.release(torn.number)
-    assert other.standing() is None
+    assert other.active() is None
 
 
 def _stop_of(service):

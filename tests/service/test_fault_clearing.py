@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.scans.acquisition.resume_checks import SHOTS
+from steradian.scans.acquisition.resume_checks import REFERENCE_SHOTS
 from support.services import Service
 from support.waiting import until
 
@@ -102,5 +102,7 @@ def test_a_scan_after_an_opened_interlock_goes_on_exactly_once_when_the_fault_is
     points, fired = whole["summary"]["points"], whole["summary"]["fired"]
     assert whole["summary"]["stored"] == points
     assert fired == scanner.command("report")["shots"], "no shot more than the scan knows of"
-    assert fired - points <= 2 * SHOTS, "each point once, but for the proof and the average that was broken off"
+    assert fired - points <= 2 * REFERENCE_SHOTS, (
+        "each point once, but for the proof and the average that was broken off"
+    )
     assert ("local", "fault cleared: interlock-opened: closed again") in deeds(service)

@@ -10,7 +10,7 @@ from scipy.stats import linregress
 
 from steradian.benchmarks.load import load
 from steradian.benchmarks.load_page import BEGIN, END, write_page
-from steradian.benchmarks.memory import MemoryWatch, _growth
+from steradian.benchmarks.memory import MemorySampler, _growth
 from steradian.benchmarks.mixed import WEIGHTS
 from steradian.benchmarks.service import running_service
 from steradian.core.settings import Settings
@@ -19,7 +19,7 @@ from steradian.core.settings import Settings
 @pytest.mark.long
 def test_a_benchmark_finds_the_service_that_it_starts(tmp_path):
     with running_service(Settings.create(data=tmp_path, port=0, workers=0)) as service:
-        assert service.ask("/masks") == {"items": []}
+        assert service.request("/masks") == {"items": []}
 
 
 @pytest.mark.soak
@@ -75,7 +75,7 @@ def test_memory_is_told_for_each_process_over_time(tmp_path):
     )
     start.write_text(f"import subprocess, sys\nsubprocess.run([sys.executable, {str(grow)!r}])\n")
     process = subprocess.Popen([sys.executable, str(start)])
-    watch, over = MemoryWatch(process.pid, 0.05), asyncio.Event()
+    watch, over = MemorySampler(process.pid, 0.05), asyncio.Event()
 
     async def follow():
         watching = asyncio.create_task(watch.watch(over))
@@ -104,10 +104,10 @@ def test_what_the_api_has_worked_out_beside_it_is_no_memory_of_its_own(tmp_path)
     )
     command = [sys.executable, str(tmp_path / "steradian.api.py")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        watch = MemoryWatch(process.pid, 1.0)
+        watch = MemorySampler(process.pid, 1.0)
         for said in ("held", "free"):
             assert process.stdout.readline().strip() == said
-            watch.look()
+            watch.sample()
             process.stdin.write("\n")
             process.stdin.flush()
     found = {row["process"]: row for row in watch.rows()}

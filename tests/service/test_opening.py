@@ -6,14 +6,14 @@ import pytest
 
 import steradian
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.imaging import Axes
+from steradian.imaging import VoxelAxes
 from steradian.masks import equiangular_mask
 
 MASK = steradian.equi_steradian_mask(10e-3, 3e-3, 40)
 PLAN = steradian.ScanPlan(mask=MASK, samples=64)
 LINES = [(np.arange(n) - 2) * 1e-4 for n in (4, 5, 6)]
-VOLUME = steradian.Volume(np.ones((4, 5, 6), np.float32), Axes(*LINES), (1e-4,) * 3, 1500.0)
-FLAT = steradian.Volume(np.ones((4, 6), np.float32), Axes(LINES[0], None, LINES[2]), (1e-4,) * 2, 1500.0)
+VOLUME = steradian.Volume(np.ones((4, 5, 6), np.float32), VoxelAxes(*LINES), (1e-4,) * 3, 1500.0)
+FLAT = steradian.Volume(np.ones((4, 6), np.float32), VoxelAxes(LINES[0], None, LINES[2]), (1e-4,) * 2, 1500.0)
 LINE = equiangular_mask(10e-3, 2e-3, 30)
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from fabry_perot.simulator import phantoms as driver
 from steradian import InvalidInput, phantoms
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.phantoms.targets import chart_bars
 
 DATA = Path(__file__).parents[1] / "data"
@@ -64,8 +64,10 @@ def test_waves_on_a_line_are_those_of_k_wave() -> None:
         data = dict(file)
     spacing = float(data["dx"])
     x = spacing * (np.arange(1024.0) - 512)
-    truth = Volume(data["p0"].T.astype(np.float32) / 255, Axes(x, None, spacing * np.arange(256.0)), (spacing, spacing))
-    traces = phantoms.line_pressure(
+    truth = Volume(
+        data["p0"].T.astype(np.float32) / 255, VoxelAxes(x, None, spacing * np.arange(256.0)), (spacing, spacing)
+    )
+    traces = phantoms.propagate_2d(
         truth, samples=1024, sampling_interval=float(data["dt"]), sound_speed=float(data["c"])
     )[data["sensors"]]
     theirs = data["traces"].astype(np.float64)
@@ -80,18 +82,18 @@ def test_nothing_comes_round_the_periodic_domain() -> None:
     """Twice the record must begin with the same waves, although it is computed on a larger domain."""
     x, z = 1e-4 * np.arange(-32.0, 32), 1e-4 * np.arange(24.0)
     ball = np.exp(-((x[:, None] - 1e-3) ** 2 + (z[None] - 1.2e-3) ** 2) / (2 * 1.8e-4**2)).astype(np.float32)
-    image = Volume(ball, Axes(x, None, z), (1e-4, 1e-4))
+    image = Volume(ball, VoxelAxes(x, None, z), (1e-4, 1e-4))
     short, long = (
-        phantoms.line_pressure(image, samples=n, sampling_interval=2e-8, sound_speed=1500.0) for n in (150, 300)
+        phantoms.propagate_2d(image, samples=n, sampling_interval=2e-8, sound_speed=1500.0) for n in (150, 300)
     )
     assert_allclose(long[:, :150], short, atol=2e-5 * np.abs(short).max())
 
 
 def test_line_pressure_refuses_volumes() -> None:
     axis = np.arange(4.0)
-    volume = Volume(np.zeros((4, 4, 4), np.float32), Axes(axis, axis, axis), (1.0, 1.0, 1.0))
+    volume = Volume(np.zeros((4, 4, 4), np.float32), VoxelAxes(axis, axis, axis), (1.0, 1.0, 1.0))
     with pytest.raises(InvalidInput):
-        phantoms.line_pressure(volume, samples=8, sampling_interval=1e-8, sound_speed=1500.0)
+        phantoms.propagate_2d(volume, samples=8, sampling_interval=1e-8, sound_speed=1500.0)
 
 
 @pytest.mark.parametrize("convention", ["peak", "rms"])
@@ -162,7 +164,7 @@ def test_a_tree_stands_in_its_place_at_any_size_and_differs_by_seed() -> None:
 def test_the_truth_of_a_volume_lies_at_its_voxels() -> None:
     balls = phantoms.Balls(np.array([[1e-3, -2e-3, 3e-3]]), np.array([2e-4]), np.array([2.0]))
     x, y, z = 1e-4 * np.arange(-20, 21), 1e-4 * np.arange(-30, 31), 5e-5 * np.arange(100)
-    like = Volume(np.zeros((41, 61, 100), np.float32), Axes(x, y, z), (1e-4, 1e-4, 5e-5))
-    truth = phantoms.sampled(balls, like).values
+    like = Volume(np.zeros((41, 61, 100), np.float32), VoxelAxes(x, y, z), (1e-4, 1e-4, 5e-5))
+    truth = phantoms.rasterise(balls, like).values
     assert np.unravel_index(truth.argmax(), truth.shape) == (30, 10, 60)
     assert truth.max() == pytest.approx(2.0)

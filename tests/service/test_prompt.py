@@ -10,7 +10,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
 
 pexpect = pytest.importorskip("pexpect")
@@ -35,7 +35,7 @@ def folder(tmp_path):
     create_scan_file(tmp_path / "scan.h5", plan, scan_id="s1", scanner="sim", simulated=True)
     traces = np.random.default_rng(1).integers(-900, 900, (40, 128)).astype(np.int16)
     told = {"scale": 1e-3, "energy": 1.0, "wavelength_m": 1.55e-6, "fire_time_s": 0.0, "quality": 0, "shot": 1}
-    with AlineStore(tmp_path / "scan.h5") as store:
+    with ScanFileWriter(tmp_path / "scan.h5") as store:
         rows = np.arange(plan.mask.count)
         store.append([ImportedAline(row, trace, **told) for row, trace in enumerate(traces)], rows)
     return tmp_path

@@ -10,13 +10,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from steradian import InvalidInput, quality
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 
 
 def volume(values: np.ndarray, step: float = 1e-4) -> Volume:
     coordinates = [step * (np.arange(n) - n // 2) for n in values.shape]
     y = coordinates[1] if values.ndim == 3 else None
-    return Volume(values, Axes(coordinates[0], y, coordinates[-1]), (step,) * values.ndim)
+    return Volume(values, VoxelAxes(coordinates[0], y, coordinates[-1]), (step,) * values.ndim)
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_tenenbaum_looks_only_at_the_rectangle_around_the_region() -> None:
     image[:10] = np.arange(20.0)  # a slope of 1 in the upper half, an edge below it
     region = np.zeros_like(image, dtype=bool)
     region[1, 2] = region[7, 11] = True
-    assert quality.rectangle(region) == (slice(1, 8), slice(2, 12))
+    assert quality.bounding_slices(region) == (slice(1, 8), slice(2, 12))
     assert_allclose(quality.tenenbaum(image, region), 64)
     with pytest.raises(InvalidInput):
         quality.tenenbaum(image, np.zeros_like(region))

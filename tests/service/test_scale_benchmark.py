@@ -2,9 +2,9 @@
 
 import pytest
 
-from steradian.benchmarks.arrivals import scanners
+from steradian.benchmarks.arrivals import load_of_scanners
 from steradian.benchmarks.mixed import WEIGHTS
-from steradian.benchmarks.scale import ALONE, NODES, _with_shares, scale
+from steradian.benchmarks.scale import MULTI_NODE, SINGLE_SERVICE, _with_shares, scale
 from steradian.benchmarks.scale_page import BEGIN, END, tables, write_page
 
 
@@ -13,7 +13,7 @@ from steradian.benchmarks.scale_page import BEGIN, END, tables, write_page
 def test_nodes_serve_what_one_service_serves(tmp_path, postgres, seaweed):
     shared = {"database_url": postgres.database(), "store": seaweed.bucket(), "store_endpoint": seaweed.endpoint}
     rows = scale(shared, seconds=10, clients=10, streams=3, jobs=3)
-    for where in (ALONE, NODES):
+    for where in (SINGLE_SERVICE, MULTI_NODE):
         (total,) = [row for row in rows if row["case"] == "total" and row["where"] == where]
         assert (total["server_errors"], total["alines_lost"], total["scan"]) == (0, 0, "complete")
         assert {row["route"] for row in rows if row["case"] == "route" and row["where"] == where} > set(WEIGHTS)
@@ -73,8 +73,15 @@ def test_every_kind_of_row_has_its_place_on_the_page():
         "low_s": 1.9,
         "high_s": 2.4,
     }
-    many = scanners([2.0], api_cpu_s=0.01, scan_bytes=4e6, volume_bytes=2.4e8, events=20, event_s=0.005)
-    met = {"case": "total", "where": NODES, "clients": 200, "streams": 20, "seconds": 60.0, "requests_per_second": 99.5}
+    many = load_of_scanners([2.0], api_cpu_s=0.01, scan_bytes=4e6, volume_bytes=2.4e8, events=20, event_s=0.005)
+    met = {
+        "case": "total",
+        "where": MULTI_NODE,
+        "clients": 200,
+        "streams": 20,
+        "seconds": 60.0,
+        "requests_per_second": 99.5,
+    }
     met |= {"api_cpu_ms_per_request": 3.0, "clients_cpu_ms_per_request": 0.5, "server_errors": 0, "statuses": {}}
     met |= {
         "events": 7,
@@ -92,4 +99,4 @@ def test_every_kind_of_row_has_its_place_on_the_page():
     assert "| 1 | 0.001 | 1 | 0.00 | 0.010 | 0.0% |" in page
     assert "| 1,000 | 1.111 |" in page
     assert "| 1.67 | 9.680 | 5.6% |" in page
-    assert f"### Clients of {NODES}" in page
+    assert f"### Clients of {MULTI_NODE}" in page

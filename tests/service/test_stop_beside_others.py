@@ -16,7 +16,7 @@ import pytest
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
+from steradian.plans.files import write_json
 from support.services import Service
 from support.waiting import until
 
@@ -50,7 +50,7 @@ def released(service):
 def plan(tmp_path_factory):
     mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=900)
     path = tmp_path_factory.mktemp("plan") / "plan.json"
-    write_value(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), path)
+    write_json(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), path)
     return path
 
 
@@ -187,7 +187,7 @@ def test_emergency_stop_of_a_scanner_that_is_gone_is_unconfirmed_and_says_why(tm
         assert seconds < 2.5
         with launch(link=str(port)) as scanner:
             until(lambda: _stop(service)["laser"] == "off")
-            assert not scanner.command("report", fired=False)["shutter"]
+            assert not scanner.send_command("report", fired=False)["shutter"]
             assert (
                 until(lambda: (now := service.get(SCANNER).json())["connection"] == "connected" and now)["last_error"]
                 is None

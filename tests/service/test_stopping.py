@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-from steradian.core.stop_signals import StopEvent
+from steradian.core.stop_signals import SignalSafeEvent
 
 
 def test_it_is_set_once_and_waits_no_longer():
-    event = StopEvent()
+    event = SignalSafeEvent()
     assert not event.is_set()
     assert not event.wait(0.001)
     event.set()
@@ -22,7 +22,7 @@ def test_it_is_set_once_and_waits_no_longer():
 
 
 def test_every_thread_that_waits_is_told():
-    event, told = StopEvent(), []
+    event, told = SignalSafeEvent(), []
     threads = [threading.Thread(target=lambda: told.append(event.wait(250))) for _ in range(3)]
     for thread in threads:
         thread.start()
@@ -35,7 +35,7 @@ def test_every_thread_that_waits_is_told():
 @pytest.fixture
 def event():
     """An event that SIGUSR1 sets."""
-    event = StopEvent()
+    event = SignalSafeEvent()
     before = signal.signal(signal.SIGUSR1, lambda *_: event.set())
     yield event
     signal.signal(signal.SIGUSR1, before)

@@ -7,11 +7,11 @@ import pytest
 
 from fabry_perot.simulator.phantoms import Balls
 from steradian import InvalidInput, quality
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.masks import equi_steradian_mask
 from steradian.phantoms.forward import pressure
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.reconstructions.studies.profiles import direction_at, profile
 from steradian.reconstructions.studies.width import measure_width
 from steradian.scans.recording import Recording
@@ -47,7 +47,7 @@ def test_direction_of_oblique_gaussian_tube_is_its_axis_and_of_ball_none() -> No
     places = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)
     way = np.array([0.6, 0.64, 0.48])
     beside = (places**2).sum(axis=-1) - (places @ way) ** 2
-    axes = Axes(line, line, line)
+    axes = VoxelAxes(line, line, line)
     tube = Volume(np.exp(-beside / (2 * 1e-4**2)), axes, (5e-5,) * 3)
     found = direction_at(tube, (0, 0, 0), GAUSSIAN * 1e-4)
     assert found is not None
@@ -100,7 +100,7 @@ def recording(balls: Balls) -> Recording:
 def test_corrected_width_of_vessel_is_its_diameter(method: str, diameter: float, edge: str) -> None:
     scan = recording(vessel(diameter) if edge == "uniform" else gaussian_vessel(diameter))
     how = ReconstructionParameters.create(method=method, modes=133, depth_range=(1.5e-3, 3.5e-3))
-    image = reconstruct_recording(scan, how)
+    image = reconstruct_in_memory(scan, how)
     found = measure_width(image, scan, (-1.2e-3, 0, DEPTH), (1.2e-3, 0, DEPTH), parameters=how)
     assert found.shape == f"{edge} cylinder"
     assert found.point_spread == pytest.approx(68e-6, rel=0.1), "hardly more than a voxel"
@@ -113,7 +113,7 @@ def test_corrected_width_of_vessel_is_its_diameter(method: str, diameter: float,
 def test_image_as_narrow_as_the_point_spread_tells_the_largest_diameter_only() -> None:
     scan = recording(gaussian_vessel(20e-6))
     how = ReconstructionParameters.create(modes=133, depth_range=(1.5e-3, 3.5e-3))
-    image = reconstruct_recording(scan, how)
+    image = reconstruct_in_memory(scan, how)
     found = measure_width(image, scan, (-1.2e-3, 0, DEPTH), (1.2e-3, 0, DEPTH), parameters=how)
     assert found.corrected is None
     assert found.at_most is not None

@@ -11,12 +11,12 @@ from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.plans import ScanPlan
-from steradian.runtime.backups import back_up, restore
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.runtime.backups import create_backup, restore
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.security.keys import KeyStore, Scope
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.tables import Table
+from steradian.storage.db.tables import Base
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
@@ -52,7 +52,7 @@ class Whole(Kept):
     def back_up(self, to, **how):
         database = self.database()
         try:
-            return back_up(self.data, database, to, **how)
+            return create_backup(self.data, database, to, **how)
         finally:
             database.close()
 
@@ -67,7 +67,7 @@ class Whole(Kept):
             scans.transition(scan, state, why="test")
         database.close()
         create_scan_file(self.data.scan_file(scan), plan, scan_id=scan, simulated=True)
-        with AlineStore(self.data.scan_file(scan)) as store:
+        with ScanFileWriter(self.data.scan_file(scan)) as store:
             store.append([aline(point) for point in range(9)])
         return scan
 
@@ -87,7 +87,7 @@ def rows(database):
     with database.read() as session:
         found = {
             table.name: session.execute(select(table).order_by(*table.primary_key)).mappings().all()
-            for table in Table.metadata.sorted_tables
+            for table in Base.metadata.sorted_tables
         }
     found["event_log"] = {row["name"]: row["value"] for row in found["event_log"]}
     return found | {"event_log": found["event_log"].keys()}, found["event_log"]

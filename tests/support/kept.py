@@ -9,8 +9,8 @@ from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.runtime.fsck import inspect
-from steradian.runtime.supervisor import serve
+from steradian.runtime.fsck import check_consistency
+from steradian.runtime.supervisor import run_service
 from steradian.scans.file.writer import create_scan_file
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
@@ -44,7 +44,7 @@ class Kept:
         for name in ("first", "second"):
             with database.write() as session:
                 ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": self.scan}))
-            self.finish(ledger, ledger.start(name, "worker-0"))
+            self.finish(ledger, ledger.start_attempt(name, "worker-0"))
             self.data.job(name).root.mkdir()
             self.data.job(name).volume.write_bytes(b"values")
         database.close()
@@ -60,10 +60,10 @@ class Kept:
         """Start a service that is asked to end at once; what refuses a folder comes before."""
         stop = threading.Event()
         stop.set()
-        serve(self.settings.model_copy(update={"port": 0}), lambda line: None, stop)
+        run_service(self.settings.model_copy(update={"port": 0}), lambda line: None, stop)
 
     def found(self):
-        return {finding.subject: finding for finding in inspect(self.settings)}
+        return {finding.subject: finding for finding in check_consistency(self.settings)}
 
     def kinds(self):
         return {subject: finding.kind for subject, finding in self.found().items()}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from multiprocessing.sharedctypes import Synchronized
 
-from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.control import Command, SessionControl
 
 
-class InStep(Control):
+class InStep(SessionControl):
     """Pauses a scan at each 400 A-lines until an image of them was seen, however busy the machine."""
 
     def __init__(self, seen: Synchronized[int]) -> None:
@@ -17,5 +17,5 @@ class InStep(Control):
     def progress(self, done: int, total: int) -> None:
         self._stored = done
 
-    def wish(self) -> Wish:
-        return Wish.PAUSE if self._seen.value < self._stored // 400 else Wish.RUN
+    def command(self) -> Command:
+        return Command.PAUSE if self._seen.value < self._stored // 400 else Command.RUN

@@ -3,7 +3,7 @@
 import obstore
 
 from steradian.core.settings import Settings
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.data_dir.layout import DataDirectory
 
 
@@ -21,7 +21,7 @@ def settings_of(folder, seaweed, bucket, **settings):
 
 def store_of(folder, seaweed, bucket, database, **settings):
     """A store as the process of that host has it."""
-    return ObjectStore(settings_of(folder, seaweed, bucket, **settings), database)
+    return S3BlobStore(settings_of(folder, seaweed, bucket, **settings), database)
 
 
 def keys(objects):

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
+from steradian.plans.files import write_json
 from support.services import Service
 from support.waiting import until
 
@@ -35,7 +35,7 @@ def other(scanner, tmp_path):
     """``steradian scan run`` on the same port, which has begun to fire."""
     mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=900)
     plan = tmp_path / "plan.json"
-    write_value(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), plan)
+    write_json(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), plan)
     command = [sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url]
     program = subprocess.Popen([*command, "-o", str(tmp_path / "scan.h5")], stdout=-3, stderr=-3)
     until(lambda: scanner.command("report", fired=False)["shutter"])

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from playwright.sync_api import expect
 
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 from support.alines import Aline
 from support.waiting import until
 
@@ -59,7 +59,7 @@ def stored_in(told):
 
 def test_flags_are_counted_by_kind_and_the_newest_a_line_is_drawn_with_its_units(service, open_page):
     scan = service.make("/scans", plan_id=service.plan())["id"]
-    with AlineStore(file_of(service, scan)) as store:
+    with ScanFileWriter(file_of(service, scan)) as store:
         samples = np.linspace(-30_000, 30_000, store.samples).astype(np.int16)
         store.append(Aline(n, samples, quality=1 + 2 * (n > 2), shot=n, time_zero_offset_s=1e-6) for n in range(5))
         newest = int(store.course.visit[-1])

@@ -22,7 +22,7 @@ def made(service):
     """A ball's reconstruction, one by another method, and one at another speed of sound."""
     traces, positions = ball(64, 220, depth=PLACE[2] * 1e-3)
     with Client(service.url) as client:
-        scan = client.imports.arrays(traces, positions, sampling_interval=INTERVAL, sound_speed=SOUND_SPEED)
+        scan = client.imports.import_arrays(traces, positions, sampling_interval=INTERVAL, sound_speed=SOUND_SPEED)
         others = ({}, {"method": "nearest"}, {"sound_speed": SOUND_SPEED + 30})
         jobs = [client.reconstructions.create(scan.id, modes=128, depth_range=(0.0, 4e-3), **one) for one in others]
         views = [client.reconstructions.wait(job) for job in jobs]

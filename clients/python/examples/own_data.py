@@ -13,7 +13,9 @@ late, early = distance - path, distance + path
 traces = sum(way * np.exp(-(way**2) / 2 / size**2) for way in (late, early)) / (2 * distance)
 
 with Client() as service:  # STERADIAN_URL and STERADIAN_KEY say where
-    scan = service.imports.arrays(traces, positions, sampling_interval=interval, sound_speed=speed, progress=print)
+    scan = service.imports.import_arrays(
+        traces, positions, sampling_interval=interval, sound_speed=speed, progress=print
+    )
     for method in ("nedner", "iterative"):
         job = service.reconstructions.create(scan.id, method=method, modes=48)
         service.reconstructions.wait(job, progress=print)

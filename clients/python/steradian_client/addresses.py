@@ -24,7 +24,9 @@ class Address:
     key: str | None
 
     @classmethod
-    def find(cls, url: str | None = None, key: str | None = None, environment: Mapping[str, str] = os.environ) -> Self:
+    def resolve(
+        cls, url: str | None = None, key: str | None = None, environment: Mapping[str, str] = os.environ
+    ) -> Self:
         """Return the address and key: from the arguments, the environment or the configuration file (``url``, ``key``).
 
         A key goes only to the address that it was written beside: never the file's to another address.

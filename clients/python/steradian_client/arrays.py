@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import httpx
 
-from steradian_client.errors import Damaged
+from steradian_client.errors import CorruptTransfer
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,7 +40,7 @@ class Volume:
     z: tuple[float, ...]
 
 
-def array_of(answer: httpx.Response) -> Array:
+def parse_array(answer: httpx.Response) -> Array:
     """Decode a response of raw bytes according to its headers.
 
     Raises
@@ -51,7 +51,7 @@ def array_of(answer: httpx.Response) -> Array:
     shape = tuple(int(size) for size in answer.headers["X-Shape"].split(",") if size)
     dtype, content = answer.headers["X-Dtype"], answer.content
     if len(content) != math.prod(shape) * int(dtype[2:]):
-        raise Damaged(f"{len(content)} bytes came for an array {shape} of {dtype}")
+        raise CorruptTransfer(f"{len(content)} bytes came for an array {shape} of {dtype}")
     if importlib.util.find_spec("numpy") is not None:
         import numpy as np
 
@@ -59,10 +59,10 @@ def array_of(answer: httpx.Response) -> Array:
     if dtype[0] == "|" or (dtype[0] == "<") == (sys.byteorder == "little"):
         seen: Any = memoryview(content)
         return cast("Array", seen.cast(_CODES[dtype[1:]], shape))
-    raise Damaged(f"values of {dtype} need NumPy on this machine")
+    raise CorruptTransfer(f"values of {dtype} need NumPy on this machine")
 
 
-def axes_of(report: dict[str, Any], chosen: str | None) -> tuple[tuple[float, ...], ...]:
+def slice_axes(report: dict[str, Any], chosen: str | None) -> tuple[tuple[float, ...], ...]:
     """Return the places along x, y and z (m) of a slice, in numpy's syntax, of the volume of a report."""
     shape, origin, spacing = (report.get(name, ()) for name in ("shape", "origin_m", "spacing_m"))
     places: list[tuple[float, ...]] = []

@@ -17,12 +17,12 @@ from steradian_client.resources.reconstructions import Reconstructions
 from steradian_client.resources.scanners import Scanners
 from steradian_client.resources.scans import Scans
 from steradian_client.resources.transfers import Exports, Imports, Uploads
-from steradian_client.session import PATIENCE, Session
-from steradian_client.transport import AwaitedTransport, BlockingTransport
-from steradian_client.worlds import Awaited, Blocking, Resource, World, operation
+from steradian_client.session import RETRY_TIMEOUT, RequestSession
+from steradian_client.transport import AsyncTransport, SyncTransport
+from steradian_client.worlds import AsyncMode, Mode, Resource, SyncMode, dual_method
 
 
-class _Nouns(Resource[World]):
+class _ClientBase(Resource[Mode]):
     """Common base of the blocking and the asynchronous client.
 
     Parameters
@@ -39,57 +39,57 @@ class _Nouns(Resource[World]):
         Seconds for which a service that is being started anew is waited for.
     """
 
-    _transport: type[BlockingTransport | AwaitedTransport]
+    _transport: type[SyncTransport | AsyncTransport]
 
     def __init__(
-        self, url: str | None = None, *, key: str | None = None, timeout: float = 30.0, patience: float = PATIENCE
+        self, url: str | None = None, *, key: str | None = None, timeout: float = 30.0, patience: float = RETRY_TIMEOUT
     ) -> None:
-        address = Address.find(url, key)
-        super().__init__(Session(self._transport(address.url, address.key, timeout), patience))
-        self.masks: Masks[World] = Masks(self._session)
-        self.plans: Plans[World] = Plans(self._session)
-        self.scanners: Scanners[World] = Scanners(self._session)
-        self.scans: Scans[World] = Scans(self._session)
-        self.reconstructions: Reconstructions[World] = Reconstructions(self._session)
-        self.batches: Batches[World] = Batches(self._session)
-        self.jobs: Jobs[World] = Jobs(self._session)
-        self.uploads: Uploads[World] = Uploads(self._session)
-        self.imports: Imports[World] = Imports(self._session)
-        self.exports: Exports[World] = Exports(self._session)
-        self.events: Events[World] = Events(self._session)
+        address = Address.resolve(url, key)
+        super().__init__(RequestSession(self._transport(address.url, address.key, timeout), patience))
+        self.masks: Masks[Mode] = Masks(self._session)
+        self.plans: Plans[Mode] = Plans(self._session)
+        self.scanners: Scanners[Mode] = Scanners(self._session)
+        self.scans: Scans[Mode] = Scans(self._session)
+        self.reconstructions: Reconstructions[Mode] = Reconstructions(self._session)
+        self.batches: Batches[Mode] = Batches(self._session)
+        self.jobs: Jobs[Mode] = Jobs(self._session)
+        self.uploads: Uploads[Mode] = Uploads(self._session)
+        self.imports: Imports[Mode] = Imports(self._session)
+        self.exports: Exports[Mode] = Exports(self._session)
+        self.events: Events[Mode] = Events(self._session)
 
-    @operation
-    async def about(self) -> Service:
+    @dual_method
+    async def service_info(self) -> Service:
         """Return the service's version, mode and limits."""
-        return await self._session.ask(Service, routes.READ_ROOT)
+        return await self._session.request_model(Service, routes.READ_ROOT)
 
-    @operation
+    @dual_method
     async def storage(self) -> Storage:
         """Return the bytes used in the data folder by category, and the bytes available."""
-        return await self._session.ask(Storage, routes.READ_STORAGE)
+        return await self._session.request_model(Storage, routes.READ_STORAGE)
 
-    @operation
+    @dual_method
     async def health(self) -> Health:
         """Ask whether the process answers."""
-        return await self._session.ask(Health, routes.HEALTH)
+        return await self._session.request_model(Health, routes.HEALTH)
 
-    @operation
+    @dual_method
     async def readiness(self) -> Readiness:
         """Return whether the service is ready, and the failed checks."""
-        return await self._session.ask(Readiness, routes.READINESS, accepted=frozenset({503}))
+        return await self._session.request_model(Readiness, routes.READINESS, accepted=frozenset({503}))
 
-    @operation
+    @dual_method
     async def metrics(self) -> str:
         """Return the metrics in Prometheus's text format."""
-        return (await self._session.exchange(routes.METRICS)).text
+        return (await self._session.send_with_retries(routes.METRICS)).text
 
-    @operation
+    @dual_method
     async def close(self) -> None:
         """Close the connections."""
         await self._session.transport.close()
 
 
-class Client(_Nouns[Blocking]):
+class Client(_ClientBase[SyncMode]):
     """A connection to a Steradian service.
 
     Examples
@@ -101,7 +101,7 @@ class Client(_Nouns[Blocking]):
     ...     service.reconstructions.save_mip(job.id, "mip-z.png", axis="z")
     """
 
-    _transport = BlockingTransport
+    _transport = SyncTransport
 
     def __enter__(self) -> Self:
         return self
@@ -112,7 +112,7 @@ class Client(_Nouns[Blocking]):
         self.close()
 
 
-class AsyncClient(_Nouns[Awaited]):
+class AsyncClient(_ClientBase[AsyncMode]):
     """A connection whose every method is awaited, under asyncio or trio.
 
     Examples
@@ -121,7 +121,7 @@ class AsyncClient(_Nouns[Awaited]):
     ...     scan = await service.scans.wait("s01jz0000000000000000000000", progress=print)
     """
 
-    _transport = AwaitedTransport
+    _transport = AsyncTransport
 
     async def __aenter__(self) -> Self:
         return self

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from steradian_client.errors import Damaged, ServiceError, Unreachable
+from steradian_client.errors import ConnectionFailed, CorruptTransfer, ServiceError
 from steradian_client.routes import Route
-from steradian_client.session import FIRST_PAUSE, LONGEST_PAUSE, PASSING, Session
-from steradian_client.transport import Incoming
+from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
+from steradian_client.transport import StreamedResponse
 
 Report = Callable[[int, int], None]
 """Called as ``progress(done, total)``, in bytes; ``total`` is 0 while unknown."""
@@ -32,14 +32,16 @@ class Download:
         Told of every piece.
     """
 
-    def __init__(self, session: Session, file: BinaryIO, report: Report | None) -> None:
+    def __init__(self, session: RequestSession, file: BinaryIO, report: Report | None) -> None:
         self._session, self._file, self._report = session, file, report
         self._etag: str | None = None
         self._digest, self._done, self._total = hashlib.sha256(), 0, 0
         self._stated: str | None = None
         """SHA-256 that the service states, base64."""
 
-    async def run(self, route: Route, identifiers: Mapping[str, str], headers: Mapping[str, str], **more: Any) -> None:
+    async def fetch(
+        self, route: Route, identifiers: Mapping[str, str], headers: Mapping[str, str], **more: Any
+    ) -> None:
         """Download the file, resuming after interruptions, until it is complete.
 
         Raises
@@ -49,7 +51,7 @@ class Download:
         Damaged
             When it has come whole, but not as it was sent.
         """
-        begun, pause = time.monotonic(), FIRST_PAUSE
+        begun, pause = time.monotonic(), INITIAL_BACKOFF
         while True:
             before = self._done
             own = {"Accept-Encoding": "identity", "Want-Repr-Digest": "sha-256=1"} | self._range()
@@ -58,8 +60,8 @@ class Download:
                     await self._take(incoming)
                 if self._done >= self._total:
                     return self._check()
-            except (Unreachable, ServiceError) as error:
-                passes = isinstance(error, Unreachable) or error.status in PASSING
+            except (ConnectionFailed, ServiceError) as error:
+                passes = isinstance(error, ConnectionFailed) or error.status in RETRYABLE
                 if isinstance(error, ServiceError) and error.status == 416:
                     await self._begin()
                 elif not passes or not self._session.has_answered:
@@ -67,7 +69,7 @@ class Download:
                 elif time.monotonic() - begun > self._session.patience:
                     raise
             if self._done > before:
-                begun, pause = time.monotonic(), FIRST_PAUSE
+                begun, pause = time.monotonic(), INITIAL_BACKOFF
             await self._session.transport.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
@@ -77,12 +79,12 @@ class Download:
             return {}
         return {"Range": f"bytes={self._done}-", "If-Range": self._etag}
 
-    async def _take(self, incoming: Incoming) -> None:
+    async def _take(self, incoming: StreamedResponse) -> None:
         headers, part = incoming.response.headers, None
         if incoming.response.status_code == 206:
             part = _RANGE.fullmatch(headers.get("Content-Range", ""))
             if part is None or int(part[1]) != self._done:
-                raise Damaged(f"bytes from {self._done} on were asked for, not {headers.get('Content-Range')}")
+                raise CorruptTransfer(f"bytes from {self._done} on were asked for, not {headers.get('Content-Range')}")
             self._total = int(part[2])
         else:
             await self._begin()
@@ -107,14 +109,14 @@ class Download:
 
     def _check(self) -> None:
         if self._total and self._done != self._total:
-            raise Damaged(f"{self._done} bytes came instead of {self._total}")
+            raise CorruptTransfer(f"{self._done} bytes came instead of {self._total}")
         came = base64.b64encode(self._digest.digest()).decode()
         if self._stated is not None and came != self._stated:
-            raise Damaged(f"the {self._done} bytes that came have the SHA-256 {came}, not {self._stated}")
+            raise CorruptTransfer(f"the {self._done} bytes that came have the SHA-256 {came}, not {self._stated}")
 
 
 async def download(
-    session: Session,
+    session: RequestSession,
     route: Route,
     identifiers: Mapping[str, str],
     target: Path | str,
@@ -128,13 +130,13 @@ async def download(
     Raises
     ------
     ServiceError, Unreachable, Damaged
-        As of :meth:`Download.run`.
+        As of :meth:`Download.fetch`.
     """
     target = Path(target)
     draft = target.with_name(target.name + ".part")
     try:
         with await session.transport.call(lambda: draft.open("wb")) as file:
-            await Download(session, file, progress).run(route, identifiers, headers or {}, params=params or {})
+            await Download(session, file, progress).fetch(route, identifiers, headers or {}, params=params or {})
         return draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)

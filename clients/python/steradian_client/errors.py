@@ -26,11 +26,11 @@ class ClientError(Exception):
     """Root of this package's errors."""
 
 
-class Unreachable(ClientError):
+class ConnectionFailed(ClientError):
     """No service answers at that address."""
 
 
-class Damaged(ClientError):
+class CorruptTransfer(ClientError):
     """The received content differs from the sent content."""
 
 
@@ -95,7 +95,7 @@ class HasDependents(Conflict):
     """The resource to delete is needed by ``dependents``."""
 
 
-class Outdated(ServiceError):
+class PreconditionFailed(ServiceError):
     """The resource has changed since it was read."""
 
 
@@ -103,7 +103,7 @@ class InvalidInput(ServiceError):
     """A value is outside its allowed range."""
 
 
-class TooOften(ServiceError):
+class RateLimited(ServiceError):
     """The key is used more often than it may be."""
 
 
@@ -117,9 +117,9 @@ _BY_STATUS: dict[int, type[ServiceError]] = {
     403: Forbidden,
     404: NotFound,
     409: Conflict,
-    412: Outdated,
+    412: PreconditionFailed,
     422: InvalidInput,
-    429: TooOften,
+    429: RateLimited,
     507: DiskFull,
 }
 

@@ -10,12 +10,12 @@ from contextlib import aclosing
 from typing import Any, Final
 
 from steradian_client import routes
-from steradian_client.errors import ServiceError, Unreachable
+from steradian_client.errors import ConnectionFailed, ServiceError
 from steradian_client.models import Event, Ticket
-from steradian_client.session import FIRST_PAUSE, LONGEST_PAUSE, PASSING, Session
-from steradian_client.worlds import Resource, World, operation, stream
+from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
+from steradian_client.worlds import Mode, Resource, dual_iterator, dual_method
 
-SILENCE: Final = 30.0
+KEEPALIVE_TIMEOUT: Final = 30.0
 """Seconds without a sign of life, of which the service gives one every 15 s, after which a stream counts as broken."""
 _LINE_END: Final = re.compile(rb"\r\n|\n|\r(?=.)", re.DOTALL)
 
@@ -28,9 +28,9 @@ class Decoder:
         """Where to go on after a break."""
         self.retry = 1.0
         """Seconds that the service asks for before that."""
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Discard a partial event of an interrupted stream."""
         self._rest, self._kind = b"", "message"
         self._data: list[str] = []
@@ -63,7 +63,7 @@ class Decoder:
 
 
 async def follow(
-    session: Session, filters: Mapping[str, Any], last_id: str | None
+    session: RequestSession, filters: Mapping[str, Any], last_id: str | None
 ) -> AsyncGenerator[Event | None, None]:
     """Yield events across breaks, each change once, and ``None`` at every sign of life.
 
@@ -76,32 +76,32 @@ async def follow(
     """
     decoder = Decoder()
     decoder.last_id = last_id
-    heard, pause, was_open = time.monotonic(), FIRST_PAUSE, False
+    heard, pause, was_open = time.monotonic(), INITIAL_BACKOFF, False
     while True:
         headers = {"Accept": "text/event-stream", "Cache-Control": "no-store"}
         headers |= {"Last-Event-ID": decoder.last_id} if decoder.last_id else {}
         try:
-            more = {"params": filters, "headers": headers, "timeout": SILENCE}
+            more = {"params": filters, "headers": headers, "timeout": KEEPALIVE_TIMEOUT}
             async with session.open(routes.FOLLOW_EVENTS, {}, **more) as incoming:
-                was_open, pause = True, FIRST_PAUSE
+                was_open, pause = True, INITIAL_BACKOFF
                 async for piece in incoming.pieces:
                     heard = time.monotonic()
                     for event in decoder.feed(piece):
                         yield event
                     yield None
-        except (Unreachable, ServiceError) as error:
-            passes = isinstance(error, Unreachable) or error.status in PASSING
+        except (ConnectionFailed, ServiceError) as error:
+            passes = isinstance(error, ConnectionFailed) or error.status in RETRYABLE
             if not was_open or not passes or time.monotonic() - heard > session.patience:
                 raise
-        decoder.forget()
+        decoder.reset()
         await session.transport.sleep(max(pause, decoder.retry))
         pause = min(2 * pause, LONGEST_PAUSE)
 
 
-class Events(Resource[World]):
+class Events(Resource[Mode]):
     """Live events of a service."""
 
-    @stream
+    @dual_iterator
     async def follow(
         self,
         *,
@@ -127,7 +127,7 @@ class Events(Resource[World]):
                 if event is not None:
                     yield event
 
-    @operation
+    @dual_method
     async def ticket(self) -> Ticket:
         """Get a ticket with which a browser may open one stream."""
-        return await self._session.ask(Ticket, routes.CREATE_TICKET)
+        return await self._session.request_model(Ticket, routes.CREATE_TICKET)

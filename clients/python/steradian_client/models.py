@@ -8,13 +8,13 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class Answer(BaseModel):
+class ResponseModel(BaseModel):
     """Base class of all typed responses."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
 
-class Progress(Answer):
+class Progress(ResponseModel):
     """Progress of a scan or job; ``total`` is 0 while unknown."""
 
     stage: str | None
@@ -22,14 +22,14 @@ class Progress(Answer):
     total: int
 
 
-class Problem(Answer):
+class Problem(ResponseModel):
     """Why work failed."""
 
     code: str
     detail: str
 
 
-class Service(Answer):
+class Service(ResponseModel):
     """The service: its version, whether its scanner is simulated, and its limits."""
 
     version: str
@@ -38,7 +38,7 @@ class Service(Answer):
     formats: dict[str, list[str]]
 
 
-class Storage(Answer):
+class Storage(ResponseModel):
     """Bytes used in the service's data folder by category, and bytes available."""
 
     used_bytes: dict[str, int]
@@ -49,14 +49,14 @@ class Storage(Answer):
     available_bytes: int
 
 
-class Health(Answer):
+class Health(ResponseModel):
     """The process answers."""
 
     status: str
     version: str
 
 
-class Readiness(Answer):
+class Readiness(ResponseModel):
     """Readiness checks by name; ``reasons`` explains failed ones."""
 
     ready: bool
@@ -64,7 +64,7 @@ class Readiness(Answer):
     reasons: dict[str, str] = Field(default_factory=dict)
 
 
-class Mask(Answer):
+class Mask(ResponseModel):
     """A mask without its points; lengths in metres."""
 
     id: str
@@ -76,7 +76,7 @@ class Mask(Answer):
     sensed_area: float | None = None
 
 
-class MaskPreview(Answer):
+class MaskPreview(ResponseModel):
     """Preview of a mask with its metrics; lengths in metres, angles in radians."""
 
     id: str
@@ -95,7 +95,7 @@ class MaskPreview(Answer):
     attenuation_db: float | None
 
 
-class Points(Answer):
+class Points(ResponseModel):
     """The points of a mask: positions (count, 2) in metres, weights in m² (m for a line)."""
 
     id: str
@@ -106,7 +106,7 @@ class Points(Answer):
     outline: list[list[float]] | None = None
 
 
-class Plan(Answer):
+class Plan(ResponseModel):
     """Plan and its cost; SI units."""
 
     id: str
@@ -127,11 +127,11 @@ class Plan(Answer):
     preview: dict[str, Any]
 
 
-class Preview(Answer):
+class Preview(ResponseModel):
     """Preview of a plan's cost: times, bytes and findings, as attributes."""
 
 
-class Design(Answer):
+class DesignPreview(ResponseModel):
     """Preview of a mask and its plan: points, order, coverage seen from a place, and cost."""
 
     mask: MaskPreview
@@ -143,7 +143,7 @@ class Design(Answer):
     plan: Preview
 
 
-class PointSpread(Answer):
+class PointSpread(ResponseModel):
     """The image of a tiny ball: a section (x, z) with its peak 1, axes and widths in metres."""
 
     x: list[float]
@@ -155,7 +155,7 @@ class PointSpread(Answer):
     background: float
 
 
-class Place(Answer):
+class QueuePosition(ResponseModel):
     """Queue position of a job that has not ended, and its expected end.
 
     ``awaited`` says which worker it waits for, where none that is present can do it.
@@ -166,7 +166,7 @@ class Place(Answer):
     awaited: str | None = None
 
 
-class Work(Answer):
+class LongRunning(ResponseModel):
     """Base class of resources that take time: scans, reconstructions and jobs."""
 
     id: str
@@ -185,12 +185,12 @@ class Work(Answer):
         return self.state in {"succeeded", "failed", "cancelled"}
 
     @property
-    def is_good(self) -> bool:
+    def succeeded(self) -> bool:
         """Whether the resource ended with a usable result."""
         return self.state == "succeeded"
 
 
-class Scan(Work):
+class Scan(LongRunning):
     """A scan: where it stands."""
 
     plan_id: str
@@ -210,12 +210,12 @@ class Scan(Work):
         return self.state in {"complete", "partial", "aborted", "failed", "interrupted"}
 
     @property
-    def is_good(self) -> bool:
+    def succeeded(self) -> bool:
         """Whether it ended with data to use: every point, or those measured before it was stopped."""
         return self.state in {"complete", "partial"}
 
 
-class Signals(Answer):
+class Signals(ResponseModel):
     """Statistics of a scan's A-lines before reconstruction; ``bad`` lists bad A-lines with their kind."""
 
     alines: int
@@ -233,7 +233,7 @@ class Signals(Answer):
     bad_counts: dict[str, int]
 
 
-class Shots(Answer):
+class Shots(ResponseModel):
     """Each point's shot, in the order of the mask, frame after frame; columns of equal length.
 
     ``next`` is what to ask with as ``since``, to be told only what has changed; a service of before tells none.
@@ -248,7 +248,7 @@ class Shots(Answer):
     next: str | None = None
 
 
-class Coverage(Answer):
+class Coverage(ResponseModel):
     """Share of the mask's points that are measured."""
 
     points: int
@@ -259,7 +259,7 @@ class Coverage(Answer):
     area_fraction: float
 
 
-class Reconstruction(Work):
+class Reconstruction(LongRunning):
     """Reconstruction: its request and progress."""
 
     scan_id: str
@@ -272,12 +272,12 @@ class Reconstruction(Work):
     simulated: bool = False
     parameters: dict[str, Any]
     priority: int | None = None
-    queue: Place | None = None
+    queue: QueuePosition | None = None
     attempt: int
     report: dict[str, Any] | None
 
 
-class Revision(Answer):
+class Revision(ResponseModel):
     """An image of a scan that is being followed."""
 
     number: int
@@ -288,7 +288,7 @@ class Revision(Answer):
     quality: dict[str, float | None]
 
 
-class Quality(Answer):
+class Quality(ResponseModel):
     """A comparison of a reconstruction with another one."""
 
     reference_id: str
@@ -298,19 +298,19 @@ class Quality(Answer):
     figures: dict[str, float | None] | None
 
 
-class Job(Work):
+class Job(LongRunning):
     """Job of any kind: its request, progress, results and files."""
 
     kind: str
     asked: dict[str, Any]
     priority: int
-    queue: Place | None = None
+    queue: QueuePosition | None = None
     attempt: int
     result: dict[str, Any] | None
     files: list[str]
 
 
-class Attempt(Answer):
+class Attempt(ResponseModel):
     """A start of a job and its end."""
 
     number: int
@@ -319,7 +319,7 @@ class Attempt(Answer):
     detail: str | None = None
 
 
-class Member(Answer):
+class BatchMember(ResponseModel):
     """Job of a batch: its varied parameters, and its report's figures."""
 
     id: str
@@ -329,7 +329,7 @@ class Member(Answer):
     figures: dict[str, Any] | None
 
 
-class Batch(Answer):
+class Batch(ResponseModel):
     """A batch and how its jobs stand."""
 
     id: str
@@ -338,7 +338,7 @@ class Batch(Answer):
     parameters: dict[str, Any]
     state: str
     counts: dict[str, int]
-    jobs: list[Member]
+    jobs: list[BatchMember]
     created: datetime
 
     error: None = None
@@ -356,12 +356,12 @@ class Batch(Answer):
         return self.state in {"succeeded", "failed", "cancelled", "forgotten"}
 
     @property
-    def is_good(self) -> bool:
+    def succeeded(self) -> bool:
         """Whether all its jobs succeeded."""
         return self.state == "succeeded"
 
 
-class Upload(Answer):
+class Upload(ResponseModel):
     """A file that waits to be imported."""
 
     id: str
@@ -370,14 +370,14 @@ class Upload(Answer):
     sha256: str | None = None
 
 
-class Missing(Answer):
+class MissingField(ResponseModel):
     """Field of the description that an import requires, with its allowed values."""
 
     field: str
     allowed: str
 
 
-class UploadPreview(Answer):
+class UploadPreview(ResponseModel):
     """Preview of an import of a file, in SI units; ``None`` for fields that the file does not state."""
 
     format: str
@@ -393,11 +393,11 @@ class UploadPreview(Answer):
     positions: list[list[float]] | None
     rows: list[int]
     traces: list[list[float]]
-    missing: list[Missing]
+    missing: list[MissingField]
     notes: list[str] = []
 
 
-class Lease(Answer):
+class Lease(ResponseModel):
     """Lease of a scanner: holder and expiry; ``fence`` is its number (fencing token)."""
 
     holder: str
@@ -407,7 +407,7 @@ class Lease(Answer):
     fence: int
 
 
-class EmergencyStop(Answer):
+class EmergencyStop(ResponseModel):
     """Active emergency stop.
 
     ``laser`` is off (the scanner itself said so), idle (there is no scanner) or unconfirmed: use the hardware switch.
@@ -424,7 +424,7 @@ class EmergencyStop(Answer):
     recorded: bool
 
 
-class Fault(Answer):
+class Fault(ResponseModel):
     """Latched fault of a scanner; ``clearable`` once its cause is removed."""
 
     code: int
@@ -434,7 +434,7 @@ class Fault(Answer):
     clearable: bool
 
 
-class Scanner(Answer):
+class Scanner(ResponseModel):
     """Scanner: its connection, the service's activity on it, and the device's reported state.
 
     What it says is ``age`` seconds old, and unknown when that is more than a second (ten for the scanner of another
@@ -462,14 +462,14 @@ class Scanner(Answer):
     emergency_stop: EmergencyStop | None
 
 
-class Ticket(Answer):
+class Ticket(ResponseModel):
     """Single-use ticket with which a browser opens an event stream."""
 
     ticket: str
     seconds: float
 
 
-class Event(Answer):
+class Event(ResponseModel):
     """Something that happened.
 
     ``kind`` is scan, reconstruction, job, batch or scanner for a change of state; progress; ready when the stream

@@ -10,21 +10,21 @@ from typing import Any, Final, TypeVar
 
 import httpx
 
-from steradian_client.errors import ServiceError, Unreachable
-from steradian_client.models import Answer
+from steradian_client.errors import ConnectionFailed, ServiceError
+from steradian_client.models import ResponseModel
 from steradian_client.routes import Route
-from steradian_client.transport import Incoming, Request, Sending, Transport
+from steradian_client.transport import Request, StreamedResponse, Transport, UploadFile
 
-Kind = TypeVar("Kind", bound=Answer)
-PATIENCE: Final = 60.0
+Kind = TypeVar("Kind", bound=ResponseModel)
+RETRY_TIMEOUT: Final = 60.0
 """Seconds for which a service that has answered before is tried again, long enough for it to be started anew."""
-FIRST_PAUSE, LONGEST_PAUSE = 0.2, 5.0
-PASSING: Final = frozenset({429, 502, 503, 504})
+INITIAL_BACKOFF, LONGEST_PAUSE = 0.2, 5.0
+RETRYABLE: Final = frozenset({429, 502, 503, 504})
 """Statuses that pass by themselves."""
 PAGE: Final = 1000
 
 
-class Session:
+class RequestSession:
     """Session shared by a client's resource collections: requests with retries, responses as models or exceptions.
 
     Parameters
@@ -35,19 +35,19 @@ class Session:
         Seconds for which requests are sent again while the service is away.
     """
 
-    def __init__(self, transport: Transport, patience: float = PATIENCE) -> None:
+    def __init__(self, transport: Transport, patience: float = RETRY_TIMEOUT) -> None:
         self.transport, self.patience = transport, patience
         self.has_answered = False
         """Whether anything was ever heard from that address; a wrong one is not worth patience."""
 
-    async def exchange(
+    async def send_with_retries(
         self,
         route: Route,
         identifiers: Mapping[str, str] | None = None,
         *,
         params: Mapping[str, Any] | None = None,
         json: Any = None,
-        file: Sending | None = None,
+        file: UploadFile | None = None,
         headers: Mapping[str, str] | None = None,
         key: str | None = None,
         wait: float = 0.0,
@@ -73,7 +73,7 @@ class Session:
         own |= {"Prefer": f"wait={wait:.0f}"} if wait >= 1 else {}
         path, timeout = route.path(**identifiers or {}), self.transport.timeout + wait
         request = Request(route.method, path, params or {}, {**own, **(headers or {})}, json, file, timeout)
-        begun, pause, was_lost = time.monotonic(), FIRST_PAUSE, False
+        begun, pause, was_lost = time.monotonic(), INITIAL_BACKOFF, False
         while True:
             failure: Exception
             try:
@@ -84,7 +84,7 @@ class Session:
                 if answer.status_code == 404 and was_lost and route.method == "DELETE":
                     return answer  # the lost answer said that it is done
                 failure = problem_of(answer)
-                again = answer.status_code in PASSING and route.repeatable
+                again = answer.status_code in RETRYABLE and route.repeatable
                 pause = max(pause, _retry_after(answer))
             except httpx.TransportError as error:
                 never_left = isinstance(error, httpx.ConnectError | httpx.ConnectTimeout)
@@ -95,11 +95,11 @@ class Session:
             await self.transport.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
-    async def ask(
+    async def request_model(
         self, kind: type[Kind], route: Route, identifiers: Mapping[str, str] | None = None, **more: Any
     ) -> Kind:
-        """Send a request and read its answer; ``more`` and errors as of :meth:`exchange`."""
-        return kind.model_validate_json((await self.exchange(route, identifiers, **more)).content)
+        """Send a request and read its answer; ``more`` and errors as of :meth:`send_with_retries`."""
+        return kind.model_validate_json((await self.send_with_retries(route, identifiers, **more)).content)
 
     async def list(
         self,
@@ -109,13 +109,13 @@ class Session:
         filters: Mapping[str, Any] | None = None,
         identifiers: Mapping[str, str] | None = None,
     ) -> list[Kind]:
-        """Read the newest ``limit`` resources, page by page; errors as of :meth:`exchange`."""
+        """Read the newest ``limit`` resources, page by page; errors as of :meth:`send_with_retries`."""
         found: list[Kind] = []
         params: Mapping[str, Any] | None = filters or {}
         if limit is not None:
             params = {**(filters or {}), "limit": min(limit, PAGE)}
         while params is not None and (limit is None or len(found) < limit):
-            answer = await self.exchange(route, identifiers, params=params)
+            answer = await self.send_with_retries(route, identifiers, params=params)
             found += [kind.model_validate(item) for item in answer.json()["items"]]
             following = answer.links.get("next", {}).get("url")
             named = httpx.URL(following).params if following else None
@@ -123,7 +123,9 @@ class Session:
         return found[:limit]
 
     @asynccontextmanager
-    async def open(self, route: Route, identifiers: Mapping[str, str], **more: Any) -> AsyncGenerator[Incoming, None]:
+    async def open(
+        self, route: Route, identifiers: Mapping[str, str], **more: Any
+    ) -> AsyncGenerator[StreamedResponse, None]:
         """Send a request once and leave the answer to be read as it comes.
 
         Raises
@@ -140,12 +142,12 @@ class Session:
         except httpx.TransportError as error:
             raise self.unreachable(error, route) from error
 
-    def unreachable(self, error: httpx.TransportError, route: Route) -> Unreachable:
+    def unreachable(self, error: httpx.TransportError, route: Route) -> ConnectionFailed:
         """Say that a request had no answer, and whether it may have been done all the same."""
         said = f"no answer from {self.transport.url}: {str(error) or type(error).__name__}"
         if not route.repeatable and not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
             said += f"; {route.method} {route.template} may have been done all the same, so look before you repeat it"
-        return Unreachable(said)
+        return ConnectionFailed(said)
 
 
 def problem_of(answer: httpx.Response) -> ServiceError:

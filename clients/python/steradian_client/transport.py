@@ -19,7 +19,7 @@ PIECE: Final = 2**18
 """Bytes of a file that are read, sent and counted at a time."""
 
 
-class Sending:
+class UploadFile:
     """File being sent, with the checksum of the bytes sent so far.
 
     Parameters
@@ -71,12 +71,12 @@ class Request:
     params: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     json: Any = None
-    file: Sending | None = None
+    file: UploadFile | None = None
     timeout: float | None = None
 
 
 @dataclass(frozen=True)
-class Incoming:
+class StreamedResponse:
     """An answer whose body has still to come."""
 
     response: httpx.Response
@@ -113,7 +113,7 @@ class Transport(ABC):
         """Send a request and read the whole answer; raises :class:`httpx.TransportError`."""
 
     @abstractmethod
-    def stream(self, request: Request) -> AbstractAsyncContextManager[Incoming]:
+    def stream(self, request: Request) -> AbstractAsyncContextManager[StreamedResponse]:
         """Send a request and leave the answer's body to be read; raises :class:`httpx.TransportError`."""
 
     @abstractmethod
@@ -140,7 +140,7 @@ class Transport(ABC):
         }
 
 
-class BlockingTransport(Transport):
+class SyncTransport(Transport):
     """Waits for everything where it is asked for."""
 
     blocks = True
@@ -155,7 +155,7 @@ class BlockingTransport(Transport):
         return self._http.request(content=content, **self._options(request))
 
     @asynccontextmanager
-    async def stream(self, request: Request) -> AsyncGenerator[Incoming, None]:
+    async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
         """Send a request and leave the answer's body to be read."""
         with self._http.stream(**self._options(request)) as response:
 
@@ -163,7 +163,7 @@ class BlockingTransport(Transport):
                 for piece in response.iter_bytes():
                     yield piece
 
-            yield Incoming(response, pieces())
+            yield StreamedResponse(response, pieces())
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""
@@ -178,7 +178,7 @@ class BlockingTransport(Transport):
         self._http.close()
 
 
-class AwaitedTransport(Transport):
+class AsyncTransport(Transport):
     """Asynchronous transport, under asyncio or trio."""
 
     blocks = False
@@ -193,10 +193,10 @@ class AwaitedTransport(Transport):
         return await self._http.request(content=content, **self._options(request))
 
     @asynccontextmanager
-    async def stream(self, request: Request) -> AsyncGenerator[Incoming, None]:
+    async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
         """Send a request and leave the answer's body to be read."""
         async with self._http.stream(**self._options(request)) as response:
-            yield Incoming(response, response.aiter_bytes())
+            yield StreamedResponse(response, response.aiter_bytes())
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""

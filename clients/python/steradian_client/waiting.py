@@ -9,24 +9,24 @@ from typing import Final, Generic, TypeVar
 
 from steradian_client.errors import JobFailed, ServiceError
 from steradian_client.events import follow
-from steradian_client.models import Batch, Event, Work
-from steradian_client.session import Session
+from steradian_client.models import Batch, Event, LongRunning
+from steradian_client.session import RequestSession
 
 Report = Callable[[str, int, int], None]
 """Called as ``progress(stage, done, total)`` while waiting."""
 
-ASK_EVERY: Final = 1.0
+POLL_INTERVAL: Final = 1.0
 """Seconds for which the service holds an answer, where there is no stream."""
-ANYWAY: Final = 30.0
+MAX_EVENT_WAIT: Final = 30.0
 """Seconds after which one looks although nothing was heard."""
-LAST: Final = 20.0
+FINAL_POLLS: Final = 20.0
 """Seconds before the end of a limited wait from which on is asked, as a stream may be silent for 15 s."""
 
 
-Kind = TypeVar("Kind", bound=Work | Batch)
+Kind = TypeVar("Kind", bound=LongRunning | Batch)
 
 
-class Waiting(Generic[Kind]):
+class CompletionWaiter(Generic[Kind]):
     """A wait for one scan, reconstruction, job or batch.
 
     Parameters
@@ -43,7 +43,7 @@ class Waiting(Generic[Kind]):
 
     def __init__(
         self,
-        session: Session,
+        session: RequestSession,
         kind: str | None,
         look: Callable[[float], Awaitable[Kind]],
         report: Report | None,
@@ -53,7 +53,7 @@ class Waiting(Generic[Kind]):
         self._deadline = None if timeout is None else time.monotonic() + timeout
         self._has_stream, self._said = True, ("", 0, 0)
 
-    async def until_over(self, work: Kind) -> Kind:
+    async def wait(self, work: Kind) -> Kind:
         """Return it as it is when it is over.
 
         Raises
@@ -68,11 +68,11 @@ class Waiting(Generic[Kind]):
             left = self._left()
             if left <= 0:
                 raise TimeoutError(f"{work.id} is still {work.state}")
-            if self._has_stream and left > LAST:
+            if self._has_stream and left > FINAL_POLLS:
                 work = await self._by_events(work)
             else:
-                work = await self._ask(min(ASK_EVERY, left))
-        if not work.is_good:
+                work = await self._ask(min(POLL_INTERVAL, left))
+        if not work.succeeded:
             raise JobFailed(work.id, work.state, work.error.detail if work.error else None)
         return work
 
@@ -89,9 +89,9 @@ class Waiting(Generic[Kind]):
         try:
             async with aclosing(follow(self._session, {"kind": self._kind}, None)) as events:
                 async for event in events:
-                    if self._concerns(work, event) or time.monotonic() - looked > ANYWAY:
+                    if self._concerns(work, event) or time.monotonic() - looked > MAX_EVENT_WAIT:
                         looked, work = time.monotonic(), await self._look(0.0)
-                    if work.is_over or self._left() <= LAST:
+                    if work.is_over or self._left() <= FINAL_POLLS:
                         return work
         except ServiceError:
             self._has_stream = False

@@ -19,31 +19,31 @@ from collections.abc import (
 from typing import TYPE_CHECKING, Any, Concatenate, Final, Generic, ParamSpec, Self, TypeVar, overload
 
 if TYPE_CHECKING:
-    from steradian_client.session import Session
+    from steradian_client.session import RequestSession
 
 
-class Blocking:
+class SyncMode:
     """The world in which a call returns when it is done."""
 
 
-class Awaited:
+class AsyncMode:
     """The world in which a call is awaited."""
 
 
-World = TypeVar("World", Blocking, Awaited)
+Mode = TypeVar("Mode", SyncMode, AsyncMode)
 P = ParamSpec("P")
 T = TypeVar("T")
 _END: Final = object()
 
 
-class Resource(Generic[World]):
+class Resource(Generic[Mode]):
     """One noun of the service, in one of the two worlds."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: RequestSession) -> None:
         self._session = session
 
 
-class operation(Generic[P, T]):  # noqa: N801 - a decorator
+class dual_method(Generic[P, T]):  # noqa: N801 - a decorator
     """Make a coroutine a method that blocks in the one world and is awaited in the other."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]) -> None:
@@ -53,9 +53,9 @@ class operation(Generic[P, T]):  # noqa: N801 - a decorator
     @overload
     def __get__(self, owner: None, kind: type[Any]) -> Self: ...
     @overload
-    def __get__(self, owner: Resource[Blocking], kind: type[Any]) -> Callable[P, T]: ...
+    def __get__(self, owner: Resource[SyncMode], kind: type[Any]) -> Callable[P, T]: ...
     @overload
-    def __get__(self, owner: Resource[Awaited], kind: type[Any]) -> Callable[P, Coroutine[Any, Any, T]]: ...
+    def __get__(self, owner: Resource[AsyncMode], kind: type[Any]) -> Callable[P, Coroutine[Any, Any, T]]: ...
 
     def __get__(self, owner: Any, kind: type[Any]) -> Any:
         if owner is None:
@@ -71,7 +71,7 @@ class operation(Generic[P, T]):  # noqa: N801 - a decorator
         return call
 
 
-class stream(Generic[P, T]):  # noqa: N801 - a decorator
+class dual_iterator(Generic[P, T]):  # noqa: N801 - a decorator
     """The same of an asynchronous generator: an iterator in the one world, an asynchronous one in the other."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], AsyncGenerator[T, None]]) -> None:
@@ -81,9 +81,9 @@ class stream(Generic[P, T]):  # noqa: N801 - a decorator
     @overload
     def __get__(self, owner: None, kind: type[Any]) -> Self: ...
     @overload
-    def __get__(self, owner: Resource[Blocking], kind: type[Any]) -> Callable[P, Generator[T, None, None]]: ...
+    def __get__(self, owner: Resource[SyncMode], kind: type[Any]) -> Callable[P, Generator[T, None, None]]: ...
     @overload
-    def __get__(self, owner: Resource[Awaited], kind: type[Any]) -> Callable[P, AsyncGenerator[T, None]]: ...
+    def __get__(self, owner: Resource[AsyncMode], kind: type[Any]) -> Callable[P, AsyncGenerator[T, None]]: ...
 
     def __get__(self, owner: Any, kind: type[Any]) -> Any:
         if owner is None:
@@ -99,7 +99,7 @@ class stream(Generic[P, T]):  # noqa: N801 - a decorator
         return call
 
 
-class managed(Generic[P, T]):  # noqa: N801 - a decorator
+class dual_context_manager(Generic[P, T]):  # noqa: N801 - a decorator
     """The same of a generator that yields once: a context manager, or an asynchronous one."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], AsyncIterator[T]]) -> None:
@@ -110,11 +110,11 @@ class managed(Generic[P, T]):  # noqa: N801 - a decorator
     def __get__(self, owner: None, kind: type[Any]) -> Self: ...
     @overload
     def __get__(
-        self, owner: Resource[Blocking], kind: type[Any]
+        self, owner: Resource[SyncMode], kind: type[Any]
     ) -> Callable[P, contextlib.AbstractContextManager[T]]: ...
     @overload
     def __get__(
-        self, owner: Resource[Awaited], kind: type[Any]
+        self, owner: Resource[AsyncMode], kind: type[Any]
     ) -> Callable[P, contextlib.AbstractAsyncContextManager[T]]: ...
 
     def __get__(self, owner: Any, kind: type[Any]) -> Any:

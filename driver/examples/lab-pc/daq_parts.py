@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fabry_perot.hardware import GalvoCalibration, Path, Sampling
+from fabry_perot.hardware import BeamPath, GalvoCalibration, PlanSampling
 
 SETTLING = 400
 """Settling time of the mirrors after the longest step, in µs."""
@@ -36,7 +36,7 @@ class DaqGalvo:
         reach = round(1e9 * self._reach)
         return {"x_nm": [-reach, reach], "y_nm": [-reach, reach]}
 
-    def follow(self, path: Path, now: int) -> None:
+    def start_path(self, path: BeamPath, now: int) -> None:
         """Go to the first position, and give the card a table of those that come after each trigger."""
         if path.settle[1:].any():
             raise ValueError("a table of the card cannot wait: set steps_by_trigger to False for points that settle")
@@ -54,7 +54,7 @@ class DaqGalvo:
             self._table.write(after.T.tolist(), auto_start=False)
             self._table.start()
 
-    def settled(self, now: int) -> bool:
+    def is_settled(self, now: int) -> bool:
         """Return whether the beam rests at the first position."""
         return now >= self._rests_at
 
@@ -87,7 +87,7 @@ class DaqGalvo:
         self._volts = volts
 
 
-class GatedPulses:
+class CounterGatedLaser:
     """An :class:`~fabry_perot.hardware.ExcitationLaser` that fires a pulse a trigger and none without.
 
     Counter 0 makes the triggers while counter 1 lets it: a one-shot as long as is permitted, which the card ends by its
@@ -112,7 +112,7 @@ class GatedPulses:
         """Return its range."""
         return {"pulse_rate_mhz": [1_000, round(1e3 * self._highest)], "gate": bool(self._edges), "parameters": {}}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set the pulse rate."""
         self._rate = 1e-3 * sampling.pulse_rate_mhz
 
@@ -191,7 +191,7 @@ class GatedPulses:
             task.close()
 
 
-class LinesShutter:
+class DigitalLineShutter:
     """A :class:`~fabry_perot.hardware.Shutter` on digital lines: 0 opens; 1 is its end switch, 2 interlock, 3 key."""
 
     def __init__(self, daq: Any, device: str) -> None:

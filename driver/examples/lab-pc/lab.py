@@ -18,11 +18,11 @@ from daq_parts import DaqGalvo, GatedPulses, LinesShutter
 from ring_digitiser import RingDigitiser
 from scpi_laser import ScpiLaser
 
-from fabry_perot import Apparatus, TuningMap, serve
+from fabry_perot import ComposedInstrument, TuningMap, serve
 from fabry_perot.hardware import GalvoCalibration
 
 
-def build(laser: str, galvo: Path, film: Path | None = None) -> Apparatus:
+def build(laser: str, galvo: Path, film: Path | None = None) -> ComposedInstrument:
     """Make the scanner of its parts."""
     _, host, port, _ = laser.split("::")
     table = Table((host, int(port)))
@@ -36,7 +36,7 @@ def build(laser: str, galvo: Path, film: Path | None = None) -> Apparatus:
         metres_per_pascal=table.shift,  # from a hydrophone's pressure beside the film's
         delay=DELAY,  # from time_zero() of light on the film
     )
-    return Apparatus(
+    return ComposedInstrument(
         galvo=mirrors,
         laser=scpi,
         digitiser=digitiser,

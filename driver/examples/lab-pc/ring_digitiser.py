@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot import TuningMap
-from fabry_perot.hardware import Record, Sampling
+from fabry_perot.hardware import PlanSampling, TriggerRecord
 
 QUANTUM = 1e-10
 """Unit of a record's time zero in s."""
@@ -54,7 +54,7 @@ class RingDigitiser:
         """Return its range."""
         return {"samples": [16, 8192], "interval_ps": [4_000, 1_000_000], "adc_bits": 14}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up length and interval of records."""
         self._card.setup(sampling.samples, 1e-12 * sampling.interval_ps)
 
@@ -64,7 +64,7 @@ class RingDigitiser:
         self._offset = now - self._card.clock()
         self._card.start(records)
 
-    def records(self, now: int) -> list[Record]:
+    def records(self, now: int) -> list[TriggerRecord]:
         """Return what the ring has got."""
         counts, times, numbers = self._card.read(self._card.available())
         where, wavelength = self._places()
@@ -73,7 +73,7 @@ class RingDigitiser:
             level = round(1e3 * self._card.mean())
             saturated = int(np.abs(row).max()) >= self._card.full_scale
             made.append(
-                Record(
+                TriggerRecord(
                     samples=row,
                     scale=self._pascals(where[self._taken]),
                     time=time + self._offset,

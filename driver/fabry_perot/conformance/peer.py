@@ -32,21 +32,21 @@ from fabry_perot.wire.messages import (
     Lease,
     PlanStatus,
     Status,
-    fixed,
     pack,
     pack_body,
     unpack,
     unpack_body,
+    unpack_exact,
 )
 from fabry_perot.wire.states import RUNNING, DeviceState
 
-QUIET = 0.3
+QUIET_PERIOD = 0.3
 """Seconds in which a device has answered, if it answers at all."""
 REPLY = 3.0
 """Seconds a request, repeated every half second, may take."""
 
 
-AGAIN = 250_000
+RETRY_INTERVAL = 250_000
 """µs without progress after which points are offered again."""
 
 
@@ -62,7 +62,7 @@ class Reply(NamedTuple):
     body: dict[str, Any]
 
 
-class Peer:
+class ConformanceHost:
     """Scripted host end of a line, for conformance tests.
 
     Parameters
@@ -122,12 +122,12 @@ class Peer:
         """Send a frame of the present session."""
         self.raw(self.frame(kind, payload))
 
-    def say_hello(self, nonce: int, oldest: int = PROTOCOL, newest: int = PROTOCOL) -> HelloAck | None:
+    def open_session(self, nonce: int, oldest: int = PROTOCOL, newest: int = PROTOCOL) -> HelloAck | None:
         """Send HELLO until it is answered, and return the answer."""
         self.nonce = nonce
         for _ in range(8):
             self.send(Type.HELLO, pack(Hello(oldest, newest, MAX_PAYLOAD, nonce)))
-            if self.wait(lambda: self._acks(nonce) is not None, QUIET):
+            if self.wait(lambda: self._acks(nonce) is not None, QUIET_PERIOD):
                 return self._acks(nonce)
         return None
 
@@ -137,14 +137,14 @@ class Peer:
 
     def connect(self) -> HelloAck:
         """Begin a session, and read the capabilities where they are not known."""
-        ack = self.say_hello(1 + secrets.randbelow(0xFFFFFFFE))
+        ack = self.open_session(1 + secrets.randbelow(0xFFFFFFFE))
         if ack is None or ack.version != PROTOCOL:
             raise Failed(f"HELLO of version {PROTOCOL} is not answered" if ack is None else f"version {ack.version}")
         self.hello, self.status, self._number = ack, None, 0
         self.replies.clear()
         if crc32c(self.caps) != ack.caps_crc or not self.limits:
             self.read_capabilities()
-        self.need(self.wait(lambda: self.status is not None, 1.0), "STATUS within a second of HELLO_ACK")
+        self.expect(self.wait(lambda: self.status is not None, 1.0), "STATUS within a second of HELLO_ACK")
         return ack
 
     def read_capabilities(self) -> None:
@@ -154,19 +154,19 @@ class Peer:
         while len(self.caps) < self.hello.caps_size:
             before, tries = len(self.caps), tries + 1
             self.send(Type.CAPS, CAPS_REQUEST.pack(before))
-            self.wait(lambda before=before: len(self.caps) > before, QUIET)  # type: ignore[misc]
-            self.need(len(self.caps) > before or tries < 20, f"a piece of the capabilities from byte {before}")
-        self.need(crc32c(self.caps) == self.hello.caps_crc, "capabilities with HELLO_ACK's CRC")
+            self.wait(lambda before=before: len(self.caps) > before, QUIET_PERIOD)  # type: ignore[misc]
+            self.expect(len(self.caps) > before or tries < 20, f"a piece of the capabilities from byte {before}")
+        self.expect(crc32c(self.caps) == self.hello.caps_crc, "capabilities with HELLO_ACK's CRC")
         self.limits = unpack_body(self.caps)
 
-    def number(self) -> int:
+    def next_request_id(self) -> int:
         """Return a new request id."""
         self._number += 1
         return self._number
 
     def request(self, operation: int, *, number: int = 0, patience: float = REPLY, **body: Any) -> Reply:
         """Make a request, repeat it until it is answered, and return the answer."""
-        number = number or self.number()
+        number = number or self.next_request_id()
         self.replies.pop(number, None)
         for _ in range(max(1, round(2 * patience))):
             self.send(Type.REQ, REQUEST_HEAD.pack(number, operation) + (pack_body(body) if body else b""))
@@ -174,10 +174,10 @@ class Peer:
                 return self.replies[number]
         raise Failed(f"no reply to {Operation(operation).name}")
 
-    def succeed(self, operation: int, **body: Any) -> dict[str, Any]:
+    def request_ok(self, operation: int, **body: Any) -> dict[str, Any]:
         """Make a request that must be granted, and return its answer's parameters."""
         reply = self.request(operation, **body)
-        self.need(reply.result == 0, f"{Operation(operation).name} granted, not result {reply.result} ({reply.body})")
+        self.expect(reply.result == 0, f"{Operation(operation).name} granted, not result {reply.result} ({reply.body})")
         return reply.body
 
     def abort(self, level: int) -> AbortAck:
@@ -186,7 +186,7 @@ class Peer:
         number = (self.nonce + self._aborts) & 0xFFFFFFFF
 
         def answer() -> AbortAck | None:
-            acks = (unpack(AbortAck, frame.payload) for frame in self.heard(Type.ABORT_ACK))
+            acks = (unpack(AbortAck, frame.payload) for frame in self.received(Type.ABORT_ACK))
             return next((ack for ack in acks if (ack.level, ack.number) == (level, number)), None)
 
         for _ in range(25):
@@ -235,7 +235,7 @@ class Peer:
         low, high = self.limits["pulse_rate_mhz"]
         return min(max(100_000, int(low)), int(high))
 
-    def offer(self, points: np.ndarray[tuple[int], np.dtype[np.void]], first: int = 0) -> None:
+    def send_plan_data(self, points: np.ndarray[tuple[int], np.dtype[np.void]], first: int = 0) -> None:
         """Send PLAN_DATA, in frames that any line takes."""
         assert self.hello is not None  # noqa: S101
         each = (self.hello.max_payload - PLAN_HEAD.size) // POINT.itemsize
@@ -248,24 +248,24 @@ class Peer:
         self.fragments.clear()
         self.again.clear()
         asked = {"beams": beams, "start": start} if beams > 1 else {}
-        self.succeed(Operation.PLAN_NEW, **self.plan_new(count, **asked))
+        self.request_ok(Operation.PLAN_NEW, **self.plan_new(count, **asked))
         points = np.repeat(self.points(count // beams), beams)
         self._uploading, self._offered, self._offered_at = points, -1, 0
-        self.need(self.wait(lambda: self.state is DeviceState.READY, 10.0), f"READY, not {self.state.name}")
+        self.expect(self.wait(lambda: self.state is DeviceState.READY, 10.0), f"READY, not {self.state.name}")
 
     def _go_on_uploading(self, status: PlanStatus) -> None:
         first, stop = status.expected, min(status.limit, len(self._uploading))
         if status.plan != self.plan or first >= stop:
             return
         now = self._clock.now()
-        if first > self._offered or now - self._offered_at > AGAIN:
+        if first > self._offered or now - self._offered_at > RETRY_INTERVAL:
             self._offered, self._offered_at = first, now
-            self.offer(self._uploading[first:stop], first)
+            self.send_plan_data(self._uploading[first:stop], first)
 
     def start(self, *, renewing: bool = True) -> None:
         """Arm and start, with a fresh echo."""
-        token = self.succeed(Operation.ARM)["token"]
-        self.succeed(Operation.START, token=token, echo=self.fresh(), ttl=self.ttl)
+        token = self.request_ok(Operation.ARM)["token"]
+        self.request_ok(Operation.START, token=token, echo=self.fresh(), ttl=self.ttl)
         self.renewing = renewing
 
     def prepare(self) -> None:
@@ -280,7 +280,7 @@ class Peer:
         if self.state is DeviceState.SAFE_HOLD:
             self.request(Operation.RELEASE)
         wanted = {DeviceState.LINKED, DeviceState.READY, DeviceState.DONE, DeviceState.DRAINING, DeviceState.PAUSED}
-        self.need(
+        self.expect(
             self.state in wanted, f"a state that takes a plan after CLEAR_FAULT and RELEASE, not {self.state.name}"
         )
 
@@ -302,7 +302,7 @@ class Peer:
     def fresh(self) -> int:
         """Return the device time of a STATUS that has yet to come."""
         before = self.status.device_time if self.status else 0
-        self.need(self.wait(lambda: self.now() > before, 1.0), "STATUS at 10 Hz")
+        self.expect(self.wait(lambda: self.now() > before, 1.0), "STATUS at 10 Hz")
         return self.now()
 
     def now(self) -> int:
@@ -313,11 +313,11 @@ class Peer:
         """Forget the frames that came."""
         self.frames.clear()
 
-    def heard(self, kind: int) -> list[Frame]:
+    def received(self, kind: int) -> list[Frame]:
         """Return the frames of a type that came."""
         return [frame for frame in self.frames if frame.type == kind]
 
-    def need(self, condition: object, what: str) -> None:
+    def expect(self, condition: object, what: str) -> None:
         """Fail unless ``condition`` holds; ``what`` is the requirement of the protocol document."""
         if not condition:
             raise Failed(f"expected: {what}")
@@ -350,7 +350,7 @@ class Peer:
             if self.renewing and self.status.state in RUNNING:
                 self.lease(self.status.device_time)
         elif frame.type == Type.RSP:
-            number, _, result, state = fixed(REPLY_HEAD, frame.payload, tail=True)
+            number, _, result, state = unpack_exact(REPLY_HEAD, frame.payload, tail=True)
             self.replies[number] = Reply(result, state, unpack_body(frame.payload[REPLY_HEAD.size :]))
             if self.status is not None:
                 self.status = self.status._replace(state=state)
@@ -360,7 +360,7 @@ class Peer:
             self.plan_status = unpack(PlanStatus, frame.payload)
             self._go_on_uploading(self.plan_status)
         elif frame.type == Type.CAPS_PIECE:
-            offset, _ = fixed(CAPS_HEAD, frame.payload, tail=True)
+            offset, _ = unpack_exact(CAPS_HEAD, frame.payload, tail=True)
             if offset == len(self.caps):
                 self.caps += frame.payload[CAPS_HEAD.size :]
         elif frame.type == Type.FAULT:

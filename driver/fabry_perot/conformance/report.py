@@ -7,20 +7,20 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 from xml.etree import ElementTree  # it is written only
 
-from fabry_perot.conformance.peer import Failed, Peer
-from fabry_perot.conformance.scenarios import SCENARIOS, Asking, Scenario
+from fabry_perot.conformance.peer import ConformanceHost, Failed
+from fabry_perot.conformance.scenarios import SCENARIOS, ConformanceFunction, ConformanceTest
 from fabry_perot.errors import LinkLost
 from fabry_perot.wire.codes import AbortLevel
 
-ABSENCE = 0.15
+ABSENCE_TIMEOUT = 0.15
 """Seconds: a host that did not look at the line for longer tells nothing of the device; the scenario is tried again."""
-TRIES = 4
+MAX_TRIES = 4
 
 
-class Outcome(NamedTuple):
+class ConformanceResult(NamedTuple):
     """Outcome of a conformance test."""
 
-    scenario: Scenario
+    scenario: ConformanceTest
     failure: str
     """Why it failed; empty when it did not."""
     skipped: str
@@ -34,13 +34,13 @@ class Outcome(NamedTuple):
 
 
 def run(
-    peer: Peer,
+    peer: ConformanceHost,
     *,
     fire: bool = False,
-    ask: Asking | None = None,
+    ask: ConformanceFunction | None = None,
     only: Sequence[str] = (),
-    told: Callable[[Outcome], None] = lambda outcome: None,
-) -> list[Outcome]:
+    told: Callable[[ConformanceResult], None] = lambda outcome: None,
+) -> list[ConformanceResult]:
     """Run the scenarios on a device.
 
     Parameters
@@ -64,16 +64,18 @@ def run(
     return outcomes
 
 
-def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outcome:
+def _run(
+    scenario: ConformanceTest, peer: ConformanceHost, fire: bool, ask: ConformanceFunction | None
+) -> ConformanceResult:
     start, failure = time.monotonic(), ""
     if scenario.asks and ask is None:
-        return Outcome(scenario, "", "nobody to ask (--ask)", 0.0)
-    for _ in range(TRIES):
+        return ConformanceResult(scenario, "", "nobody to ask (--ask)", 0.0)
+    for _ in range(MAX_TRIES):
         peer.absence, failure = 0.0, ""
         try:
             peer.prepare()
             if scenario.fires and not (fire or peer.limits.get("simulated")):
-                return Outcome(scenario, "", "may open the shutter (--fire)", 0.0)
+                return ConformanceResult(scenario, "", "may open the shutter (--fire)", 0.0)
             scenario.run(peer, ask or (lambda wish: None))
         except Failed as error:
             failure = str(error)
@@ -83,12 +85,12 @@ def _run(scenario: Scenario, peer: Peer, fire: bool, ask: Asking | None) -> Outc
             failure = f"an answer lacks or garbles {error}"
         finally:
             _make_safe(peer)
-        if not failure or peer.absence < ABSENCE or scenario.asks:
+        if not failure or peer.absence < ABSENCE_TIMEOUT or scenario.asks:
             break
-    return Outcome(scenario, failure, "", time.monotonic() - start)
+    return ConformanceResult(scenario, failure, "", time.monotonic() - start)
 
 
-def _make_safe(peer: Peer) -> None:
+def _make_safe(peer: ConformanceHost) -> None:
     """Stop any running scan after a test."""
     peer.renewing = False
     try:
@@ -97,7 +99,7 @@ def _make_safe(peer: Peer) -> None:
         return
 
 
-def as_table(outcomes: Iterable[Outcome]) -> str:
+def as_table(outcomes: Iterable[ConformanceResult]) -> str:
     """Return a line a scenario."""
     lines = []
     for outcome in outcomes:
@@ -108,7 +110,7 @@ def as_table(outcomes: Iterable[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def as_junit(outcomes: Sequence[Outcome], port: str) -> bytes:
+def as_junit(outcomes: Sequence[ConformanceResult], port: str) -> bytes:
     """Return the outcomes as a JUnit file, which continuous integration shows."""
     counts = {
         "tests": len(outcomes),

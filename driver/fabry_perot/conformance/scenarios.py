@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fabry_perot.conformance.peer import Peer
+from fabry_perot.conformance.peer import ConformanceHost
 
-Asking = Callable[[str], None]
+ConformanceFunction = Callable[[str], None]
 """Has a person do something to the device, and returns when it is done."""
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class ConformanceTest:
     """One thing that is tried.
 
     Parameters
@@ -31,21 +31,25 @@ class Scenario:
 
     group: str
     title: str
-    run: Callable[[Peer, Asking], None]
+    run: Callable[[ConformanceHost, ConformanceFunction], None]
     fires: bool = False
     asks: bool = False
 
 
-SCENARIOS: list[Scenario] = []
+SCENARIOS: list[ConformanceTest] = []
 
 
-def scenario(
+def conformance_test(
     group: str, *, fires: bool = False, asks: bool = False
-) -> Callable[[Callable[[Peer, Asking], None]], Callable[[Peer, Asking], None]]:
+) -> Callable[
+    [Callable[[ConformanceHost, ConformanceFunction], None]], Callable[[ConformanceHost, ConformanceFunction], None]
+]:
     """Decorator that registers a conformance test; its docstring describes it."""
 
-    def add(run: Callable[[Peer, Asking], None]) -> Callable[[Peer, Asking], None]:
-        SCENARIOS.append(Scenario(group, (run.__doc__ or "").rstrip("."), run, fires, asks))
+    def add(
+        run: Callable[[ConformanceHost, ConformanceFunction], None],
+    ) -> Callable[[ConformanceHost, ConformanceFunction], None]:
+        SCENARIOS.append(ConformanceTest(group, (run.__doc__ or "").rstrip("."), run, fires, asks))
         return run
 
     return add

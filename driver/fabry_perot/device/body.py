@@ -9,13 +9,13 @@ from typing import Any, TypeVar
 
 from fabry_perot import faults
 from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.outbox import Outbox
+from fabry_perot.device.outbox import TransmitQueue
 from fabry_perot.device.planbuffer import PlanBuffer
 from fabry_perot.device.replies import ReplyCache
-from fabry_perot.device.ring import ALineRing
+from fabry_perot.device.ring import ALineRingBuffer
 from fabry_perot.device.scan import Scan
 from fabry_perot.device.timing import DeviceTiming
-from fabry_perot.hardware.instrument import Instrument, InstrumentError, Sampling
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling
 from fabry_perot.wire.codes import (
     FAULT_INTERLOCK,
     FAULT_KEY,
@@ -24,7 +24,7 @@ from fabry_perot.wire.codes import (
     KEY_ON,
     LASER_ARMED,
     LASER_EMITTING,
-    SECURED,
+    SAFE_BITS,
     SHUTTER_OPEN,
     Operation,
     Result,
@@ -32,7 +32,7 @@ from fabry_perot.wire.codes import (
 )
 from fabry_perot.wire.framing import OVERHEAD, USB_PAYLOAD, Deframer, crc32c
 from fabry_perot.wire.messages import REPLY_HEAD, PlanStatus, Status, pack_body
-from fabry_perot.wire.states import LATCHED, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
+from fabry_perot.wire.states import LATCHED_STATES, RUNNING, TRANSITIONS, DeviceState, Event, HoldCause
 
 _CAUSES = {
     Event.LEASE_LAPSED: HoldCause.LEASE,
@@ -41,7 +41,7 @@ _CAUSES = {
     Event.CLEAR_FAULT: HoldCause.CLEARED,
 }
 log = logging.getLogger("fabry_perot")
-_HELD = frozenset({DeviceState.SAFE_HOLD, DeviceState.PAUSED})
+_HOLD_CAUSES = frozenset({DeviceState.SAFE_HOLD, DeviceState.PAUSED})
 """States of a scan that may go on: an interlock opened meanwhile is remembered."""
 T = TypeVar("T")
 
@@ -83,10 +83,10 @@ class DeviceBody:
         self.timing = timing or DeviceTiming()
         self.reset_cause = reset_cause
         self.state, self.cause, self.fault, self.fault_text = DeviceState.BOOT, HoldCause.NONE, 0, ""
-        self.plan, self.ring = PlanBuffer(plan_points), ALineRing(ring)
+        self.plan, self.ring = PlanBuffer(plan_points), ALineRingBuffer(ring)
         self.lease = LaserLease(self.timing.lease_cap)
-        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self.must)
-        self.outbox, self.replies = Outbox(boot & 0xFF), ReplyCache()
+        self.scan = Scan(instrument, self.plan, self.ring, self.lease, lambda: self.state, self.transition)
+        self.outbox, self.replies = TransmitQueue(boot & 0xFF), ReplyCache()
         self.deframer = Deframer()
         self.line_payload = self.max_payload = max_payload
         self.job: int | None = None
@@ -106,21 +106,21 @@ class DeviceBody:
         self._shut_at = now
         self.close()
         self.hardware(self._rest, None)
-        self.step(Event.SELF_TEST_PASSED)
+        self.try_transition(Event.SELF_TEST_PASSED)
 
-    def watch(self) -> bool:
+    def check_safety(self) -> bool:
         """Check interlock, key and shutter, and react to violations; return whether the laser may fire."""
         bits = self.hardware_bits()
-        if bits & SECURED != SECURED:
+        if bits & SAFE_BITS != SAFE_BITS:
             if self.state in RUNNING or self.state is DeviceState.ARMED:
                 self.raise_fault(FAULT_KEY if bits & INTERLOCK_CLOSED else FAULT_INTERLOCK)
-            elif self.state in _HELD and self.cause is not HoldCause.INTERLOCK:
+            elif self.state in _HOLD_CAUSES and self.cause is not HoldCause.INTERLOCK:
                 self.cause, self._status_due = HoldCause.INTERLOCK, True
         light = bits & (SHUTTER_OPEN | LASER_EMITTING)
         if light and self.state not in RUNNING and self.now - self._shut_at >= self.timing.shutter:
             self.raise_fault(FAULT_SHUTTER)
             self.close()
-        return bits & SECURED == SECURED and not self.fault
+        return bits & SAFE_BITS == SAFE_BITS and not self.fault
 
     def hardware(self, call: Callable[[], T], otherwise: T) -> T:
         """Call the hardware and return its result; a reported fault is latched, and ``otherwise`` returned."""
@@ -140,7 +140,7 @@ class DeviceBody:
         self._shut_at = self.now
         self.hardware(self.instrument.close, None)
 
-    def step(self, event: Event) -> bool:
+    def try_transition(self, event: Event) -> bool:
         """Make the transition for ``event``; return whether the table allows it."""
         after = TRANSITIONS.get((self.state, event))
         if after is None:
@@ -160,15 +160,15 @@ class DeviceBody:
             self.token = None
         if event is Event.CLEAR_FAULT:
             self.fault, self.fault_text = 0, ""
-        if left or after in LATCHED or after is DeviceState.SAFE_HOLD:
+        if left or after in LATCHED_STATES or after is DeviceState.SAFE_HOLD:
             self.close()
         if left:
             self.hardware(lambda: self.scan.end(self.now), None)
-        if after in LATCHED:
-            self.end_job(Result.WRONG_STATE)
+        if after in LATCHED_STATES:
+            self.finish_sweep(Result.WRONG_STATE)
         return True
 
-    def end_job(self, result: Result | None, body: dict[str, Any] | None = None) -> None:
+    def finish_sweep(self, result: Result | None, body: dict[str, Any] | None = None) -> None:
         """Answer the request whose sweep is in progress, if any; without a result the request is dropped."""
         number, self.job = self.job, None
         if number is None:
@@ -183,34 +183,34 @@ class DeviceBody:
         reply = REPLY_HEAD.pack(number, operation, result, self.state) + pack_body(body)
         if result is not Result.STALE_REQUEST:
             self.replies.store(number, reply)
-        self.outbox.put(Type.RSP, reply)
+        self.outbox.enqueue(Type.RSP, reply)
 
-    def must(self, event: Event) -> None:
+    def transition(self, event: Event) -> None:
         """Make a transition that the table must allow."""
-        if not self.step(event):
+        if not self.try_transition(event):
             raise RuntimeError(f"no transition from {self.state.name} by {event.name}")
 
     def new_session(self, nonce: int) -> None:
         """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
-        self.step(Event.NEW_SESSION)
-        self.end_job(None)
+        self.try_transition(Event.NEW_SESSION)
+        self.finish_sweep(None)
         self.nonce, self.token = nonce, None
         self._session = self._session % 0xFFFF + 1
         self.outbox.clear()
         self.outbox.session = self._session
         self.replies.clear()
         self.lease.revoke(self.now)
-        self.ring.offer_again()
+        self.ring.resend_all()
         self._status_due = True
         self.plan_status_due = self.plan.length > 0
 
-    def new_token(self) -> int:
+    def issue_arm_token(self) -> int:
         """Return a fresh single-use arm token."""
         self._armed_at = self.now
         self.token = self._random.randrange(1, 1 << 32)
         return self.token
 
-    def begin(self, sampling: Sampling, encoding: int) -> None:
+    def begin(self, sampling: PlanSampling, encoding: int) -> None:
         """Take over the parameters of a new plan."""
         self.scan.sampling, self.scan.encoding = sampling, encoding
         self.instrument.begin(sampling)
@@ -219,7 +219,7 @@ class DeviceBody:
     def raise_fault(self, code: int, reason: str = "") -> None:
         """Latch a hardware fault and repeat it until the host acknowledges; the first one counts, all are logged."""
         log.error("hardware fault: %s%s", faults.by_code(code), f": {reason}" if reason else "")
-        if self.step(Event.HARDWARE_FAULT) or (self.state in LATCHED and not self.fault):
+        if self.try_transition(Event.HARDWARE_FAULT) or (self.state in LATCHED_STATES and not self.fault):
             self.fault, self.fault_text, self._fault_at = code, reason, self.now
             self._fault_number += 1
 
@@ -230,7 +230,7 @@ class DeviceBody:
 
     def plan_status(self) -> PlanStatus:
         """Return the present PLAN_STATUS."""
-        return PlanStatus(self.plan.plan, self.plan.expected, self.plan.limit, int(self.plan_refused) << 1)
+        return PlanStatus(self.plan.plan, self.plan.expected, self.plan.window_end, int(self.plan_refused) << 1)
 
     def hardware_bits(self) -> int:
         """Return the hardware's state as STATUS' laser bits; unknown states are reported as the unsafe ones."""
@@ -258,7 +258,7 @@ class DeviceBody:
             laser=laser,
             cause=self.cause,
             fault=min(self.fault, 0xFF),
-            lease_left=min(self.lease.left(self.now) // 1000, 0xFFFF),
+            lease_left=min(self.lease.remaining(self.now) // 1000, 0xFFFF),
             plan=self.plan.plan,
             position=self.plan.position,
             produced=self.ring.produced,

@@ -16,7 +16,7 @@ _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 class Device(DeviceBody):
     """A Fabry–Pérot scanner's firmware; parameters as of :class:`~fabry_perot.device.body.DeviceBody`.
 
-    Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_due` says so, and :meth:`pull` to get
+    Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_deadline` says so, and :meth:`next_frames` to get
     the bytes to send. Nothing here waits, reads a clock or touches hardware other than the injected instrument.
     """
 
@@ -40,33 +40,33 @@ class Device(DeviceBody):
         """Execute actions due at device time ``now``."""
         self.now = max(self.now, now)
         if self.state in RUNNING and not self.lease.permits(self.now):
-            self.step(Event.LEASE_LAPSED)
+            self.try_transition(Event.LEASE_LAPSED)
         if self.state is DeviceState.ARMED and self.now - self._armed_at >= self.timing.arm_timeout:
-            self.step(Event.ARM_EXPIRED)
-        self.watch()
+            self.try_transition(Event.ARM_EXPIRED)
+        self.check_safety()
         self.hardware(lambda: self.scan.advance(self.now), None)
         if self.job is not None:
             self._look_after_job()
-        if self.state is DeviceState.DRAINING and not self.ring.fill:
-            self.step(Event.RING_EMPTY)
+        if self.state is DeviceState.DRAINING and not self.ring.used:
+            self.try_transition(Event.RING_EMPTY)
         if self.now >= self._status_at:
             self._status_due, self._status_at = True, self.now + self.timing.status_period
             self.plan_status_due |= self.plan.expected < self.plan.length
         if self.fault and self._fault_number and self.now >= self._fault_at:
             self._fault_at = self.now + self.timing.fault_period
-            self.outbox.put(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
+            self.outbox.enqueue(Type.FAULT, pack(Fault(self.fault, self._fault_number)), urgent=True)
 
     def _look_after_job(self) -> None:
         try:
-            levels = self.instrument.swept(self.now)
+            levels = self.instrument.sweep_result(self.now)
         except InstrumentError as error:
-            self.end_job(Result.HARDWARE_FAULT)
+            self.finish_sweep(Result.HARDWARE_FAULT)
             self.raise_fault(error.fault, str(error))
             return
         if levels is not None:
-            self.end_job(Result.OK, {"dc_mv": levels})
+            self.finish_sweep(Result.OK, {"dc_mv": levels})
 
-    def next_due(self) -> int:
+    def next_deadline(self) -> int:
         """Return the device time at which :meth:`poll` has something to do next."""
         due = [self._status_at]
         if self.state in RUNNING:
@@ -81,7 +81,7 @@ class Device(DeviceBody):
             due.append(self.hardware(lambda: self.instrument.next_due(self.now), None) or self.now)
         return max(self.now, min(due))
 
-    def pull(self, budget: int) -> bytes:
+    def next_frames(self, budget: int) -> bytes:
         """Return frames to send now, up to the one that reaches ``budget`` bytes; empty when there are none."""
         parts: list[bytes] = []
         size = 0

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import serial
 
 CHUNK = 65536
-QUEUED = 0.02
+MAX_QUEUED_BYTES = 0.02
 """Seconds of line time that may wait in the system: what waits there, an emergency stop's answer cannot overtake."""
 REOPEN = 0.5
 """Seconds between two attempts to open a lost port."""
@@ -102,7 +102,7 @@ class SerialEndpoint:
 
     def __init__(self, path: str, baudrate: int) -> None:
         self.url, self._baudrate = path, baudrate
-        self._most = max(64, int(baudrate / 10 * QUEUED))
+        self._most = max(64, int(baudrate / 10 * MAX_QUEUED_BYTES))
         self._port: Any = None
         self._tried = 0.0
         self._open()
@@ -115,7 +115,7 @@ class SerialEndpoint:
         return [self._port.fileno()] if self._port is not None and hasattr(self._port, "fileno") else []
 
     def writable_descriptor(self) -> int | None:
-        """Return None: the buffer is limited by :data:`QUEUED`, not by the system."""
+        """Return None: the buffer is limited by :data:`MAX_QUEUED_BYTES`, not by the system."""
         return None
 
     def read(self, limit: int) -> bytes:

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from fabry_perot.device.body import DeviceBody
-from fabry_perot.device.operations import Outcome, carry_out
+from fabry_perot.device.operations import OperationResult, execute
 from fabry_perot.errors import FrameError
 from fabry_perot.wire.codes import FLAG_GATE, PROTOCOL, AbortLevel, Result, Type
 from fabry_perot.wire.framing import Frame
@@ -26,14 +26,14 @@ from fabry_perot.wire.messages import (
     Hello,
     HelloAck,
     Lease,
-    fixed,
     pack,
     unpack,
     unpack_body,
+    unpack_exact,
 )
 from fabry_perot.wire.states import DeviceState, Event, HoldCause
 
-LEAST_PAYLOAD = 64
+MIN_PAYLOAD = 64
 """Largest payload of a line is never agreed to be less, in bytes."""
 
 
@@ -42,7 +42,7 @@ def _hello(device: DeviceBody, frame: Frame) -> None:
     version = PROTOCOL if hello.oldest <= PROTOCOL <= hello.newest else 0
     if version and hello.nonce != device.nonce:
         device.new_session(hello.nonce)
-        device.line_payload = max(LEAST_PAYLOAD, min(device.max_payload, hello.max_payload))
+        device.line_payload = max(MIN_PAYLOAD, min(device.max_payload, hello.max_payload))
     ring, plan = device.ring, device.plan
     answer = HelloAck(
         nonce=hello.nonce,
@@ -63,29 +63,29 @@ def _hello(device: DeviceBody, frame: Frame) -> None:
         acknowledged=ring.acknowledged,
         device_time=device.now,
     )
-    device.outbox.put(Type.HELLO_ACK, pack(answer))
+    device.outbox.enqueue(Type.HELLO_ACK, pack(answer))
 
 
 def _caps(device: DeviceBody, frame: Frame) -> None:
-    (offset,) = fixed(CAPS_REQUEST, frame.payload)
+    (offset,) = unpack_exact(CAPS_REQUEST, frame.payload)
     room = device.line_payload - CAPS_HEAD.size
     piece = device.caps[offset : offset + room]
-    device.outbox.put(Type.CAPS_PIECE, CAPS_HEAD.pack(offset, len(device.caps)) + piece)
+    device.outbox.enqueue(Type.CAPS_PIECE, CAPS_HEAD.pack(offset, len(device.caps)) + piece)
 
 
 def _request(device: DeviceBody, frame: Frame) -> None:
-    number, operation = fixed(REQUEST_HEAD, frame.payload, tail=True)
+    number, operation = unpack_exact(REQUEST_HEAD, frame.payload, tail=True)
     if number == device.job:
         return  # under way: its answer comes when it is over
     known = device.replies.find(number)
     if known is not None:
-        device.outbox.put(Type.RSP, known)
+        device.outbox.enqueue(Type.RSP, known)
     elif device.replies.stale(number):
         device.reply(number, operation, Result.STALE_REQUEST, {})
     else:
-        outcome: Outcome | None = (Result.MALFORMED, {})
+        outcome: OperationResult | None = (Result.MALFORMED, {})
         with suppress(FrameError):
-            outcome = carry_out(device, operation, unpack_body(frame.payload[REQUEST_HEAD.size :]))
+            outcome = execute(device, operation, unpack_body(frame.payload[REQUEST_HEAD.size :]))
         if outcome is None:
             device.job = number
         else:
@@ -93,7 +93,7 @@ def _request(device: DeviceBody, frame: Frame) -> None:
 
 
 def _plan_data(device: DeviceBody, frame: Frame) -> None:
-    plan, first, count = fixed(PLAN_HEAD, frame.payload, tail=True)
+    plan, first, count = unpack_exact(PLAN_HEAD, frame.payload, tail=True)
     data = frame.payload[PLAN_HEAD.size :]
     if len(data) != count * POINT.itemsize:
         raise FrameError("PLAN_DATA's count and length differ")
@@ -106,7 +106,7 @@ def _plan_data(device: DeviceBody, frame: Frame) -> None:
         return
     device.plan.accept(first, points)
     if device.plan.loaded and device.state is DeviceState.LINKED:
-        device.step(Event.PLAN_LOADED)
+        device.try_transition(Event.PLAN_LOADED)
 
 
 def _allowed(device: DeviceBody, points: np.ndarray[tuple[int], np.dtype[np.void]]) -> bool:
@@ -150,10 +150,10 @@ def _abort(device: DeviceBody, frame: Frame) -> None:
         AbortLevel.LASER_OFF: Event.LASER_OFF,
         AbortLevel.EMERGENCY_STOP: Event.EMERGENCY_STOP,
     }
-    if not device.step(events[level]) and level is not AbortLevel.PAUSE:
+    if not device.try_transition(events[level]) and level is not AbortLevel.PAUSE:
         _keep_held(device)
     ack = AbortAck(abort.level, abort.number, device.state)
-    device.outbox.put(Type.ABORT_ACK, pack(ack), urgent=True)
+    device.outbox.enqueue(Type.ABORT_ACK, pack(ack), urgent=True)
 
 
 def _keep_held(device: DeviceBody) -> None:

@@ -38,7 +38,7 @@ class LaserLease:
         """Return whether the laser may emit at ``now``."""
         return now < self.until
 
-    def left(self, now: int) -> int:
+    def remaining(self, now: int) -> int:
         """Return the remaining µs, 0 when expired."""
         return max(0, self.until - now)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fabry_perot import faults
 from fabry_perot.device.body import DeviceBody
-from fabry_perot.hardware.instrument import InstrumentError, Sampling
+from fabry_perot.hardware.instrument import InstrumentError, PlanSampling
 from fabry_perot.wire.codes import (
     INTERLOCK_CLOSED,
     KEY_ON,
@@ -21,19 +21,19 @@ from fabry_perot.wire.codes import (
     Type,
 )
 from fabry_perot.wire.messages import ALineGone, pack
-from fabry_perot.wire.states import LATCHED, RUNNING, DeviceState, Event
+from fabry_perot.wire.states import LATCHED_STATES, RUNNING, DeviceState, Event
 
 MAX_STEPS = 256
 """Longest wavelength sweep."""
 LONGEST_TEXT = 120
 """Longest text of a fault, in characters."""
-_AT_REST = frozenset(DeviceState) - RUNNING - LATCHED - {DeviceState.ARMED}
+_IDLE_STATES = frozenset(DeviceState) - RUNNING - LATCHED_STATES - {DeviceState.ARMED}
 """States in which something may be moved, tuned or changed."""
 Body = dict[str, Any]
-Outcome = tuple[Result, Body]
+OperationResult = tuple[Result, Body]
 
 
-def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome | None:
+def execute(device: DeviceBody, operation: int, body: Body) -> OperationResult | None:
     """Execute a request on ``device`` and return its outcome; ``None`` if it has started a sweep."""
     try:
         function = _TABLE[Operation(operation)]
@@ -48,25 +48,25 @@ def carry_out(device: DeviceBody, operation: int, body: Body) -> Outcome | None:
         return Result.MALFORMED, {}
 
 
-def _event(device: DeviceBody, event: Event) -> Outcome:
-    return (Result.OK if device.step(event) else Result.WRONG_STATE), {}
+def _event(device: DeviceBody, event: Event) -> OperationResult:
+    return (Result.OK if device.try_transition(event) else Result.WRONG_STATE), {}
 
 
-def _get(device: DeviceBody, body: Body) -> Outcome:
+def _get(device: DeviceBody, body: Body) -> OperationResult:
     answer = {**device.statistics(), "fault_text": device.fault_text[:LONGEST_TEXT]}
     try:
         answer |= device.instrument.parameters()
     except InstrumentError:
-        if device.state not in LATCHED:  # then it is latched now, and the next GET tells of it
+        if device.state not in LATCHED_STATES:  # then it is latched now, and the next GET tells of it
             raise
     return Result.OK, answer
 
 
-def _plan_new(device: DeviceBody, body: Body) -> Outcome:
+def _plan_new(device: DeviceBody, body: Body) -> OperationResult:
     plan, length, purge = int(body["plan"]), int(body["length"]), bool(body.get("purge", False))
     start, encoding, group = int(body.get("start", 0)), int(body.get("encoding", 0)), int(body.get("group", 1))
     beams = int(body.get("beams", 1))
-    sampling = Sampling(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]), beams)
+    sampling = PlanSampling(int(body["samples"]), int(body["interval_ps"]), int(body["pulse_rate_mhz"]), beams)
     bounds = device.limits
     for value, name in (
         (sampling.samples, "samples"),
@@ -89,27 +89,27 @@ def _plan_new(device: DeviceBody, body: Body) -> Outcome:
         return Result.OUT_OF_RANGE, {"field": "encoding"}
     if not 1 <= group <= MAX_GROUP:
         return Result.OUT_OF_RANGE, {"field": "group"}
-    if device.ring.fill and not purge:
+    if device.ring.used and not purge:
         return Result.RING_NOT_EMPTY, {}
-    if not device.step(Event.PLAN_NEW):
+    if not device.try_transition(Event.PLAN_NEW):
         return Result.WRONG_STATE, {}
     old, first = device.ring.plan, device.ring.acknowledged
     purged = device.ring.clear(plan, start)
     device.ring.group = group
     if purged:
-        device.outbox.put(Type.ALINE_GONE, pack(ALineGone(old, first, purged, 1)))
-    device.plan.begin(plan, length, start)
+        device.outbox.enqueue(Type.ALINE_GONE, pack(ALineGone(old, first, purged, 1)))
+    device.plan.reset(plan, length, start)
     device.begin(sampling, encoding)
     return Result.OK, {}
 
 
-def _arm(device: DeviceBody, body: Body) -> Outcome:
-    if device.job is not None or not device.step(Event.ARM):
+def _arm(device: DeviceBody, body: Body) -> OperationResult:
+    if device.job is not None or not device.try_transition(Event.ARM):
         return Result.WRONG_STATE, {}
-    return Result.OK, {"token": device.new_token()}
+    return Result.OK, {"token": device.issue_arm_token()}
 
 
-def _start(device: DeviceBody, body: Body) -> Outcome:
+def _start(device: DeviceBody, body: Body) -> OperationResult:
     token, echo, ttl = int(body["token"]), int(body["echo"]), int(body["ttl"])
     if device.state is not DeviceState.ARMED:
         return Result.WRONG_STATE, {}
@@ -118,24 +118,24 @@ def _start(device: DeviceBody, body: Body) -> Outcome:
     device.lease.clear(device.now)  # what a scan before this one was granted is not this one's
     if not device.lease.renew(echo, ttl, device.now):
         return Result.NO_LEASE, {}
-    if not device.watch():
+    if not device.check_safety():
         return Result.HARDWARE_FAULT, {}
     before = device.instrument.shots()
     device.instrument.open()
-    device.must(Event.START)
+    device.transition(Event.START)
     device.scan.begin()
     return Result.OK, {"laser_shots": before}
 
 
-def _park(device: DeviceBody, body: Body) -> Outcome:
-    if device.state not in _AT_REST or device.job is not None:
+def _park(device: DeviceBody, body: Body) -> OperationResult:
+    if device.state not in _IDLE_STATES or device.job is not None:
         return Result.WRONG_STATE, {}
     device.close()
     device.instrument.park(device.now)
     return Result.OK, {}
 
 
-def _release(device: DeviceBody, body: Body) -> Outcome:
+def _release(device: DeviceBody, body: Body) -> OperationResult:
     return _event(device, Event.RELEASE if device.plan.loaded else Event.RELEASE_WITHOUT_PLAN)
 
 
@@ -148,10 +148,10 @@ def _cause_stands(device: DeviceBody) -> bool:
         key_on=bool(bits & KEY_ON),
         light=bool(bits & (SHUTTER_OPEN | LASER_EMITTING)),
     )
-    return device.state in LATCHED and bool(cause)
+    return device.state in LATCHED_STATES and bool(cause)
 
 
-def _clear_fault(device: DeviceBody, body: Body) -> Outcome:
+def _clear_fault(device: DeviceBody, body: Body) -> OperationResult:
     if _cause_stands(device):
         device.close()  # again: it may be the shutter that stands
         if _cause_stands(device):
@@ -159,8 +159,8 @@ def _clear_fault(device: DeviceBody, body: Body) -> Outcome:
     return _event(device, Event.CLEAR_FAULT)
 
 
-def _set(device: DeviceBody, body: Body) -> Outcome:
-    if device.state not in _AT_REST or device.job is not None:
+def _set(device: DeviceBody, body: Body) -> OperationResult:
+    if device.state not in _IDLE_STATES or device.job is not None:
         return Result.WRONG_STATE, {}
     allowed = device.limits.get("parameters", {})
     values = {str(name): int(value) for name, value in body.items()}
@@ -174,9 +174,9 @@ def _set(device: DeviceBody, body: Body) -> Outcome:
     return Result.OK, device.instrument.parameters()
 
 
-def _tune_scan(device: DeviceBody, body: Body) -> Outcome | None:
+def _tune_scan(device: DeviceBody, body: Body) -> OperationResult | None:
     bounds, steps = device.limits, int(body["steps"])
-    if device.state not in _AT_REST or device.job is not None:
+    if device.state not in _IDLE_STATES or device.job is not None:
         return Result.WRONG_STATE, {}
     if not bounds.get("tuning_us"):
         return Result.NOT_SUPPORTED, {}
@@ -197,7 +197,7 @@ def _tune_scan(device: DeviceBody, body: Body) -> Outcome | None:
     return None
 
 
-_TABLE: dict[Operation, Callable[[DeviceBody, Body], Outcome | None]] = {
+_TABLE: dict[Operation, Callable[[DeviceBody, Body], OperationResult | None]] = {
     Operation.GET: _get,
     Operation.SET: _set,
     Operation.PLAN_NEW: _plan_new,

@@ -7,11 +7,11 @@ from collections import deque
 from fabry_perot.wire.codes import Type
 from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, Frame, encode_frame
 
-DEPTH = 64
+MAX_QUEUED = 64
 """Control frames kept; of more the last in line is dropped, since the host repeats what it got no answer to."""
 
 
-class Outbox:
+class TransmitQueue:
     """Control messages waiting for the line, and the frame sequence number.
 
     Parameters
@@ -26,16 +26,16 @@ class Outbox:
         self._control: deque[tuple[Type, bytes, int]] = deque()
         self.session = 0
 
-    def put(self, kind: Type, payload: bytes, *, urgent: bool = False) -> None:
+    def enqueue(self, kind: Type, payload: bytes, *, urgent: bool = False) -> None:
         """Queue a control message; an urgent one goes first, and once however often it is put."""
         if urgent:
             item = (kind, payload, FLAG_URGENT)
             if item in self._control:
                 return
-            if len(self._control) >= DEPTH:
+            if len(self._control) >= MAX_QUEUED:
                 self._control.pop()
             self._control.appendleft(item)
-        elif len(self._control) < DEPTH:
+        elif len(self._control) < MAX_QUEUED:
             self._control.append((kind, payload, 0))
 
     def clear(self) -> None:

@@ -19,30 +19,30 @@ class PlanBuffer:
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
-        self.begin(0, 0)
+        self.reset(0, 0)
 
-    def begin(self, plan: int, length: int, start: int = 0) -> None:
+    def reset(self, plan: int, length: int, start: int = 0) -> None:
         """Forget everything and expect the points of ``plan``, ``length`` in all, from index ``start``."""
         self.plan, self.length = plan, length
         self.position = self.expected = start
         self._points = np.zeros(min(self.capacity, max(length, 1)), POINT)
 
     @property
-    def limit(self) -> int:
+    def window_end(self) -> int:
         """Points from here on are not accepted yet."""
         return min(self.length, self.position + self.capacity)
 
     @property
     def loaded(self) -> bool:
         """Whether a scan can start: all points are here, or as many as fit."""
-        return self.length > 0 and self.expected >= self.limit
+        return self.length > 0 and self.expected >= self.window_end
 
     def accept(self, first: int, points: NDArray[np.void]) -> NDArray[np.void]:
         """Store points from index ``first`` and return the newly stored part.
 
         A gap stores nothing; what is already here, or beyond the limit, is left out.
         """
-        start, stop = max(first, self.expected), min(first + len(points), self.limit)
+        start, stop = max(first, self.expected), min(first + len(points), self.window_end)
         if first > self.expected or stop <= start:
             return points[:0]
         new = points[start - first : stop - first]

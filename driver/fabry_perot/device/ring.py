@@ -10,7 +10,7 @@ from fabry_perot.wire.encoding import Encoding
 from fabry_perot.wire.messages import ALineHead, pack
 
 
-class ALineRing:
+class ALineRingBuffer:
     """A-lines by number, freed only by acknowledgement and never overwritten.
 
     Parameters
@@ -35,22 +35,22 @@ class ALineRing:
         return purged
 
     @property
-    def fill(self) -> int:
+    def used(self) -> int:
         """A-lines held."""
         return len(self._blobs)
 
     @property
-    def room(self) -> int:
+    def free(self) -> int:
         """A-lines that still fit."""
         return self.capacity - len(self._blobs)
 
     def append(self, point: int, blob: bytes, encoding: int = 0) -> None:
         """Hold one more A-line; a full ring raises ``OverflowError`` because nothing may be overwritten."""
-        if self.room <= 0:
+        if self.free <= 0:
             raise OverflowError("the A-line ring is full")
         self._blobs.append((point, encoding, blob))
         self.produced += 1
-        self.peak = max(self.peak, self.fill)
+        self.peak = max(self.peak, self.used)
 
     def acknowledge(self, durable: int, limit: int, missing: list[tuple[int, int]]) -> None:
         """Free A-lines below ``durable`` and queue the missing ones again; impossible counts are ignored."""
@@ -66,7 +66,7 @@ class ALineRing:
             if self.acknowledged <= item[0] < self.sent and item not in self._again:
                 self._again.append(item)
 
-    def offer_again(self) -> None:
+    def resend_all(self) -> None:
         """Resend all unacknowledged A-lines from the start, when the host grants credit again."""
         self.sent, self._fragment, self.limit = self.acknowledged, 0, 0
         self._again.clear()

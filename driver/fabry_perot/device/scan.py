@@ -9,16 +9,16 @@ import numpy as np
 
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.ring import ALineRing
-from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
+from fabry_perot.device.ring import ALineRingBuffer
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
 from fabry_perot.wire.encoding import encode
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import ALineMeta, pack
 from fabry_perot.wire.states import RUNNING, DeviceState, Event
 
-FAULT_RECORD = 9
+RECORD_FAULT = 9
 """Fault code: a record's figures are beyond what a message holds."""
-AHEAD = 64
+LOOKAHEAD_POINTS = 64
 """Places the hardware has at a time."""
 
 
@@ -40,14 +40,14 @@ class Scan:
         self,
         instrument: Instrument,
         plan: PlanBuffer,
-        ring: ALineRing,
+        ring: ALineRingBuffer,
         lease: LaserLease,
         state: Callable[[], DeviceState],
         step: Callable[[Event], None],
     ) -> None:
         self._instrument, self._plan, self._ring, self._lease = instrument, plan, ring, lease
         self._state, self._step = state, step
-        self.sampling = Sampling(0, 0, 0)
+        self.sampling = PlanSampling(0, 0, 0)
         self.encoding = 0
         self.shots = self.shots_wasted = self.last_shot = 0
         self._used = 0
@@ -108,12 +108,12 @@ class Scan:
             return False
         beams = self.sampling.beams
         next_place = beams - self._given % beams  # points until there: fewer, where a plan starts at one in between
-        room = self._ring.room - under_way
+        room = self._ring.free - under_way
         if room < next_place and not under_way:
             self._change(DeviceState.SCANNING, Event.RING_FULL)
             return False
         self._change(DeviceState.BLOCKED, Event.RING_FREED)
-        count = min(room, AHEAD * beams - under_way, plan.expected - self._given)
+        count = min(room, LOOKAHEAD_POINTS * beams - under_way, plan.expected - self._given)
         count = (self._given + count) // beams * beams - self._given  # whole places
         if count <= 0:
             if not under_way:
@@ -121,7 +121,7 @@ class Scan:
             return False
         self._change(DeviceState.STARVED, Event.POINTS_AT_HAND)
         places = plan.points(self._given, count)[np.r_[0, next_place:count:beams]]
-        self._instrument.queue(self._given // beams, places, now)
+        self._instrument.queue_points(self._given // beams, places, now)
         self._given += count
         return True
 
@@ -129,7 +129,7 @@ class Scan:
         if self._state() is state:
             self._step(event)
 
-    def _meta(self, taken: Interrogation) -> bytes:
+    def _meta(self, taken: PointRecord) -> bytes:
         meta = ALineMeta(
             fire_time=taken.fire_time,
             wavelength=taken.wavelength,
@@ -148,4 +148,4 @@ class Scan:
         try:
             return pack(meta)
         except struct.error as error:  # what the hardware says of itself does not fit in a message
-            raise InstrumentError(FAULT_RECORD, f"A-line of point {taken.point}, {meta}: {error}") from error
+            raise InstrumentError(RECORD_FAULT, f"A-line of point {taken.point}, {meta}: {error}") from error

@@ -18,15 +18,15 @@ from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD
 
-PULL = 16384
+MAX_FRAME_BYTES = 16384
 """Bytes taken from the device at a time."""
-REST = 0.02
+IDLE_INTERVAL = 0.02
 """Longest wait, in s: interlock and key are looked at at least as often."""
-BLIND = 0.001
+BLIND_INTERVAL = 0.001
 """Wait of a line that cannot tell that bytes have come, in s."""
 
 
-class Service:
+class DeviceServer:
     """One device on one line; all calls to the instrument come from the thread that runs it.
 
     Parameters
@@ -59,7 +59,7 @@ class Service:
         try:
             ready(self._endpoint.url)
             while not (self.told_to_end or stopping()):
-                self.turn()
+                self.run_once()
                 self._wait()
         finally:
             with ExitStack() as ending:  # each of them whatever becomes of those before it
@@ -67,19 +67,19 @@ class Service:
                 ending.callback(self._instrument.stop, self.now())
                 ending.callback(self._instrument.close)
 
-    def turn(self) -> None:
+    def run_once(self) -> None:
         """Process received bytes, execute due actions, and send as many bytes as the line accepts."""
         self.device.receive(self._endpoint.read(CHUNK), self.now())
         if not self._out:
-            self._out = self.device.pull(PULL)
+            self._out = self.device.next_frames(MAX_FRAME_BYTES)
         if self._out:
             self._out = self._out[self._endpoint.write(self._out) :]
 
     def _wait(self) -> None:
-        left = min(REST, max(0.0, (self.device.next_due() - self.now()) * 1e-6))
+        left = min(IDLE_INTERVAL, max(0.0, (self.device.next_deadline() - self.now()) * 1e-6))
         descriptors, writable = self._endpoint.descriptors(), self._endpoint.writable_descriptor()
         if not descriptors or (self._out and writable is None):
-            left = min(left, BLIND)
+            left = min(left, BLIND_INTERVAL)
         if descriptors:
             select.select(descriptors, [writable] if self._out and writable is not None else [], [], left)
         else:
@@ -107,7 +107,7 @@ def serve(
     Parameters
     ----------
     instrument
-        The hardware, for example an :class:`~fabry_perot.hardware.Apparatus`.
+        The hardware, for example an :class:`~fabry_perot.hardware.ComposedInstrument`.
     port
         Path of a serial port, or ``socket://HOST:PORT`` to listen at (port 0: any free one).
     baudrate
@@ -134,7 +134,9 @@ def serve(
     else:
         endpoint, payload = SerialEndpoint(port, baudrate), UART_PAYLOAD
     try:
-        service = Service(instrument, endpoint, ring=ring, plan_points=plan_points, max_payload=max_payload or payload)
+        service = DeviceServer(
+            instrument, endpoint, ring=ring, plan_points=plan_points, max_payload=max_payload or payload
+        )
     except BaseException:
         endpoint.close()
         raise
@@ -145,7 +147,7 @@ def serve(
 
 
 @contextmanager
-def _told_by_sigterm(service: Service) -> Iterator[None]:
+def _told_by_sigterm(service: DeviceServer) -> Iterator[None]:
     """Install a SIGTERM handler that ends the service, unless the program has its own.
 
     The handler raises nothing, so that it cannot come between the service and the closing of the shutter.

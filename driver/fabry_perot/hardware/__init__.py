@@ -1,21 +1,22 @@
 """Hardware abstraction: component protocols and the apparatus that combines them."""
 
-from fabry_perot.hardware.apparatus import Apparatus
+from fabry_perot.hardware.apparatus import ComposedInstrument
 from fabry_perot.hardware.calibration import GalvoCalibration, time_zero
-from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
 from fabry_perot.hardware.roles import (
+    BeamPath,
     Digitiser,
     ExcitationLaser,
     Galvo,
     GatedLaser,
     InterrogationLaser,
-    Path,
-    Record,
     Shutter,
+    TriggerRecord,
 )
 
 __all__ = [
-    "Apparatus",
+    "BeamPath",
+    "ComposedInstrument",
     "Digitiser",
     "ExcitationLaser",
     "Galvo",
@@ -23,11 +24,10 @@ __all__ = [
     "GatedLaser",
     "Instrument",
     "InstrumentError",
-    "Interrogation",
     "InterrogationLaser",
-    "Path",
-    "Record",
-    "Sampling",
+    "PlanSampling",
+    "PointRecord",
     "Shutter",
+    "TriggerRecord",
     "time_zero",
 ]

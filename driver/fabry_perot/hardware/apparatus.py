@@ -9,33 +9,33 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware.averaging import ANY_ENERGY, mean
-from fabry_perot.hardware.instrument import Instrument, InstrumentError, Interrogation, Sampling
+from fabry_perot.hardware.averaging import MISSING_ENERGY, average_shots
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
 from fabry_perot.hardware.roles import (
+    BeamPath,
     Digitiser,
     ExcitationLaser,
     Galvo,
     GatedLaser,
     InterrogationLaser,
-    Path,
-    Record,
     Shutter,
+    TriggerRecord,
 )
 from fabry_perot.wire.codes import FLAG_GATE, MOST_BEAMS
 
 FAULT_GALVO, FAULT_LASER, FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GUARD = 4, 5, 6, 7, 8
 """Fault codes: whose call failed; the last one is shutter, interlock or key."""
-LOOK = 500
+POLL_INTERVAL = 500
 """Something under way is looked after every so many µs."""
-PATIENCE = 100_000
+READY_TIMEOUT = 100_000
 """Records still missing so many µs after the last pulse left mean a digitiser that misses triggers."""
-LONGEST_BLOCK = 64
+MAX_BLOCK = 64
 """Points armed together."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class Apparatus(Instrument):
+class ComposedInstrument(Instrument):
     """Instrument composed of galvo, lasers, digitiser and shutter.
 
     Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength, as
@@ -76,14 +76,14 @@ class Apparatus(Instrument):
         self.excitation, self.shutter = excitation, shutter
         self._identity = {"model": model, "serial": serial}
         self.pattern = [(int(x), int(y)) for x, y in beams]
-        self._samples, self._beams, (self._least, self._most) = 0, 1, ANY_ENERGY
+        self._samples, self._beams, (self._least, self._most) = 0, 1, MISSING_ENERGY
         self._queue: deque[tuple[int, np.void]] = deque()
         self._block: deque[tuple[int, np.void]] = deque()
         self._firing = self._gated = False
         self._pulses = self._until = 0
         """The laser's count when the present block is complete; what was permitted last."""
-        self._records: list[Record] = []
-        self._done: list[Interrogation] = []
+        self._records: list[TriggerRecord] = []
+        self._done: list[PointRecord] = []
         self._sweep: deque[int] | None = None
         self._levels: list[int] = []
 
@@ -92,7 +92,7 @@ class Apparatus(Instrument):
         laser = self._ask(FAULT_LASER, self.laser.limits)
         excitation = self._ask(FAULT_EXCITATION, self.excitation.limits)
         parameters = {**laser.pop("parameters", {}), **excitation.pop("parameters", {})}
-        self._least, self._most = excitation.get("energy_range", ANY_ENERGY)
+        self._least, self._most = excitation.get("energy_range", MISSING_ENERGY)
         return {
             **self._identity,
             "simulated": False,
@@ -109,7 +109,7 @@ class Apparatus(Instrument):
             "parameters": parameters,
         }
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up for a plan."""
         self._samples, self._beams = sampling.samples, sampling.beams
         self._queue.clear()
@@ -117,7 +117,7 @@ class Apparatus(Instrument):
         self._ask(FAULT_DIGITISER, self.digitiser.begin, sampling)
         self._ask(FAULT_EXCITATION, self.excitation.begin, sampling)
 
-    def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
+    def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points."""
         self._queue.extend(enumerate(points, start=first))
 
@@ -128,7 +128,7 @@ class Apparatus(Instrument):
             self._queue.extendleft(reversed(self._break_off(now)))
         self._ask(FAULT_EXCITATION, self.excitation.permit, until, now)
 
-    def poll(self, now: int) -> list[Interrogation]:
+    def poll(self, now: int) -> list[PointRecord]:
         """Collect finished records and start the next block."""
         if self._firing:
             self._collect(now)
@@ -141,7 +141,7 @@ class Apparatus(Instrument):
 
     def next_due(self, now: int) -> int | None:
         """Return when to look again."""
-        return now + LOOK if self._queue or self._block or self._sweep is not None else None
+        return now + POLL_INTERVAL if self._queue or self._block or self._sweep is not None else None
 
     def stop(self, now: int) -> None:
         """Stop firing and discard all points; complete records are returned by the next poll."""
@@ -175,10 +175,10 @@ class Apparatus(Instrument):
         """Begin a sweep: go there, then a wavelength after the other."""
         self._sweep, self._levels = deque(wavelengths.tolist()), []
         one, none = np.ones(1, np.int64), np.zeros(1, np.int64)
-        self._ask(FAULT_GALVO, self.galvo.follow, Path(x * one, y * one, none, none), now)
+        self._ask(FAULT_GALVO, self.galvo.start_path, BeamPath(x * one, y * one, none, none), now)
         self._ask(FAULT_LASER, self.laser.tune, self._sweep[0], now)
 
-    def swept(self, now: int) -> list[int] | None:
+    def sweep_result(self, now: int) -> list[int] | None:
         """Take the level at a wavelength that is reached, and go to the next."""
         if self._sweep is None or not self._aimed(now):
             return None
@@ -238,13 +238,15 @@ class Apparatus(Instrument):
         """Take the next block from the queue, tune, and go to its first point."""
         block, bias = self._block, self._bias(self._queue[0][1])
         block.append(self._queue.popleft())
-        most = LONGEST_BLOCK if self.galvo.steps_by_trigger else 1
+        most = MAX_BLOCK if self.galvo.steps_by_trigger else 1
         while self._queue and len(block) < most and self._goes_on(self._queue[0][1], bias):
             block.append(self._queue.popleft())
         points = np.array([point for _, point in block])
         shots = np.maximum(points["averages"].astype(np.int64), 1)
-        path = Path(points["x"].astype(np.int64), points["y"].astype(np.int64), shots, points["settle"] * np.int64(100))
-        self._ask(FAULT_GALVO, self.galvo.follow, path, now)
+        path = BeamPath(
+            points["x"].astype(np.int64), points["y"].astype(np.int64), shots, points["settle"] * np.int64(100)
+        )
+        self._ask(FAULT_GALVO, self.galvo.start_path, path, now)
         self._ask(FAULT_LASER, self.laser.tune, bias, now)
 
     def _goes_on(self, point: np.void, bias: int) -> bool:
@@ -256,7 +258,7 @@ class Apparatus(Instrument):
         return asked or self._ask(FAULT_LASER, self.laser.bias, int(point["x"]), int(point["y"]))
 
     def _aimed(self, now: int) -> bool:
-        return self._ask(FAULT_GALVO, self.galvo.settled, now) and self._ask(FAULT_LASER, self.laser.tuned, now)
+        return self._ask(FAULT_GALVO, self.galvo.is_settled, now) and self._ask(FAULT_LASER, self.laser.tuned, now)
 
     def _fire(self, now: int) -> None:
         pulses = sum(max(1, int(point["averages"])) for _, point in self._block)
@@ -283,11 +285,11 @@ class Apparatus(Instrument):
             if len(self._records) >= self._beams * max(1, int(point["averages"])):
                 self._block.popleft()
                 beams = (self._records[beam :: self._beams] for beam in range(self._beams))
-                self._done += [mean(index, each, (self._least, self._most)) for each in beams]
+                self._done += [average_shots(index, each, (self._least, self._most)) for each in beams]
                 self._records = []
         if not self._block:
             self._firing = False
-        elif self.shots() >= self._pulses and now - self.last_shot() > PATIENCE:
+        elif self.shots() >= self._pulses and now - self.last_shot() > READY_TIMEOUT:
             raise InstrumentError(FAULT_DIGITISER, f"records of {len(self._block)} points are missing")
 
     def _ask(self, fault: int, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from fabry_perot.hardware.instrument import Interrogation
-from fabry_perot.hardware.roles import Record
+from fabry_perot.hardware.instrument import PointRecord
+from fabry_perot.hardware.roles import TriggerRecord
 from fabry_perot.wire.codes import MISFIRE
 
-ANY_ENERGY = (0, 1 << 31)
+MISSING_ENERGY = (0, 1 << 31)
 """Where a laser says no range."""
 
 
-def mean(point: int, records: list[Record], energies: tuple[int, int] = ANY_ENERGY) -> Interrogation:
+def average_shots(point: int, records: list[TriggerRecord], energies: tuple[int, int] = MISSING_ENERGY) -> PointRecord:
     """Return the mean A-line of ``point`` from one beam's records of its shots; quality bits are combined.
 
     So does a pulse energy out of range, as a misfire: in the mean it may not show.
@@ -26,7 +26,7 @@ def mean(point: int, records: list[Record], energies: tuple[int, int] = ANY_ENER
     for record in records:
         quality |= record.quality
         quality |= 0 if energies[0] <= record.energy <= energies[1] else MISFIRE
-    return Interrogation(
+    return PointRecord(
         samples=samples.astype(np.int16, copy=False),
         scale=last.scale,
         point=point,

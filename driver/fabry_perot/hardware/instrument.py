@@ -24,7 +24,7 @@ class InstrumentError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Sampling:
+class PlanSampling:
     """Sampling parameters common to all points of a plan.
 
     Parameters
@@ -46,7 +46,7 @@ class Sampling:
 
 
 @dataclass(frozen=True, slots=True)
-class Interrogation:
+class PointRecord:
     """Record of one point and beam: the mean over its shots.
 
     Parameters
@@ -56,7 +56,7 @@ class Interrogation:
     scale
         Pressure unit per count.
     point
-        Index as :meth:`Instrument.queue` counts them.
+        Index as :meth:`Instrument.queue_points` counts them.
     fire_time
         Device time of the last shot, in µs.
     shot
@@ -95,9 +95,9 @@ class Interrogation:
 
 
 class Instrument(Protocol):
-    """The hardware as the device sees it; :class:`~fabry_perot.hardware.Apparatus` makes one of its parts.
+    """The hardware as the device sees it; :class:`~fabry_perot.hardware.ComposedInstrument` makes one of its parts.
 
-    No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`swept` tells when it is over.
+    No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`sweep_result` tells when it is over.
     Points are worked through by the hardware's own triggers, many to a call. All times are device time in µs.
 
     Any call may raise :class:`InstrumentError`; the device latches it as a fault, closes the shutter and stops. What a
@@ -108,11 +108,11 @@ class Instrument(Protocol):
         """Return the limits, as documented in ``PROTOCOL.md``."""
         ...
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up for a plan; nothing moves."""
         ...
 
-    def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
+    def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points, from index ``first`` on, behind those given before.
 
         At each: go there (the first beam), tune, settle, take as many shots as its averages say, with all beams that
@@ -124,7 +124,7 @@ class Instrument(Protocol):
         """Permit pulses before ``until`` and none later, whether or not another call follows."""
         ...
 
-    def poll(self, now: int) -> list[Interrogation]:
+    def poll(self, now: int) -> list[PointRecord]:
         """Continue started operations, and return the results finished since the last call.
 
         In the order of the points; all beams of a point together, in their order.
@@ -132,7 +132,7 @@ class Instrument(Protocol):
         ...
 
     def next_due(self, now: int) -> int | None:
-        """Return when :meth:`poll` or :meth:`swept` has something to do next; ``None`` while nothing was started."""
+        """Return when :meth:`poll` or :meth:`sweep_result` has something to do next; ``None`` while nothing was started."""
         ...
 
     def stop(self, now: int) -> None:
@@ -154,7 +154,7 @@ class Instrument(Protocol):
         """Begin to sweep the interrogation wavelength (pm) at a point (nm) of the film, with the shutter closed."""
         ...
 
-    def swept(self, now: int) -> list[int] | None:
+    def sweep_result(self, now: int) -> list[int] | None:
         """Return the sweep's DC levels in mV once it is over, ``None`` before; once only."""
         ...
 

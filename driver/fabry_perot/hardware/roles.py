@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware.instrument import Sampling
+from fabry_perot.hardware.instrument import PlanSampling
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class BeamPath:
     """Path of the beam during a block of shots.
 
     Parameters
@@ -38,7 +38,7 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Record:
+class TriggerRecord:
     """Digitiser record of one trigger.
 
     Parameters
@@ -94,11 +94,11 @@ class Galvo(Protocol):
         """Return ``x_nm`` and ``y_nm``, [lowest, highest] each."""
         ...
 
-    def follow(self, path: Path, now: int) -> None:
+    def start_path(self, path: BeamPath, now: int) -> None:
         """Go to the first position, and after each position's shots to the next."""
         ...
 
-    def settled(self, now: int) -> bool:
+    def is_settled(self, now: int) -> bool:
         """Return whether the beam rests at the first position of the path."""
         ...
 
@@ -146,7 +146,7 @@ class Digitiser(Protocol):
         """Return ``samples`` and ``interval_ps``, [lowest, highest] each, and ``adc_bits``."""
         ...
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up length and interval of records, and of how many beams."""
         ...
 
@@ -154,7 +154,7 @@ class Digitiser(Protocol):
         """Accept ``count`` triggers."""
         ...
 
-    def records(self, now: int) -> list[Record]:
+    def records(self, now: int) -> list[TriggerRecord]:
         """Return the records finished since the last call, in the order of their triggers.
 
         Where there are several beams, each trigger gives a record of each, in their order.
@@ -182,7 +182,7 @@ class ExcitationLaser(Protocol):
         """
         ...
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set the pulse rate; no pulse leaves."""
         ...
 

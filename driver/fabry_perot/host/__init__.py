@@ -2,8 +2,8 @@
 
 from fabry_perot.host.core import Host
 from fabry_perot.host.ledger import ScanReport
-from fabry_perot.host.plan import Plan
-from fabry_perot.host.recovery import Keeper, Recovery
+from fabry_perot.host.plan import WirePlan
+from fabry_perot.host.recovery import RecoveryPolicy, ScanRecovery
 from fabry_perot.host.timing import HostTiming
 
-__all__ = ["Host", "HostTiming", "Keeper", "Plan", "Recovery", "ScanReport"]
+__all__ = ["Host", "HostTiming", "RecoveryPolicy", "ScanRecovery", "ScanReport", "WirePlan"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fabry_perot.host.answers import is_off
 from fabry_perot.wire.codes import AbortLevel
 from fabry_perot.wire.messages import Abort, AbortAck, Status, pack
-from fabry_perot.wire.states import LATCHED
+from fabry_perot.wire.states import LATCHED_STATES
 
 _HALF = 1 << 31
 
@@ -85,5 +85,5 @@ class Aborts:
         if ack is None:
             return
         self._since += 1
-        if self._since > 1 or status.state == ack.state or status.state in LATCHED:
+        if self._since > 1 or status.state == ack.state or status.state in LATCHED_STATES:
             self.after = status

@@ -27,13 +27,13 @@ _PEEK = struct.Struct("<16xI8xH")
 _peek, _value = _PEEK.unpack_from, google_crc32c.value
 
 
-def is_whole(record: bytes, size: int) -> bool:
+def is_complete(record: bytes, size: int) -> bool:
     """Return whether a record of ``size`` ≥ :data:`META_SIZE` bytes has the samples and checksum that it says."""
     crc, count = _peek(record)
     return META_SIZE + 2 * count == size and _value(record[META_SIZE:]) == crc  # type: ignore[no-any-return]
 
 
-def check_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:
+def parse_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:
     """Return the record of an A-line from its blob (meta ‖ encoded samples).
 
     Raises

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fabry_perot.errors import FrameError
-from fabry_perot.host.aline import META_SIZE, ALineBatch, check_record, is_whole
+from fabry_perot.host.aline import META_SIZE, ALineBatch, is_complete, parse_record
 from fabry_perot.wire.codes import ALL_FRAGMENTS, MAX_MISSING
 from fabry_perot.wire.encoding import Encoding
 from fabry_perot.wire.messages import LAYOUT, ALineHead
@@ -11,7 +11,7 @@ from fabry_perot.wire.messages import LAYOUT, ALineHead
 _HEAD = LAYOUT[ALineHead]
 
 
-class Assembly:
+class AlineReassembler:
     """A-lines in order of their number, each exactly once.
 
     Parameters
@@ -47,7 +47,7 @@ class Assembly:
         return self.durable + self._window
 
     @property
-    def gaps(self) -> bool:
+    def has_gaps(self) -> bool:
         """Whether A-lines below the horizon are missing."""
         return self.complete < self.horizon
 
@@ -80,7 +80,7 @@ class Assembly:
         usual = head.encoding == Encoding.INT16 and not self._asked and size >= META_SIZE
         for end in range(_HEAD.size + size, len(payload) + 1, size):
             blob = payload[end - size : end]
-            if usual and first <= number < last and number not in lines and is_whole(blob, size):
+            if usual and first <= number < last and number not in lines and is_complete(blob, size):
                 lines[number] = point, blob  # without a call more than it needs
             else:
                 self._keep(number, point, blob, head.encoding)
@@ -103,7 +103,7 @@ class Assembly:
         if not self._wanted(number):
             return
         try:
-            self._lines[number] = point, check_record(blob, encoding)
+            self._lines[number] = point, parse_record(blob, encoding)
         except FrameError:
             self.damaged += 1
             return
@@ -133,7 +133,7 @@ class Assembly:
         if self.horizon < complete:
             self.horizon = complete
 
-    def restart(self) -> int:
+    def reset_pending(self) -> int:
         """Discard A-lines out of order, because they will be recorded again; return the next expected number."""
         self._lines = {number: line for number, line in self._lines.items() if number < self.complete}
         self._parts.clear()
@@ -141,11 +141,11 @@ class Assembly:
         self.horizon = self.complete
         return self.complete
 
-    def sent(self, number: int) -> None:
+    def mark_sent(self, number: int) -> None:
         """Learn from STATUS that the device has sent everything below ``number``."""
         self.horizon = max(self.horizon, min(number, self.limit))
 
-    def take(self) -> ALineBatch:
+    def pop_ready(self) -> ALineBatch:
         """Return the A-lines that are next in order and not yet delivered; where their length changes it ends."""
         first, lines = self.delivered, self._lines
         points: list[int] = []

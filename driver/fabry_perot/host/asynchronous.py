@@ -143,7 +143,7 @@ class AsyncScanner:
         """Sweep the interrogation wavelength at one point."""
         return await self._run(self._scanner.tune, x, y, **sweep)
 
-    async def pretune(self, points: Any, *, steps: int = 101) -> TuningMap:
+    async def measure_tuning_map(self, points: Any, *, steps: int = 101) -> TuningMap:
         """Sweep at each point."""
         return await self._run(self._scanner.pretune, points, steps=steps)
 

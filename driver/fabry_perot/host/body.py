@@ -7,12 +7,12 @@ from typing import Any
 from fabry_perot.errors import DeviceRestarted, LinkError, LinkLost, ScannerError
 from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.aline import ALineBatch
-from fabry_perot.host.assembly import Assembly
-from fabry_perot.host.calls import Call, Calls
+from fabry_perot.host.assembly import AlineReassembler
+from fabry_perot.host.calls import PendingRequest, RequestTracker
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.greeting import Greeting
 from fabry_perot.host.phase import HostState
-from fabry_perot.host.plan import Plan
+from fabry_perot.host.plan import WirePlan
 from fabry_perot.host.timing import HostTiming
 from fabry_perot.host.traffic import Traffic
 from fabry_perot.host.uploader import Uploader
@@ -52,7 +52,7 @@ class HostBody:
         self.deframer = Deframer()
         self.traffic = Traffic(self.deframer.counters)
         self.greeting = Greeting(self.timing, self.traffic)
-        self.calls = Calls(self.timing, self.traffic)
+        self.calls = RequestTracker(self.timing, self.traffic)
         self.hello: HelloAck | None = None
         self.status: Status | None = None
         self.plan_status: PlanStatus | None = None
@@ -61,12 +61,12 @@ class HostBody:
         self.fault = 0
         """Code of the last fault that the device reported."""
         self.failure: ScannerError | None = None
-        self.assembly: Assembly | None = None
+        self.assembly: AlineReassembler | None = None
         self.uploader: Uploader | None = None
         self.caps_buffer = b""
         self.gone = 0
         self.tolerant = False
-        """Whether a reboot of the device is somebody's business (:class:`~fabry_perot.host.recovery.Keeper`)."""
+        """Whether a reboot of the device is somebody's business (:class:`~fabry_perot.host.recovery.ScanRecovery`)."""
         self.last_words: Status | None = None
         """Last STATUS of a boot that ended."""
         self.foreign_frames = 0
@@ -86,7 +86,7 @@ class HostBody:
     def state(self) -> HostState:
         """The host's state, with silence and gaps seen."""
         if self.phase is HostState.STREAMING and self.assembly is not None:
-            if self.assembly.gaps:
+            if self.assembly.has_gaps:
                 return HostState.GAP_FILL
             if self.device_state in (DeviceState.DRAINING, DeviceState.DONE):
                 return HostState.DRAINING
@@ -102,7 +102,7 @@ class HostBody:
         """Largest payload agreed for this line."""
         return self.hello.max_payload if self.hello else 64
 
-    def silent_for(self, now: int) -> int:
+    def time_since_heard(self, now: int) -> int:
         """Return the µs since the device was last heard."""
         return now - self.heard_at
 
@@ -110,7 +110,7 @@ class HostBody:
         """Start to ask for a session."""
         self.phase, self.heard_at = HostState.HELLO, now
         self.greeting.begin(now)
-        self.poll(now)
+        self.tick(now)
 
     def link_lost(self) -> None:
         """Handle the loss of the port; :meth:`reopen` follows when it is available again."""
@@ -131,21 +131,21 @@ class HostBody:
             self.last_words, self.status, self.plan_status = self.status, None, None
             self.aborts.drop()
 
-    def poll(self, now: int) -> None:
+    def tick(self, now: int) -> None:
         """Send messages due at host time ``now``."""
         self._polled_at = now
         if self.phase is not HostState.LOST and (abort := self.aborts.due(now)) is not None:
             self.send(Type.ABORT, abort, FLAG_URGENT)  # also of a session that has failed
         if self.phase in (HostState.CLOSED, HostState.LOST):
             return
-        if self.phase is HostState.HELLO or self.silent_for(now) > self.timing.silence:
+        if self.phase is HostState.HELLO or self.time_since_heard(now) > self.timing.silence:
             self._say_hello(now)
         if self.phase is HostState.CONFIG and now >= self._caps_due:
             self._caps_due = now + self.timing.hello_period
             self.send(Type.CAPS, CAPS_REQUEST.pack(len(self.caps_buffer)))
         if self.hello is None:
             return
-        for payload, again in self.calls.due(now):
+        for payload, again in self.calls.due_payloads(now):
             self.send(Type.REQ, payload, FLAG_RETRANSMISSION if again else 0)
         if self.uploader is not None:
             for payload in self.uploader.due(now):
@@ -171,7 +171,7 @@ class HostBody:
         assembly = self.assembly
         if assembly is None:
             return
-        gaps = assembly.gaps
+        gaps = assembly.has_gaps
         if not (gaps or self.ack_due) and now - self._acked_at < self.timing.ack_period:
             return
         missing = assembly.missing(now) if gaps else []
@@ -184,7 +184,7 @@ class HostBody:
             ack = ALineAck(assembly.plan, assembly.durable, assembly.limit)
             self.send(Type.ALINE_ACK, pack(ack) + tail)
 
-    def caps_wanted(self, now: int) -> None:
+    def request_capabilities(self, now: int) -> None:
         """Ask for the next piece of the capabilities now."""
         self._caps_due = now
 
@@ -194,7 +194,7 @@ class HostBody:
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._out.append(encode_frame(Frame(kind, flags, boot, self.session, self._sequence, payload)))
 
-    def pull(self) -> bytes:
+    def take_output(self) -> bytes:
         """Return the bytes to send now."""
         if not self._out:
             return b""
@@ -208,28 +208,28 @@ class HostBody:
         self.phase = HostState.CLOSED
         self.calls.fail(error)
 
-    def call(self, operation: Operation, now: int, **body: Any) -> Call:
+    def call(self, operation: Operation, now: int, **body: Any) -> PendingRequest:
         """Start a request and return its handle."""
         call = self.calls.start(operation, body, now)
         if self.failure is not None:
             self.calls.fail(self.failure)
-        self.poll(now)
+        self.tick(now)
         return call
 
-    def upload(self, plan: Plan, now: int, start: int = 0) -> Call:
+    def upload(self, plan: WirePlan, now: int, start: int = 0) -> PendingRequest:
         """Replace the device's plan by ``plan`` from point ``start``; A-lines of another plan are dropped."""
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         self.assembly = None
         self.phase = HostState.UPLOAD
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True, start=start))
 
-    def upload_again(self, plan: Plan, now: int) -> Call:
+    def upload_again(self, plan: WirePlan, now: int) -> PendingRequest:
         """Give a rebooted device the points whose A-lines are not here."""
         start = self.assembly.complete if self.assembly else 0
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=False, start=start))
 
-    def adopt(self, plan: Plan, now: int, start: int = 0) -> bool:
+    def resume_plan(self, plan: WirePlan, now: int, start: int = 0) -> bool:
         """Continue with ``plan`` if the device holds it, from its last acknowledged A-line or from ``start``."""
         status = self.status
         if status is None or status.plan != plan.uid or self.plan_status is None:
@@ -237,14 +237,14 @@ class HostBody:
         # The laser is off since before this session, so the position is where the next START begins.
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, status.position)
         self.uploader.receive(self.plan_status, now)
-        self.expect(plan.uid, max(start, status.acknowledged))
-        self.poll(now)
+        self.receive_from(plan.uid, max(start, status.acknowledged))
+        self.tick(now)
         return True
 
-    def expect(self, plan: int, start: int) -> None:
+    def receive_from(self, plan: int, start: int) -> None:
         """Take A-lines of ``plan`` from number ``start``, and grant the device credit."""
         window = self.hello.ring if self.hello else 1
-        self.assembly = Assembly(plan, start, window, 2 * self.timing.ack_period)
+        self.assembly = AlineReassembler(plan, start, window, 2 * self.timing.ack_period)
         self.phase = HostState.UPLOAD
         self.ack_due = True
 
@@ -263,7 +263,7 @@ class HostBody:
         self.contact = (now, self.status.device_time)
         self.send(Type.LEASE, pack(Lease(self.hello.boot, **self.lease_fields())))
 
-    def since_contact(self, now: int) -> float:
+    def seconds_since_contact(self, now: int) -> float:
         """Return the seconds since :attr:`contact`, by whichever clock counts more of them.
 
         A host's clock may leave out the time its computer slept, and a STATUS may have waited in a buffer.
@@ -274,7 +274,7 @@ class HostBody:
 
     def take(self) -> ALineBatch:
         """Return the A-lines that are next in order."""
-        return self.assembly.take() if self.assembly else ALineBatch()
+        return self.assembly.pop_ready() if self.assembly else ALineBatch()
 
     def acknowledge(self, number: int, now: int) -> None:
         """Report to the device that A-line ``number`` and all before it are durably stored; renews the lease."""
@@ -282,12 +282,12 @@ class HostBody:
             self.assembly.acknowledge(number + 1)
             self.ack_due = True
         self.renew(now)
-        self.poll(now)
+        self.tick(now)
 
     def abort(self, level: AbortLevel, now: int) -> None:
         """Send ABORT until it is acknowledged; a stronger one that is not yet is not weakened."""
         self.aborts.start(level, now)
-        self.poll(now)
+        self.tick(now)
 
     def abort_acknowledged(self, ack: AbortAck) -> None:
         """Stop repeating the ABORT that ``ack`` answers."""

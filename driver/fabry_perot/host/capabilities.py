@@ -212,10 +212,10 @@ class Capabilities:
             raise PlanInvalid("points", f"shape {points.shape}", "(M, 2), M ≥ 1, in m")
         if not np.all(np.isfinite(points)):
             raise PlanInvalid("points", "not finite", "finite positions in m")
-        _inside("samples", samples, self.samples, "")
-        _inside("sampling_interval", sampling_interval, self.sampling_interval, " s")
-        _inside("pulse_rate", pulse_rate, self.pulse_rate, " Hz")
-        _inside("averages", averages, self.averages, "")
+        _check_range("samples", samples, self.samples, "")
+        _check_range("sampling_interval", sampling_interval, self.sampling_interval, " s")
+        _check_range("pulse_rate", pulse_rate, self.pulse_rate, " Hz")
+        _check_range("averages", averages, self.averages, "")
         self.encoding(encoding)
         for axis, (name, (low, high)) in enumerate((("x", self.x), ("y", self.y))):
             values = points[:, axis]
@@ -224,7 +224,7 @@ class Capabilities:
                 raise PlanInvalid(f"points.{name}", f"{worst:g} m", f"{low:g} … {high:g} m")
 
 
-def _inside(name: str, value: float, allowed: Range, unit: str) -> None:
+def _check_range(name: str, value: float, allowed: Range, unit: str) -> None:
     low, high = allowed
     slack = 1e-9 * abs(high)
     if not low - slack <= value <= high + slack:

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 
 from serial.tools import list_ports
 
-from fabry_perot.errors import NoAnswer, PortBusy, PortForbidden, ProtocolMismatch, ScannerError
+from fabry_perot.errors import PortBusy, PortForbidden, ProtocolMismatch, ResponseTimeout, ScannerError
 from fabry_perot.hardware.instrument import Instrument
-from fabry_perot.host import HostTiming, Recovery
+from fabry_perot.host import HostTiming, RecoveryPolicy
 from fabry_perot.host.local import LocalTransport
 from fabry_perot.host.ports import holder_of, opened_by
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.stopping import after_yield
-from fabry_perot.host.tap import Tap
+from fabry_perot.host.tap import MonitoringTransport
 from fabry_perot.host.transport import Transport, open_transport
-from fabry_perot.wire.framing import fast_stuffing
+from fabry_perot.wire.framing import has_native_cobs
 
 _log = logging.getLogger(__name__)
-_DEFAULT = Recovery()
+_DEFAULT = RecoveryPolicy()
 
 
 def connect(
@@ -28,7 +28,7 @@ def connect(
     *,
     baudrate: int | None = None,
     timing: HostTiming | None = None,
-    recovery: Recovery | None = _DEFAULT,
+    recovery: RecoveryPolicy | None = _DEFAULT,
     tap: Callable[[str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Scanner:
@@ -44,7 +44,7 @@ def connect(
         ``rfc2217://host:2217`` (a byte at a time in pyserial: some 0.2 MB/s). A path under ``/dev/serial/by-id``
         survives unplugging and plugging in again. Each may end with a baud rate, ``/dev/ttyUSB0?baud=921600``, which
         counts more than ``baudrate``. Or the hardware itself, when it is in this computer
-        (:class:`fabry_perot.Apparatus`): the device then runs in a thread of this process, with the same lease.
+        (:class:`fabry_perot.ComposedInstrument`): the device then runs in a thread of this process, with the same lease.
     baudrate
         Baud rate of a UART in Bd, by default 3,000,000.
     timing
@@ -63,12 +63,12 @@ def connect(
     PlanInvalid
         The baud rate is out of range.
     """
-    if not fast_stuffing():
+    if not has_native_cobs():
         _log.warning("cobs runs without its C extension: frames are decoded some hundred times slower than need be")
 
     def reopen() -> Transport:
         transport = open_transport(url, baudrate) if isinstance(url, str) else LocalTransport(url)
-        return transport if tap is None else Tap(transport, tap)
+        return transport if tap is None else MonitoringTransport(transport, tap)
 
     port = url if isinstance(url, str) else None
     again = None if recovery is None or port is None else lambda: after_yield(reopen, port)
@@ -82,15 +82,15 @@ def connect(
         if str(url) in str(error):
             raise
         raise PortBusy(f"{url}: {error}") from None
-    except NoAnswer as error:
+    except ResponseTimeout as error:
         others = opened_by(port) if port else ""
         if not others:
             raise
-        raise NoAnswer(f"{error}; {others} has {port} open, too, and may take the answers") from None
+        raise ResponseTimeout(f"{error}; {others} has {port} open, too, and may take the answers") from None
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DiscoveredPort:
     """A port at which a scanner is, or may be.
 
     Parameters
@@ -118,7 +118,7 @@ class Found:
     reason: str = ""
 
 
-def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: bool = False) -> list[Found]:
+def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: bool = False) -> list[DiscoveredPort]:
     """Return the ports of this computer, or the scanners at ``urls``.
 
     Parameters
@@ -133,15 +133,15 @@ def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: 
         With ``probe``: keep the others, too, with the reason why no scanner answered.
     """
     if urls is None:
-        ports = [Found(port.device, port.description) for port in list_ports.comports()]
+        ports = [DiscoveredPort(port.device, port.description) for port in list_ports.comports()]
     else:
-        ports = [Found(url, "") for url in urls]
+        ports = [DiscoveredPort(url, "") for url in urls]
     if not probe:
         return ports
-    return [found for port in ports if (found := _ask(port, silent=silent)) is not None]
+    return [found for port in ports if (found := _probe(port, silent=silent)) is not None]
 
 
-def _ask(port: Found, *, silent: bool) -> Found | None:
+def _probe(port: DiscoveredPort, *, silent: bool) -> DiscoveredPort | None:
     try:
         with connect(port.url, timing=HostTiming(hello_tries=4), recovery=None) as scanner:
             known = scanner.capabilities

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 
-from fabry_perot.errors import LinkError, NoAnswer, ProtocolMismatch
+from fabry_perot.errors import LinkError, ProtocolMismatch, ResponseTimeout
 from fabry_perot.host.diagnosis import Trouble
 from fabry_perot.host.timing import HostTiming
 from fabry_perot.host.traffic import Traffic
@@ -84,7 +84,7 @@ class Greeting:
         """Return an error for a device that has answered, but whose capabilities or STATUS do not arrive."""
         if now - self._since.time < self._timing.connect or now - self._moved < MOVING:
             return None
-        return NoAnswer(f"the scanner answers only in part: {self._traffic.explain(self._since, now)}")
+        return ResponseTimeout(f"the scanner answers only in part: {self._traffic.explain(self._since, now)}")
 
     def mismatch(self, version: int) -> ProtocolMismatch | None:
         """Return the error of a device that answers HELLO with another version.
@@ -103,7 +103,7 @@ class Greeting:
             return ProtocolMismatch(_other(0))
         told = f"no scanner answered after {self._tries} tries: {self._traffic.explain(self._since, now)}"
         other = self._traffic.trouble(self._since) is Trouble.OTHER_FRAMES
-        return ProtocolMismatch(told) if other else NoAnswer(told)
+        return ProtocolMismatch(told) if other else ResponseTimeout(told)
 
 
 def _other(version: int) -> str:

@@ -19,10 +19,10 @@ from fabry_perot.wire.messages import (
     HelloAck,
     PlanStatus,
     Status,
-    fixed,
     pack,
     unpack,
     unpack_body,
+    unpack_exact,
 )
 from fabry_perot.wire.states import DeviceState
 
@@ -54,12 +54,12 @@ def _take_session(host: HostBody, ack: HelloAck) -> None:
 
 
 def _caps_piece(host: HostBody, frame: Frame, now: int) -> None:
-    offset, size = fixed(CAPS_HEAD, frame.payload, tail=True)
+    offset, size = unpack_exact(CAPS_HEAD, frame.payload, tail=True)
     if host.phase is not HostState.CONFIG or host.hello is None or offset != len(host.caps_buffer):
         return
     host.greeting.progress(now)
     host.caps_buffer += frame.payload[CAPS_HEAD.size :]
-    host.caps_wanted(now)
+    host.request_capabilities(now)
     if len(host.caps_buffer) >= size:
         data, host.caps_buffer = host.caps_buffer, b""
         if crc32c(data) == host.hello.caps_crc:
@@ -69,7 +69,7 @@ def _caps_piece(host: HostBody, frame: Frame, now: int) -> None:
 
 
 def _reply(host: HostBody, frame: Frame, now: int) -> None:
-    number, _operation, result, state = fixed(REPLY_HEAD, frame.payload, tail=True)
+    number, _operation, result, state = unpack_exact(REPLY_HEAD, frame.payload, tail=True)
     body = unpack_body(frame.payload[REPLY_HEAD.size :])
     host.heard_at = now
     call = host.calls.answer(number, result, DeviceState(state), body)
@@ -79,7 +79,7 @@ def _reply(host: HostBody, frame: Frame, now: int) -> None:
     if call.error is not None:
         return
     if call.operation is Operation.PLAN_NEW and host.uploader is not None and host.assembly is None:
-        host.expect(host.uploader.plan.uid, host.uploader.start)
+        host.receive_from(host.uploader.plan.uid, host.uploader.start)
     elif call.operation is Operation.ARM:
         host.phase = HostState.ARMING
     elif call.operation is Operation.START:
@@ -110,7 +110,7 @@ def _status(host: HostBody, frame: Frame, now: int) -> None:
     if host.device_state is DeviceState.FAULT:
         host.fault = status.fault
     if host.assembly is not None and status.plan == host.assembly.plan:
-        host.assembly.sent(status.sent)
+        host.assembly.mark_sent(status.sent)
 
 
 def _abort_ack(host: HostBody, frame: Frame, now: int) -> None:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fabry_perot.host.plan import Plan
+from fabry_perot.host.plan import WirePlan
 from fabry_perot.wire.messages import Status
 
 
 @dataclass(slots=True)
-class Ledger:
+class ShotLedger:
     """Shots by boot of the device, from the laser's own counter, which survives a reboot.
 
     Parameters
@@ -34,7 +34,7 @@ class Ledger:
     _wasted: int = 0
     _wasted_before: int = 0
 
-    def started(self, boot: int, start: int, laser_shots: int, wasted: int, shots: int = 0) -> None:
+    def record_start(self, boot: int, start: int, laser_shots: int, wasted: int, shots: int = 0) -> None:
         """Record a START; the first one of a scan defines the start of counting in its boot.
 
         ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at;
@@ -50,7 +50,7 @@ class Ledger:
         """Return the laser's counter at the time of a STATUS; of another boot's, that at which this one began."""
         return self._shots + (status.shots - self._boot_shots if status.boot == self._boot else 0)
 
-    def lost(self, plan: Plan, boot: int, kept: int, laser_shots: int, wasted: int) -> None:
+    def record_reboot(self, plan: WirePlan, boot: int, kept: int, laser_shots: int, wasted: int) -> None:
         """Note a reboot: A-lines below ``kept`` arrived, the laser's counter now shows ``laser_shots``.
 
         ``wasted`` is the last that was heard of the shots discarded in the boot that ended. Counting begins here in the
@@ -129,7 +129,7 @@ class ScanReport:
         return f"<ScanReport: {self.stored:,} of {self.points:,} stored, {self.fired:,} shots fired{rest}{old}>"
 
     @property
-    def balanced(self) -> bool:
+    def is_balanced(self) -> bool:
         """Whether fired = stored + held + re-fired (+ wasted), counted in shots: one for all beams of a place."""
         places = self.stored + self.held + len(self.refired) if self.places is None else self.places
         return self.fired == self.averages * places + self.wasted

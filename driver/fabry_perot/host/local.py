@@ -11,14 +11,14 @@ import threading
 from contextlib import suppress
 
 from fabry_perot.device.endpoints import PairEndpoint
-from fabry_perot.device.serving import Service
+from fabry_perot.device.serving import DeviceServer
 from fabry_perot.errors import LinkLost, PortBusy
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.wire.framing import MAX_PAYLOAD
 
-_HELD: set[int] = set()
+_LIVE_DEVICES: set[int] = set()
 """Instruments that have a host, by identity."""
-_HOLDING = threading.Lock()
+_LIVE_LOCK = threading.Lock()
 READ_WAIT = 0.004
 """Longest wait for bytes in one read, in s."""
 
@@ -26,20 +26,20 @@ READ_WAIT = 0.004
 _OPEN: set[LocalTransport] = set()
 
 
-def _told(*_: object) -> None:
+def _stop_all_devices(*_: object) -> None:
     """End all devices of this process, and the program, as SIGTERM would, but their shutters closed."""
     for transport in _OPEN:
         transport.end()
     sys.exit(128 + signal.SIGTERM)
 
 
-def _listen() -> None:
+def _install_sigterm_handler() -> None:
     """Install a SIGTERM handler while there is a device, unless the program has its own; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         return
     if _OPEN and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, _told)
-    elif not _OPEN and signal.getsignal(signal.SIGTERM) is _told:
+        signal.signal(signal.SIGTERM, _stop_all_devices)
+    elif not _OPEN and signal.getsignal(signal.SIGTERM) is _stop_all_devices:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
@@ -61,17 +61,17 @@ class LocalTransport:
 
     def __init__(self, instrument: Instrument) -> None:
         self._held = id(instrument)
-        with _HOLDING:
-            if self._held in _HELD:
+        with _LIVE_LOCK:
+            if self._held in _LIVE_DEVICES:
                 raise PortBusy(f"{type(instrument).__name__} has a host in this process already")
-            _HELD.add(self._held)
+            _LIVE_DEVICES.add(self._held)
         self._end, far = socket.socketpair()
         self._end.settimeout(READ_WAIT)
         self._over = threading.Event()
         _OPEN.add(self)
         try:
-            _listen()
-            service = Service(instrument, PairEndpoint(far), ring=512, plan_points=8192, max_payload=MAX_PAYLOAD)
+            _install_sigterm_handler()
+            service = DeviceServer(instrument, PairEndpoint(far), ring=512, plan_points=8192, max_payload=MAX_PAYLOAD)
         except BaseException:
             with suppress(Exception):
                 instrument.close()
@@ -118,6 +118,6 @@ class LocalTransport:
             self._forget()
 
     def _forget(self) -> None:
-        _HELD.discard(self._held)
+        _LIVE_DEVICES.discard(self._held)
         _OPEN.discard(self)
-        _listen()
+        _install_sigterm_handler()

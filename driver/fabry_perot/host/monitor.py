@@ -8,14 +8,14 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from fabry_perot import faults
-from fabry_perot.errors import FaultStands, NoAnswer, PortBusy, Refused
+from fabry_perot.errors import FaultStands, PortBusy, RequestRejected, ResponseTimeout
 from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
 from fabry_perot.host.passive import Passive
 from fabry_perot.host.stopping import emergency_stop
 from fabry_perot.host.watching import Watching
 from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.messages import Status
-from fabry_perot.wire.states import LATCHED, DeviceState
+from fabry_perot.wire.states import LATCHED_STATES, DeviceState
 
 LEAST = 0.1
 """Shortest time in s for which a port is asked anew after it was given up under a stop."""
@@ -138,8 +138,8 @@ class Monitor(Watching):
             The device does not answer.
         """
         passive, status = self._present()
-        if status.state not in LATCHED:
-            raise Refused(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
+        if status.state not in LATCHED_STATES:
+            raise RequestRejected(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
         fault = status.fault if status.state == DeviceState.FAULT else 0
         if cause := standing(status):
             raise FaultStands(fault, cause)
@@ -151,11 +151,11 @@ class Monitor(Watching):
             with self._changed:
                 passive.withdraw(request)
         if not done:
-            raise NoAnswer(f"{self.url}: no reply to CLEAR_FAULT within {_PATIENCE:g} s")
+            raise ResponseTimeout(f"{self.url}: no reply to CLEAR_FAULT within {_PATIENCE:g} s")
         passive, status = self._present()
         if request.error is not None:
             raise FaultStands(fault, standing(status)) if standing(status) else request.error
-        if status.state in LATCHED:
+        if status.state in LATCHED_STATES:
             raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
         return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), DeviceState(status.state).name.lower())
 
@@ -168,10 +168,10 @@ class Monitor(Watching):
         with self._changed:
             passive = self._passive
             if passive is None:
-                raise (PortBusy if self._busy else NoAnswer)(self._error or f"{self.url} is not open")
+                raise (PortBusy if self._busy else ResponseTimeout)(self._error or f"{self.url} is not open")
             last = passive.status_at
         if not self._until(lambda: passive.status_at > last, _PATIENCE, passive) or passive.status is None:
-            raise NoAnswer(self.error or f"{self.url}: the scanner does not answer")
+            raise ResponseTimeout(self.error or f"{self.url}: the scanner does not answer")
         return passive, passive.status
 
     def _until(self, condition: Any, seconds: float, passive: Passive) -> bool:

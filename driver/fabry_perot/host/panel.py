@@ -9,15 +9,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabry_perot import faults
-from fabry_perot.errors import DeviceFault, EmergencyStopped, FaultStands, NoAnswer, PlanInvalid, Refused, ScannerError
-from fabry_perot.host import Keeper, Recovery
+from fabry_perot.errors import (
+    DeviceFault,
+    EmergencyStopped,
+    FaultStands,
+    PlanInvalid,
+    RequestRejected,
+    ResponseTimeout,
+    ScannerError,
+)
+from fabry_perot.host import RecoveryPolicy, ScanRecovery
 from fabry_perot.host.answers import FaultCleared, StopAnswer, standing
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.session import Session
 from fabry_perot.host.tuning import TuningCurve, TuningMap
 from fabry_perot.wire.codes import AbortLevel, Operation
 from fabry_perot.wire.messages import Status
-from fabry_perot.wire.states import LATCHED, DeviceState
+from fabry_perot.wire.states import LATCHED_STATES, DeviceState
 
 _LEVELS = {
     "pause": AbortLevel.PAUSE,
@@ -26,7 +34,7 @@ _LEVELS = {
 }
 
 
-class Panel:
+class ScannerControls:
     """State, parameters, tuning and stops of a scanner; the base of :class:`fabry_perot.Scanner`.
 
     Parameters
@@ -37,9 +45,9 @@ class Panel:
         How long a scan is carried over interruptions.
     """
 
-    def __init__(self, session: Session, recovery: Recovery) -> None:
+    def __init__(self, session: Session, recovery: RecoveryPolicy) -> None:
         self._session, self._host = session, session.host
-        self._keeper = Keeper(session.host, recovery)
+        self._keeper = ScanRecovery(session.host, recovery)
 
     def __repr__(self) -> str:
         known = self._host.capabilities
@@ -53,7 +61,7 @@ class Panel:
         """Limits and identity."""
         capabilities = self._host.capabilities
         if capabilities is None:
-            raise NoAnswer("not connected")
+            raise ResponseTimeout("not connected")
         return capabilities
 
     @property
@@ -66,7 +74,7 @@ class Panel:
         """The device's last STATUS; right after a restart of the device, the last one before it."""
         status = self._host.status or self._host.last_words
         if status is None:
-            raise NoAnswer("not connected")
+            raise ResponseTimeout("not connected")
         return status
 
     def pause(self) -> None:
@@ -102,17 +110,17 @@ class Panel:
             Nothing is latched.
         """
         status = self._next_status()
-        if self._session.stopped_by and status.state not in LATCHED:
+        if self._session.stopped_by and status.state not in LATCHED_STATES:
             self._session.stopped_by = ""
             return FaultCleared(faults.EMERGENCY_STOP, by, datetime.now(UTC), self.state)
-        if status.state not in LATCHED:
-            raise Refused(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
+        if status.state not in LATCHED_STATES:
+            raise RequestRejected(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
         fault = status.fault if status.state == DeviceState.FAULT else 0
         if cause := standing(status):
             raise FaultStands(fault, cause)
         self._session.request(Operation.CLEAR_FAULT)
         status = self._next_status()
-        if status.state in LATCHED:
+        if status.state in LATCHED_STATES:
             raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
         self._session.stopped_by = ""
         return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), self.state)

@@ -11,7 +11,7 @@ import secrets
 from contextlib import suppress
 from dataclasses import dataclass
 
-from fabry_perot.errors import FrameError, PortBusy, ProtocolMismatch, Refused, ScannerError
+from fabry_perot.errors import FrameError, PortBusy, ProtocolMismatch, RequestRejected, ScannerError
 from fabry_perot.host.aborts import Aborts
 from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Operation, Result, Type
 from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, UART_PAYLOAD, Deframer, Frame, encode_frame
@@ -22,9 +22,9 @@ from fabry_perot.wire.messages import (
     Hello,
     HelloAck,
     Status,
-    fixed,
     pack,
     unpack,
+    unpack_exact,
 )
 from fabry_perot.wire.states import DeviceState
 
@@ -145,13 +145,13 @@ class Passive:
         self._hello, self._wants_session = ack, False
 
     def _take_reply(self, frame: Frame) -> None:
-        _, operation, result, state = fixed(REPLY_HEAD, frame.payload, tail=True)
+        _, operation, result, state = unpack_exact(REPLY_HEAD, frame.payload, tail=True)
         request, hello = self._request, self._hello
         if request is None or hello is None or frame.session != hello.session or operation != request.operation:
             return
         if result != Result.OK:
             reason = Result(result).name.lower().replace("_", "-")
-            request.error = Refused(request.operation.name, reason, DeviceState(state).name)
+            request.error = RequestRejected(request.operation.name, reason, DeviceState(state).name)
         request.done, self._request = True, None
 
     def pull(self, now: float) -> bytes:

@@ -15,7 +15,7 @@ from fabry_perot.wire.messages import PLAN_HEAD, POINT
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class WirePlan:
     """Scan plan in protocol units.
 
     Parameters
@@ -58,7 +58,7 @@ class Plan:
         encoding: int = 0,
         tag: int = 0,
         beams: int = 1,
-    ) -> Plan:
+    ) -> WirePlan:
         """Return the plan for (M, 2) places in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)

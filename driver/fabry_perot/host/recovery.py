@@ -1,9 +1,9 @@
 """Automatic recovery of an interrupted scan within the safety policy.
 
-Like the host it is sans-I/O: :meth:`Keeper.poll` is told the time and looks at the host. It acts only on a scan that a
-person started and nobody stopped, only within :attr:`Recovery.within` seconds of the last proof that application and
+Like the host it is sans-I/O: :meth:`ScanRecovery.poll` is told the time and looks at the host. It acts only on a scan that a
+person started and nobody stopped, only within :attr:`RecoveryPolicy.within` seconds of the last proof that application and
 device heard of each other, and only on a device that has kept power and whose interlock stayed closed. Everything else
-waits for :meth:`Keeper.take_up`, a person's decision, which also plans again what a restarted device has lost. The
+waits for :meth:`ScanRecovery.resume`, a person's decision, which also plans again what a restarted device has lost. The
 laser is armed anew by the full sequence RELEASE, ARM, START, never by a shortcut.
 """
 
@@ -13,24 +13,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from fabry_perot.errors import LeaseLapsed, LinkLost, ScannerError
+from fabry_perot.errors import LeaseExpired, LinkLost, ScannerError
 from fabry_perot.host.core import Host
-from fabry_perot.host.ledger import Ledger
+from fabry_perot.host.ledger import ShotLedger
 from fabry_perot.host.phase import HostState
-from fabry_perot.host.plan import Plan
-from fabry_perot.wire.codes import SECURED, Operation
+from fabry_perot.host.plan import WirePlan
+from fabry_perot.wire.codes import SAFE_BITS, Operation
 from fabry_perot.wire.states import DeviceState, HoldCause
 
 _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000
-_OURS = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})
+_RECOVERABLE = frozenset({HoldCause.LEASE, HoldCause.SESSION, HoldCause.NONE})
 """Causes of SAFE_HOLD that are interruptions rather than somebody's wish."""
 _HALTED = frozenset({DeviceState.SAFE_HOLD, DeviceState.LINKED, DeviceState.READY, DeviceState.ARMED})
 
-_A_PERSON = "the laser rests for too long, or not for the application alone: only a person may take the scan up"
+_OPERATOR_REQUIRED = (
+    "the laser rests for too long, or not for the application alone: only a person may take the scan up"
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Recovery:
+class RecoveryPolicy:
     """Recovery policy of a scan: tolerated interruptions, and the delay before the laser may resume by itself.
 
     Parameters
@@ -49,7 +51,7 @@ class Recovery:
     within: float = 2.0
 
 
-class Keeper:
+class ScanRecovery:
     """Keeps one scan going.
 
     Parameters
@@ -60,13 +62,13 @@ class Keeper:
         Limits.
     """
 
-    def __init__(self, host: Host, policy: Recovery) -> None:
+    def __init__(self, host: Host, policy: RecoveryPolicy) -> None:
         self._host, self._policy = host, policy
-        self.ledger = Ledger()
+        self.ledger = ShotLedger()
         self.resumes = self.restarts = 0
         self.refusal: ScannerError | None = None
-        """Why the last :meth:`take_up` came to nothing."""
-        self._plan: Plan | None = None
+        """Why the last :meth:`resume` came to nothing."""
+        self._plan: WirePlan | None = None
         self._steps: Iterator[None] | None = None
         self._asked = self._noticed = False
         self._boot = 0
@@ -84,7 +86,7 @@ class Keeper:
         return self._steps is not None
 
     @property
-    def minding(self) -> bool:
+    def is_recovering(self) -> bool:
         """Whether the scan is interrupted in a way that is this keeper's business."""
         plan = self._plan
         return plan is not None and (self.busy or (self._interrupted(plan) and self._permitted()))
@@ -95,12 +97,12 @@ class Keeper:
         plan = self._plan
         return plan is not None and not self.busy and self._interrupted(plan) and not self._permitted()
 
-    def engage(self, plan: Plan, laser_shots: int, now: int) -> None:
+    def start(self, plan: WirePlan, laser_shots: int, now: int) -> None:
         """Start keeping ``plan``; ``laser_shots`` is the answer to START."""
         self._note_start(laser_shots)
         self._keep(plan, now)
 
-    def take_up(self, plan: Plan, now: int, *, by_itself: bool = False) -> None:
+    def resume(self, plan: WirePlan, now: int, *, by_itself: bool = False) -> None:
         """Resume ``plan`` after any end, at a person's decision; call :meth:`poll` until not :attr:`busy`.
 
         With ``by_itself`` nobody has, but the application that let the laser rest: the rule of when it may come back
@@ -109,26 +111,26 @@ class Keeper:
         self._keep(plan, now)
         self._asked, self.refusal, self._steps = True, None, self._recover(plan, by_itself=by_itself)
 
-    def _keep(self, plan: Plan, now: int) -> None:
+    def _keep(self, plan: WirePlan, now: int) -> None:
         self._plan, self._steps, self._asked = plan, None, False
         self._host.tolerant = self._policy.restarts
         self._now = self._moved = self._due = now
         self._wait = _FIRST_WAIT
 
-    def suspend(self) -> None:
+    def disable(self) -> None:
         """Stop automatic recovery; a person decides how the scan continues."""
         self._plan, self._steps = None, None
 
     def release(self) -> None:
         """Stop keeping the scan, because it was stopped or is done."""
-        self.suspend()
+        self.disable()
         self._host.tolerant = False
 
     def poll(self, now: int) -> None:
         """Notice an interruption, or take the next step out of it."""
         host, plan = self._host, self._plan
         if host.failure is not None:
-            self.suspend()  # nothing can be asked of it any more, and whoever waits has to be told
+            self.disable()  # nothing can be asked of it any more, and whoever waits has to be told
             return
         if plan is None:
             return
@@ -164,7 +166,7 @@ class Keeper:
         except ScannerError as error:
             if self._asked:
                 self.refusal = error
-                self.suspend()
+                self.disable()
                 return
             # refused or unanswered: look again at how things stand, a little later
             self._steps, self._due = None, now + self._wait
@@ -178,30 +180,30 @@ class Keeper:
             return False
         return status.boot == hello.boot and status.state == host.device_state
 
-    def _interrupted(self, plan: Plan) -> bool:
+    def _interrupted(self, plan: WirePlan) -> bool:
         host = self._host
         if not self._known() or host.status is None or host.assembly is None or host.assembly.complete >= plan.length:
             return False
         if host.status.plan != plan.uid:
             return True
-        return host.device_state in _HALTED and host.status.cause in _OURS
+        return host.device_state in _HALTED and host.status.cause in _RECOVERABLE
 
     def _permitted(self) -> bool:
         """Whether the laser may come back without a person: contact was lost a moment ago, and nothing but contact."""
         status, plan = self._host.status, self._plan
         if status is None or plan is None or (status.boot, status.plan) != (self._boot, plan.uid):
             return False
-        if status.laser & SECURED != SECURED or status.cause == HoldCause.INTERLOCK:
+        if status.laser & SAFE_BITS != SAFE_BITS or status.cause == HoldCause.INTERLOCK:
             return False
-        return self._host.since_contact(self._now) <= self._policy.within
+        return self._host.seconds_since_contact(self._now) <= self._policy.within
 
-    def _recover(self, plan: Plan, *, by_itself: bool = False) -> Iterator[None]:
+    def _recover(self, plan: WirePlan, *, by_itself: bool = False) -> Iterator[None]:
         """Bring the device back to scanning, step by step; each ``yield`` waits for the next poll."""
         host, asked = self._host, self._asked
         while not self._known():
             yield
         if by_itself and not self._permitted():
-            raise LeaseLapsed(_A_PERSON)
+            raise LeaseExpired(_OPERATOR_REQUIRED)
         assert host.status is not None  # noqa: S101
         anew = host.status.plan != plan.uid
         if anew:
@@ -219,7 +221,7 @@ class Keeper:
         if (by_itself or not asked) and not self._permitted():
             yield from self._call(Operation.DISARM)
             if by_itself:
-                raise LeaseLapsed(_A_PERSON)
+                raise LeaseExpired(_OPERATOR_REQUIRED)
             return
         yield from self._call(Operation.START, token=token, **host.lease_fields())
         self._note_start(int(self._answer.get("laser_shots", 0)))
@@ -229,15 +231,17 @@ class Keeper:
         host = self._host
         if host.hello is not None and host.uploader is not None and host.status is not None:
             self._boot, status = host.hello.boot, host.status
-            self.ledger.started(host.hello.boot, host.uploader.start, laser_shots, status.shots_wasted, status.shots)
+            self.ledger.record_start(
+                host.hello.boot, host.uploader.start, laser_shots, status.shots_wasted, status.shots
+            )
 
-    def _plan_again(self, plan: Plan) -> Iterator[None]:
+    def _plan_again(self, plan: WirePlan) -> Iterator[None]:
         yield from self._call(Operation.GET)
         host = self._host
         if host.assembly is not None and host.hello is not None:
-            start = host.assembly.restart()
+            start = host.assembly.reset_pending()
             wasted = host.last_words.shots_wasted if host.last_words else 0
-            self.ledger.lost(plan, host.hello.boot, start, int(self._answer.get("laser_shots", 0)), wasted)
+            self.ledger.record_reboot(plan, host.hello.boot, start, int(self._answer.get("laser_shots", 0)), wasted)
         call = host.upload_again(plan, self._now)
         while not call.done:
             yield

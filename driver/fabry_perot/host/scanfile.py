@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.errors import LeaseLapsed, PlanInvalid, ScanAborted
+from fabry_perot.errors import LeaseExpired, PlanInvalid, ScanAborted
 from fabry_perot.host.aline import ALineBatch
 from fabry_perot.host.scanner import Scanner
 
@@ -54,7 +54,7 @@ def create(path: Path, points: NDArray[np.float64], samples: int) -> NDArray[np.
     return rows
 
 
-def acquire(
+def run_and_store(
     scanner: Scanner,
     rows: NDArray[np.void],
     *,
@@ -84,22 +84,22 @@ def acquire(
     try:
         for batch in scanner.alines(idle=True):
             if batch:
-                _keep(rows, batch)
+                _store_batch(rows, batch)
                 scanner.acknowledge(batch[-1])
                 stored += len(batch)
                 progress(stored)
             if stopping() and not stopped:
                 scanner.abort("laser-off")
                 stopped = True
-            if stopped and not scanner.holds:
+            if stopped and not scanner.has_pending_data:
                 break
-    except (LeaseLapsed, ScanAborted):
+    except (LeaseExpired, ScanAborted):
         if not stopped:
             raise
     return stored == len(rows)
 
 
-def _keep(rows: NDArray[np.void], batch: ALineBatch) -> None:
+def _store_batch(rows: NDArray[np.void], batch: ALineBatch) -> None:
     places = batch.column("point")
     for name in (*COLUMNS, "samples"):
         rows[name][places] = batch.column(name)

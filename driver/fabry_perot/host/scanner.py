@@ -13,19 +13,19 @@ from fabry_perot.clock import Clock
 from fabry_perot.errors import (
     DeviceFault,
     DeviceRestarted,
-    LeaseLapsed,
+    LeaseExpired,
     LinkError,
     LinkLost,
-    NoAnswer,
     PlanInvalid,
+    ResponseTimeout,
     ScanAborted,
     ScannerError,
 )
-from fabry_perot.host import HostTiming, Keeper, Plan, Recovery, ScanReport
+from fabry_perot.host import HostTiming, RecoveryPolicy, ScanRecovery, ScanReport, WirePlan
 from fabry_perot.host.aline import ALine, ALineBatch
-from fabry_perot.host.panel import Panel
-from fabry_perot.host.session import STEP, Session
-from fabry_perot.host.streaming import stop_reason
+from fabry_perot.host.panel import ScannerControls
+from fabry_perot.host.session import POLL_STEP, Session
+from fabry_perot.host.streaming import stream_end_reason
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.codes import Operation
 from fabry_perot.wire.states import RUNNING, DeviceState, HoldCause
@@ -35,7 +35,7 @@ _PATIENCE = 15.0
 """Seconds within which a scan is taken up, or not."""
 
 
-class Scanner(Panel):
+class Scanner(ScannerControls):
     """A connected scanner; use :func:`connect` and a ``with`` block.
 
     The I/O runs in one background thread. The laser stays on only while the application consumes A-lines: waiting
@@ -64,15 +64,15 @@ class Scanner(Panel):
         transport: Transport,
         clock: Clock | None = None,
         timing: HostTiming | None = None,
-        recovery: Recovery | None = None,
+        recovery: RecoveryPolicy | None = None,
         reopen: Callable[[], Transport] | None = None,
         port: str | None = None,
         cancelled: Callable[[], bool] | None = None,
     ) -> None:
-        policy = recovery or Recovery(patience=0.0, restarts=False)
+        policy = recovery or RecoveryPolicy(patience=0.0, restarts=False)
         super().__init__(Session(transport, clock, timing, reopen, policy.patience, port, cancelled), policy)
         self._policy = recovery
-        self._plan: Plan | None = None
+        self._plan: WirePlan | None = None
         self._acknowledged = self._first = 0
 
     def __enter__(self) -> Self:
@@ -152,7 +152,7 @@ class Scanner(Panel):
             encoding=encoding,
         )
         self.capabilities.check_beams(beams)
-        plan = Plan.from_metres(
+        plan = WirePlan.from_metres(
             where,
             samples=samples,
             sampling_interval=sampling_interval,
@@ -172,7 +172,7 @@ class Scanner(Panel):
         else:
             self._session.wait(self._plan_known, 2.0)
             with self._session.changed:
-                adopted = self._host.adopt(plan, self._session.now(), start)
+                adopted = self._host.resume_plan(plan, self._session.now(), start)
             if not adopted:
                 raise PlanInvalid("resume", f"plan {plan.uid:08x}", "the plan the scanner holds")
             self._session.flush()
@@ -181,12 +181,12 @@ class Scanner(Panel):
         if self._host.device_state is DeviceState.SAFE_HOLD:
             self._session.request(Operation.RELEASE)
 
-    def _begin(self, plan: Plan) -> None:
+    def _begin(self, plan: WirePlan) -> None:
         """Start the account of a scan."""
         assembly = self._host.assembly
         self._plan, self._acknowledged = plan, assembly.delivered if assembly else 0
         self._first = self._acknowledged
-        self._keeper = Keeper(self._host, self._policy or Recovery(patience=0.0, restarts=False))
+        self._keeper = ScanRecovery(self._host, self._policy or RecoveryPolicy(patience=0.0, restarts=False))
 
     def _plan_known(self) -> bool:
         return not self.status.plan or self._host.plan_status is not None
@@ -221,22 +221,22 @@ class Scanner(Panel):
         answer = self._session.request(Operation.START, token=token, **fields)
         with self._session.changed:
             if self._plan is not None:
-                self._keeper.engage(self._plan, int(answer.get("laser_shots", 0)), self._session.now())
+                self._keeper.start(self._plan, int(answer.get("laser_shots", 0)), self._session.now())
 
     @property
-    def recovering(self) -> bool:
+    def is_recovering(self) -> bool:
         """Whether the scan stands because line or device failed, and is being taken up again."""
         with self._session.changed:
-            return self._keeper.engaged and self._keeper.minding
+            return self._keeper.engaged and self._keeper.is_recovering
 
     @property
-    def silence(self) -> float:
+    def seconds_since_heard(self) -> float:
         """Seconds since the scanner was last heard; a working scanner sends many messages a second."""
         with self._session.changed:
-            return self._host.silent_for(self._session.now()) / 1e6
+            return self._host.time_since_heard(self._session.now()) / 1e6
 
     @property
-    def holds(self) -> bool:
+    def has_pending_data(self) -> bool:
         """Whether :meth:`alines` has, or may have, more A-lines of fired shots to deliver."""
         with self._session.changed:
             host, status, assembly = self._host, self._host.status, self._host.assembly
@@ -255,7 +255,7 @@ class Scanner(Panel):
 
         Each comes exactly once. Store a batch durably, then :meth:`acknowledge` its last A-line: the device keeps
         everything that was not acknowledged and stops firing when its ring is full. A short interruption, of the line
-        or of the application itself, is recovered from within the limits of :class:`fabry_perot.Recovery`.
+        or of the application itself, is recovered from within the limits of :class:`fabry_perot.RecoveryPolicy`.
 
         Raises
         ------
@@ -274,7 +274,7 @@ class Scanner(Panel):
                     if batch is None:
                         break
                     if not batch:
-                        self._session.changed.wait(STEP)
+                        self._session.changed.wait(POLL_STEP)
             except DeviceFault as fault:
                 raise self._in_its_words(fault) from None
             self._session.flush()
@@ -298,19 +298,19 @@ class Scanner(Panel):
             return None
         kept = self._policy is not None and self._keeper.engaged
         patience = int(self._policy.patience * 1e6) if kept and self._policy else host.timing.patience
-        error = stop_reason(host, now, patience, self._session.port or "PORT")
-        if error is None or self._keeper.busy or (kept and self._keeper.minding):
+        error = stream_end_reason(host, now, patience, self._session.port or "PORT")
+        if error is None or self._keeper.busy or (kept and self._keeper.is_recovering):
             return ALineBatch()
         cleared = host.status is not None and host.status.cause == HoldCause.NONE
         if kept and cleared and self._keeper.waiting and isinstance(error, ScanAborted):
             # RELEASE has cleared the cause, and then the time was over within which the keeper may go on
-            error = LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
-        if isinstance(error, LeaseLapsed | ScanAborted):
+            error = LeaseExpired("the laser lease lapsed: the laser is off, plan and data are kept")
+        if isinstance(error, LeaseExpired | ScanAborted):
             self._session.must_not_be_stopped()
         if self._session.stopped_by and isinstance(error, LinkError):
             error = LinkLost(f"stopped by an emergency stop from {self._session.stopped_by}; then {error}")
-        if isinstance(error, LeaseLapsed | DeviceRestarted):
-            self._keeper.suspend()
+        if isinstance(error, LeaseExpired | DeviceRestarted):
+            self._keeper.disable()
         else:
             self._keeper.release()
         raise error
@@ -346,7 +346,7 @@ class Scanner(Panel):
         ----------
         by_itself
             Nobody has decided so, but the application that had paused for a moment: only within the limits of
-            :class:`fabry_perot.Recovery`, on a device that kept power and whose interlock stayed closed.
+            :class:`fabry_perot.RecoveryPolicy`, on a device that kept power and whose interlock stayed closed.
         unless
             Asked once earlier stops do not count any more: ``True`` says that the scan has been stopped meanwhile.
 
@@ -374,7 +374,7 @@ class Scanner(Panel):
         if unless():
             raise ScanAborted("the scan was stopped before it was resumed; plan and data are kept")
         with self._session.changed:
-            self._keeper.take_up(self._plan, self._session.now(), by_itself=by_itself)
+            self._keeper.resume(self._plan, self._session.now(), by_itself=by_itself)
         while True:
             with self._session.changed:
                 if self._session.stopped_by:
@@ -383,16 +383,16 @@ class Scanner(Panel):
                 self._keeper.poll(self._session.now())
                 error = self._keeper.refusal or self._host.failure
                 if error is None and self._session.now() > deadline:
-                    error = NoAnswer(f"the scan could not be taken up within {_PATIENCE:g} s")
+                    error = ResponseTimeout(f"the scan could not be taken up within {_PATIENCE:g} s")
                 if error is not None:
-                    self._keeper.suspend()
+                    self._keeper.disable()
                     raise error
                 busy = self._keeper.busy
             self._session.flush()
             if not busy:
                 return
             with self._session.changed:
-                self._session.changed.wait(STEP)
+                self._session.changed.wait(POLL_STEP)
 
     def report(self) -> ScanReport:
         """Return the account of the present scan, with the device's counters as they stand now.
@@ -434,7 +434,7 @@ class Scanner(Panel):
             return self._session.request(Operation.GET), 0.0
         except (LinkError, DeviceRestarted):
             with self._session.changed:
-                status, age = self.status, self._host.silent_for(self._session.now())
+                status, age = self.status, self._host.time_since_heard(self._session.now())
                 return status._asdict() | {"laser_shots": self._keeper.ledger.laser_shots(status)}, age * 1e-6
 
     def close(self) -> None:

@@ -7,21 +7,21 @@ from collections.abc import Callable
 from typing import Any
 
 from fabry_perot.clock import Clock, RealClock
-from fabry_perot.errors import LinkLost, NoAnswer, ScanAborted
+from fabry_perot.errors import LinkLost, ResponseTimeout, ScanAborted
 from fabry_perot.host import Host, HostTiming
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.greeting import new_nonce
 from fabry_perot.host.phase import HostState
-from fabry_perot.host.streaming import Pump
+from fabry_perot.host.streaming import IoPump
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.codes import AbortLevel, Operation
 
-STEP = 0.05
+POLL_STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""
 _STOPPED_WITHIN = 2.0
 """Longest wait in s for the outcome of an emergency stop before the port is released."""
-_PATIENCE = 15.0
+_REQUEST_TIMEOUT = 15.0
 
 
 class Session:
@@ -68,19 +68,19 @@ class Session:
         self._stops = 0
         """Emergency stops whose outcome is waited for."""
         self._control: ControlServer | None = None
-        self._pump = Pump(transport, self.host, self.clock, self.changed, self._rebinding(reopen), patience)
+        self._pump = IoPump(transport, self.host, self.clock, self.changed, self._rebinding(reopen), patience)
         try:
             if port is not None:
                 self._control = ControlServer(self, port)
             self._pump.start()
-            self.wait(lambda: self._is_up(cancelled), _PATIENCE)
+            self.wait(lambda: self._is_up(cancelled), _REQUEST_TIMEOUT)
         except BaseException:
             self._release()
             raise
 
     def _is_up(self, cancelled: Callable[[], bool] | None) -> bool:
         if cancelled is not None and cancelled():
-            raise NoAnswer("connecting was given up before the scanner had answered")
+            raise ResponseTimeout("connecting was given up before the scanner had answered")
         return self.host.capabilities is not None and self.host.status is not None
 
     def _rebinding(self, reopen: Callable[[], Transport] | None) -> Callable[[], Transport] | None:
@@ -115,7 +115,7 @@ class Session:
         """Send pending messages now."""
         self._pump.flush()
 
-    def request(self, operation: Operation, *, within: float = _PATIENCE, **body: Any) -> dict[str, Any]:
+    def request(self, operation: Operation, *, within: float = _REQUEST_TIMEOUT, **body: Any) -> dict[str, Any]:
         """Send a request and return its answer within ``within`` s; raises the error of device or link."""
 
         def start(now: int) -> Any:
@@ -125,7 +125,7 @@ class Session:
 
         return self.call(start, within)
 
-    def call(self, start: Callable[[int], Any], within: float = _PATIENCE) -> dict[str, Any]:
+    def call(self, start: Callable[[int], Any], within: float = _REQUEST_TIMEOUT) -> dict[str, Any]:
         """Start a call by ``start(now)`` and return its answer, at most ``within`` s later."""
         with self.changed:
             call = start(self.now())
@@ -163,8 +163,8 @@ class Session:
                     raise LinkLost("the connection was closed")
                 if self.now() > deadline:
                     why = self.host.traffic.explain(since, self.now())
-                    raise NoAnswer(f"the scanner did not get there within {timeout:g} s: {why}")
-                self.changed.wait(STEP)
+                    raise ResponseTimeout(f"the scanner did not get there within {timeout:g} s: {why}")
+                self.changed.wait(POLL_STEP)
 
     def close(self) -> None:
         """End the thread and release the port, after the outcome of an emergency stop; waiting callers are notified."""
@@ -209,7 +209,7 @@ class Session:
         with self.changed:
             aborts = self.host.aborts
             while not (aborts.answered(number) and aborts.is_off) and self.now() < deadline and not self._closed:
-                self.changed.wait(STEP)
+                self.changed.wait(POLL_STEP)
                 if not aborts.pending and not aborts.answered(number):  # the device has restarted meanwhile
                     self.host.abort(AbortLevel.LASER_OFF, self.now())
             trouble = "" if aborts.answered(number) else self._trouble()
@@ -229,7 +229,7 @@ class Session:
             status = self.host.status
             if status is None:
                 return None
-            return in_words(status, self.host.silent_for(self.now()) * 1e-6)
+            return in_words(status, self.host.time_since_heard(self.now()) * 1e-6)
 
     def give_way(self) -> bool:
         """Refuse to release the port, because this session is in use."""

@@ -13,7 +13,7 @@ from fabry_perot.errors import (
     DeviceFault,
     DeviceRestarted,
     EmergencyStopped,
-    LeaseLapsed,
+    LeaseExpired,
     LinkError,
     LinkLost,
     PortBusy,
@@ -29,11 +29,11 @@ from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState, HoldCause
 
 _log = logging.getLogger(__name__)
-FIRST_WAIT, LONGEST_WAIT = 0.05, 1.0
+INITIAL_BACKOFF, LONGEST_WAIT = 0.05, 1.0
 """Seconds between attempts to open a lost port anew: the first wait, and what doubling it ends at."""
 
 
-class Pump:
+class IoPump:
     """I/O thread that moves bytes between a transport and a host, and reopens a lost port.
 
     Parameters
@@ -85,7 +85,7 @@ class Pump:
         """Send pending messages now, from the calling thread."""
         with self._writing:
             with self._changed:
-                data = self._host.pull()
+                data = self._host.take_output()
             if not data or self._broken:
                 return
             try:
@@ -110,7 +110,7 @@ class Pump:
                     self._note_session()
                     self._changed.notify_all()
                 else:
-                    self._host.poll(now)
+                    self._host.tick(now)
                 self._note_silence(now)
             self.flush()
 
@@ -141,7 +141,7 @@ class Pump:
             self._changed.notify_all()
         self._transport.close()
         gone = self._clock.now()
-        deadline, wait = gone + int(self._patience * 1e6), FIRST_WAIT
+        deadline, wait = gone + int(self._patience * 1e6), INITIAL_BACKOFF
         _log.warning("the port is gone (%s); trying for %g s to open it again", error, self._patience)
         while self._reopen is not None and self._clock.now() < deadline and not self._stopping.wait(wait):
             wait = min(2 * wait, LONGEST_WAIT)
@@ -162,7 +162,7 @@ class Pump:
         return False
 
 
-def stop_reason(host: Host, now: int, patience: int, port: str = "PORT") -> ScannerError | None:
+def stream_end_reason(host: Host, now: int, patience: int, port: str = "PORT") -> ScannerError | None:
     """Return why no more A-lines will come by themselves, or ``None`` while they may.
 
     ``patience`` is for how many µs a silent line is waited for, ``port`` the port in what a fault's error advises.
@@ -172,7 +172,7 @@ def stop_reason(host: Host, now: int, patience: int, port: str = "PORT") -> Scan
     if host.failure is not None:
         return host.failure
     status, assembly = host.status, host.assembly
-    if host.silent_for(now) > patience:
+    if host.time_since_heard(now) > patience:
         return LinkLost("the scanner has gone silent")
     if status is None or assembly is None or status.state != host.device_state:
         return None
@@ -186,7 +186,7 @@ def stop_reason(host: Host, now: int, patience: int, port: str = "PORT") -> Scan
         return EmergencyStopped(faults.advice(0, port))
     if host.device_state in (DeviceState.SAFE_HOLD, DeviceState.READY, DeviceState.LINKED):
         if status.cause in (HoldCause.LEASE, HoldCause.SESSION):
-            return LeaseLapsed("the laser lease lapsed: the laser is off, plan and data are kept")
+            return LeaseExpired("the laser lease lapsed: the laser is off, plan and data are kept")
         if status.cause == HoldCause.INTERLOCK:
             return ScanAborted("the interlock was opened: the laser stays off, plan and data are kept")
         return ScanAborted(f"the scan was stopped (state {host.device_state.name.lower()})")

@@ -31,9 +31,9 @@ from fabry_perot.wire.messages import (
     Lease,
     PlanStatus,
     Status,
-    fixed,
     unpack,
     unpack_body,
+    unpack_exact,
 )
 
 _log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ _NUMBERS: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {
 }
 
 
-class Tap:
+class MonitoringTransport:
     """A transport that shows every frame on its way.
 
     Parameters
@@ -107,12 +107,12 @@ class Tap:
         frames = deframer.feed(data) if data else []
         at = time.monotonic() - self._opened
         for frame in frames:
-            show(f"{at:10.4f} {way} {describe(frame)}")
+            show(f"{at:10.4f} {way} {format_frame(frame)}")
         if deframer.counters.bad > bad:
             show(f"{at:10.4f} {way} {deframer.counters.bad - bad} damaged")
 
 
-def describe(frame: Frame) -> str:
+def format_frame(frame: Frame) -> str:
     """Return a frame in words: type, session, size, and the message's fields in the protocol's units."""
     kind = Type(frame.type).name if frame.type in set(Type) else f"unknown {frame.type:02X}"
     head = f"{kind:<11} session {frame.session:04x} {len(frame.payload):5d} bytes"
@@ -134,12 +134,12 @@ def _fields(frame: Frame) -> dict[str, Any]:
         return message | ({"more_bytes": rest} if rest else {})
     if frame.type in _NUMBERS:
         layout, names = _NUMBERS[frame.type]
-        return dict(zip(names, fixed(layout, payload, tail=True), strict=True))
+        return dict(zip(names, unpack_exact(layout, payload, tail=True), strict=True))
     if frame.type == Type.REQ:
-        number, operation = fixed(REQUEST_HEAD, payload, tail=True)
+        number, operation = unpack_exact(REQUEST_HEAD, payload, tail=True)
         return {"request": number, "operation": Operation(operation).name} | unpack_body(payload[REQUEST_HEAD.size :])
     if frame.type == Type.RSP:
-        number, operation, result, _ = fixed(REPLY_HEAD, payload, tail=True)
+        number, operation, result, _ = unpack_exact(REPLY_HEAD, payload, tail=True)
         answer = {"request": number, "operation": Operation(operation).name, "result": Result(result).name}
         return answer | unpack_body(payload[REPLY_HEAD.size :])
     return {"text": payload.decode(errors="replace")} if frame.type == Type.BUSY else {}

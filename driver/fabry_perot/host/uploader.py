@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from fabry_perot.host.plan import Plan
+from fabry_perot.host.plan import WirePlan
 from fabry_perot.wire.messages import PlanStatus
 
-_AHEAD = 4
+MAX_LOOKAHEAD = 4
 """PLAN_DATA frames on the way before the device confirmed any."""
 
 
@@ -24,7 +24,7 @@ class Uploader:
         First point to upload; the first that the device will fire.
     """
 
-    def __init__(self, plan: Plan, payload: int, period: int, start: int = 0) -> None:
+    def __init__(self, plan: WirePlan, payload: int, period: int, start: int = 0) -> None:
         self.plan = plan
         self.start = self.confirmed = start
         self.refused = False
@@ -55,7 +55,7 @@ class Uploader:
             self._next, self._moved = self.confirmed, now
         payloads = []
         per_frame = (self._payload - 10) // 16
-        while self._next < min(self._limit, self.confirmed + _AHEAD * per_frame):
+        while self._next < min(self._limit, self.confirmed + MAX_LOOKAHEAD * per_frame):
             if self._next == self.confirmed:
                 self._moved = now
             payload = self.plan.data(self._next, self._limit, self._payload)

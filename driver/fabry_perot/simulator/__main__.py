@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fabry_perot.simulator.commands import Commands
-from fabry_perot.simulator.machine import Machine
+from fabry_perot.simulator.machine import PoweredDevice
 from fabry_perot.simulator.options import Options, parse
 from fabry_perot.simulator.server import Server, open_endpoint
 
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: Options, exit_with_stdin: bool) -> int:
-    machine = Machine(options)
+    machine = PoweredDevice(options)
     endpoint = open_endpoint(options)
     try:
         server = Server(machine, endpoint, options)

@@ -26,7 +26,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from fabry_perot.simulator.faults import BitFlips, Cut, FrameLoss, Stall
+from fabry_perot.simulator.faults import BitFlips, Delay, DropAll, FrameLoss
 from fabry_perot.simulator.server import Server
 
 
@@ -86,12 +86,12 @@ class Commands:
 
     def _do_stall(self, way: str, seconds: float) -> dict[str, Any]:
         now = self._server.time
-        self._chain(way).append(Stall(now, now + int(seconds * 1e6)))
+        self._chain(way).append(Delay(now, now + int(seconds * 1e6)))
         return self._state()
 
     def _do_cut(self, way: str, seconds: float) -> dict[str, Any]:
         now = self._server.time
-        self._chain(way).append(Cut(now, now + int(seconds * 1e6)))
+        self._chain(way).append(DropAll(now, now + int(seconds * 1e6)))
         return self._state()
 
     def _do_noise(self, way: str, bit_errors: float = 0.0, lost_frames: float = 0.0) -> dict[str, Any]:

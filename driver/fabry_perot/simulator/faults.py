@@ -15,7 +15,7 @@ from fabry_perot.wire.framing import Deframer, encode_frame
 Filter = Callable[[bytes, int], bytes]
 
 
-class Chain:
+class FilterChain:
     """Filters one after the other; ``filters`` may be changed while it runs."""
 
     def __init__(self, filters: Iterable[Filter] = ()) -> None:
@@ -100,7 +100,7 @@ class ChunkFaults:
         return data + held
 
 
-class Stall:
+class Delay:
     """Holds everything from ``start`` on and releases it at ``stop``."""
 
     def __init__(self, start: int, stop: int) -> None:
@@ -115,7 +115,7 @@ class Stall:
         return held + data
 
 
-class Cut:
+class DropAll:
     """Drops all bytes from ``start`` until ``stop``."""
 
     def __init__(self, start: int, stop: int) -> None:

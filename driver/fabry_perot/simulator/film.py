@@ -25,7 +25,7 @@ BANDWIDTH = 22e6
 """−3 dB frequency of the film, in Hz."""
 CRITICAL = 0.85
 """Sine of the angle beyond which the film hardly sees sound."""
-SWING = 0.15
+MAX_MODULATION = 0.15
 """The strongest signal moves the resonance by this share of half the linewidth."""
 
 
@@ -52,14 +52,14 @@ class Response:
         return ", ".join(name for name in ("nonlinear", "bandwidth", "directivity") if getattr(self, name)) or "ideal"
 
 
-RELIEFS = ("waves", "scatter", "wedge", "domains", "both")
+RESONANCE_PROFILES = ("waves", "scatter", "wedge", "domains", "both")
 """How the resonance varies over a film: smoothly up and down; from point to point; steadily from one side to the other;
 in patches with a resonance each; a wedge with such patches."""
-GRAIN = 20_000
+NOISE_SCALE = 20_000
 """Size in nm of the patches of a film that scatters."""
-PATCHES = 40
+PATCH_COUNT = 40
 """Patches of a film in domains."""
-HALF = 7e6
+HALF_WIDTH = 7e6
 """Half of a film's side in nm; a wedge spreads over it."""
 
 
@@ -71,14 +71,14 @@ class Film:
     seed
         Of its unevenness.
     relief
-        One of :data:`RELIEFS`.
+        One of :data:`RESONANCE_PROFILES`.
     """
 
     def __init__(self, seed: int, relief: str = "waves") -> None:
         self._seed, self._relief = seed, relief
         patches = np.random.default_rng([seed, 17])
-        self._places = patches.uniform(-HALF, HALF, (PATCHES, 2))
-        self._shifts = patches.uniform(-1, 1, PATCHES)
+        self._places = patches.uniform(-HALF_WIDTH, HALF_WIDTH, (PATCH_COUNT, 2))
+        self._shifts = patches.uniform(-1, 1, PATCH_COUNT)
         random = np.random.default_rng([seed, 7])
         self._waves = random.normal(size=(2, 6, 2)) * 500.0
         self._phases = random.uniform(0, 2 * np.pi, (2, 6))
@@ -97,15 +97,15 @@ class Film:
         """Return the resonance's deviation in −1 … 1."""
         match self._relief:
             case "scatter":
-                cell = [x // GRAIN + (1 << 31), y // GRAIN + (1 << 31)]
+                cell = [x // NOISE_SCALE + (1 << 31), y // NOISE_SCALE + (1 << 31)]
                 return float(np.random.default_rng([self._seed, 13, *cell]).uniform(-1, 1))
             case "wedge":
-                return float(np.clip((0.8 * x + 0.6 * y) / HALF, -1, 1))
+                return float(np.clip((0.8 * x + 0.6 * y) / HALF_WIDTH, -1, 1))
             case "domains":
                 return float(self._shifts[np.argmin(np.hypot(*(self._places - [x, y]).T))])
             case "both":
                 patch = float(self._shifts[np.argmin(np.hypot(*(self._places - [x, y]).T))])
-                return float(np.clip((0.8 * x + 0.6 * y) / HALF, -1, 1)) / 2 + patch / 2
+                return float(np.clip((0.8 * x + 0.6 * y) / HALF_WIDTH, -1, 1)) / 2 + patch / 2
             case _:
                 return self._uneven(0, x, y)
 
@@ -113,7 +113,7 @@ class Film:
         """Return the wavelength of the steepest slope, in pm."""
         return round(self.resonance(x, y) + LINEWIDTH / (2 * math.sqrt(3)))
 
-    def level(self, x: int, y: int, wavelengths: Array) -> Array:
+    def dc_level(self, x: int, y: int, wavelengths: Array) -> Array:
         """Return the DC level in mV at wavelengths (S,) in pm."""
         detuning = (wavelengths - self.resonance(x, y)) / (LINEWIDTH / 2)
         level: Array = LEVEL * (1 + 0.1 * self._uneven(1, x, y)) * (1 - VISIBILITY / (1 + detuning**2))

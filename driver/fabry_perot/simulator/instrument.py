@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware import Apparatus, Interrogation
-from fabry_perot.hardware.averaging import mean
+from fabry_perot.hardware import ComposedInstrument, PointRecord
+from fabry_perot.hardware.averaging import average_shots
 from fabry_perot.simulator.parts import (
     TUNING_STEP,
     SimulatedDigitiser,
@@ -24,13 +24,13 @@ from fabry_perot.simulator.phantoms import Balls
 from fabry_perot.simulator.recorder import Recorder
 from fabry_perot.simulator.shot_log import ShotLog
 
-LOG = 200_000
+SHOT_LOG_SIZE = 200_000
 """Shots remembered."""
-KNOWN = 256
+TRACKED_PHANTOMS = 256
 """Places of points to come that the recorder knows, at most."""
 
 
-class PhantomInstrument(Apparatus):
+class SimulatedInstrument(ComposedInstrument):
     """Simulated hardware over a phantom.
 
     By default the film is ideal: A-lines are the phantom's closed-form pressure plus noise. ``response`` makes it real.
@@ -91,11 +91,11 @@ class PhantomInstrument(Apparatus):
         self._rates = {"clock_rate": clock_rate, "line_rate": line_rate}
         self.epoch = 0
         """Simulator time at which the device booted, in µs."""
-        self.log = ShotLog(LOG)
+        self.log = ShotLog(SHOT_LOG_SIZE)
         """Simulator time (µs) and point of the last shots: the truth that no reboot and no line can change."""
         self._before = 0
         self._points: list[int] = []
-        self._places: deque[tuple[int, int]] = deque(maxlen=KNOWN)
+        self._places: deque[tuple[int, int]] = deque(maxlen=TRACKED_PHANTOMS)
 
     def boot(self, now: int) -> None:
         """Handle a boot of the device at simulator time ``now``: its time and its count of shots restart."""
@@ -109,17 +109,17 @@ class PhantomInstrument(Apparatus):
         """Return the limits."""
         return {**super().capabilities(), **self._rates, "simulated": True, "film": str(self.recorder.response)}
 
-    def queue(self, first: int, points: NDArray[np.void], now: int) -> None:
+    def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
         """Work through more points."""
-        super().queue(first, points, now)
+        super().queue_points(first, points, now)
         beams = self.pattern[: self._beams]
         for x, y in zip(points["x"].tolist(), points["y"].tolist(), strict=True):
             self._places.extend((x + dx, y + dy) for dx, dy in beams)
-        self.recorder.expect(list(self._places))
+        self.recorder.prefetch(list(self._places))
 
-    def poll(self, now: int) -> list[Interrogation]:
+    def poll(self, now: int) -> list[PointRecord]:
         """Advance the simulation to ``now``."""
-        done: list[Interrogation] = []
+        done: list[PointRecord] = []
         while True:
             self.excitation.advance(now)
             done += super().poll(now)
@@ -135,11 +135,11 @@ class PhantomInstrument(Apparatus):
             return max(self.galvo.rests_at, self.laser.rests_at)
         return now if self._queue else None
 
-    def measure(self, point: np.void, shot: int, beam: int = 0) -> Interrogation:
+    def measure(self, point: np.void, shot: int, beam: int = 0) -> PointRecord:
         """Return a beam's A-line that shot number ``shot`` gives at a point, without firing it: a test's truth."""
         dx, dy = self.pattern[beam]
         record = self.recorder.record(int(point["x"]) + dx, int(point["y"]) + dy, self._bias(point), shot, beam)
-        return mean(0, [replace(record, shot=shot)])
+        return average_shots(0, [replace(record, shot=shot)])
 
     def _aim(self, now: int) -> None:
         super()._aim(now)

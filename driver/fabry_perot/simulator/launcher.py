@@ -32,7 +32,7 @@ class Simulator:
     def __init__(self, process: subprocess.Popen[bytes], url: str, pid: int) -> None:
         self._process, self.url, self.pid = process, url, pid
 
-    def command(self, do: str, **fields: Any) -> dict[str, Any]:
+    def send_command(self, do: str, **fields: Any) -> dict[str, Any]:
         """Send a command, such as a fault or a report, and return its answer (:mod:`fabry_perot.simulator.commands`).
 
         Raises

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 
 from fabry_perot.device import Device, DeviceTiming
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.options import FILMS, Options, pattern
 from fabry_perot.simulator.shapes import by_name
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
@@ -14,7 +14,7 @@ STATUS_DUE = 100_000
 """While the firmware is down, the machine wants to be looked at every so many µs."""
 
 
-class Machine:
+class PoweredDevice:
     """Hardware, and the firmware that runs on it.
 
     All times are simulator time in µs; the firmware counts from its own boot.
@@ -27,7 +27,7 @@ class Machine:
 
     def __init__(self, options: Options) -> None:
         self._options = options
-        self.instrument = PhantomInstrument(
+        self.instrument = SimulatedInstrument(
             by_name(options.phantom, options.seed),
             sound_speed=options.sound_speed,
             seed=options.seed,
@@ -78,10 +78,10 @@ class Machine:
 
     def pull(self, budget: int) -> bytes:
         """Return the bytes that the firmware sends."""
-        return self.device.pull(budget) if self._up_at is None else b""
+        return self.device.next_frames(budget) if self._up_at is None else b""
 
     def next_due(self, now: int) -> int:
         """Return when the machine has something to do next."""
         if self._up_at is not None:
             return min(self._up_at, now + STATUS_DUE)
-        return self.instrument.epoch + self.device.next_due()
+        return self.instrument.epoch + self.device.next_deadline()

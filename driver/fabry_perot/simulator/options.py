@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fabry_perot.simulator.film import RELIEFS, Response
+from fabry_perot.simulator.film import RESONANCE_PROFILES, Response
 from fabry_perot.simulator.shapes import NAMES
 from fabry_perot.wire.codes import MOST_BEAMS
 
@@ -49,7 +49,7 @@ class Options:
     film
         One of :data:`FILMS`. The default, ``"ideal"``, records the phantom's closed-form pressure plus noise.
     relief
-        How the film's resonance varies over it, one of :data:`fabry_perot.simulator.film.RELIEFS`.
+        How the film's resonance varies over it, one of :data:`fabry_perot.simulator.film.RESONANCE_PROFILES`.
     tuning_time
         Time in which the interrogation laser tunes, in s.
     gate_rate
@@ -127,15 +127,15 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--ring", type=int, default=512, help="A-lines the device holds")
     add("--plan-points", type=int, default=8192, help="points the device holds")
     add("--film", choices=tuple(FILMS), default="ideal", help="which shortcomings the film has; ideal: none")
-    add("--relief", choices=RELIEFS, default="waves", help="how the film's resonance varies over it")
+    add("--relief", choices=RESONANCE_PROFILES, default="waves", help="how the film's resonance varies over it")
     add("--tuning-time", type=_positive, default=200e-6, help="time in which the interrogation laser tunes, in s")
     add("--gate-rate", type=float, default=0.0, help="edges a second at the gate input; 0: there is none")
     add("--beams", type=_beams, default="1", help="interrogation beams: 16 in a row, or 4x4")
     add("--beam-spacing", type=_positive, default=0.8e-3, help="between neighbouring beams, in m")
     add("--energy-jitter", type=float, default=0.01, help="of the pulse energy, relative")
     add("--full-scale", type=_positive, default=2.0, help="digitiser's range over the strongest signal")
-    add("--bit-errors", type=_share, default=0.0, help="probability of each bit to be flipped, both ways")
-    add("--lost-frames", type=_share, default=0.0, help="share of frames lost, both ways")
+    add("--bit-errors", type=_fraction, default=0.0, help="probability of each bit to be flipped, both ways")
+    add("--lost-frames", type=_fraction, default=0.0, help="share of frames lost, both ways")
     add("--repeat", type=int, default=0, help="different A-lines, sent over and over; 0: each shot its own")
     add("--time-zero", type=float, default=0.0, help="the digitiser begins so long after the pulse, in s")
     add("--boot", type=int, default=None, help="boot id; random by default")
@@ -175,7 +175,7 @@ def _positive(text: str) -> float:
     return value
 
 
-def _share(text: str) -> float:
+def _fraction(text: str) -> float:
     value = float(text)
     if not 0 <= value < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be in 0 … 1")

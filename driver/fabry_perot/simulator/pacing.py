@@ -4,13 +4,13 @@ from __future__ import annotations
 
 BURST = 20_000
 """Bytes of so many µs of line time may go at once."""
-CATCH_UP = 500_000
+MAX_BURST_SECONDS = 500_000
 """The same while the line is busy: a UART goes on sending while this process waits for a processor."""
 BITS = 10
 """Start bit, eight data bits, stop bit."""
 
 
-class Pacer:
+class BaudRateLimiter:
     """Token bucket in device time: limits the simulated line to its baud rate.
 
     Parameters
@@ -30,16 +30,16 @@ class Pacer:
         """Whether there is a limit at all."""
         return self._rate > 0
 
-    def allowance(self, now: int, wanted: int) -> int:
+    def available(self, now: int, wanted: int) -> int:
         """Return how many of ``wanted`` bytes may go at ``now`` (µs)."""
         if not self.limited:
             return wanted
-        full = max(16.0, self._rate * (CATCH_UP if self._busy else BURST))
+        full = max(16.0, self._rate * (MAX_BURST_SECONDS if self._busy else BURST))
         self._tokens = min(full, self._tokens + self._rate * max(0, now - self._at))
         self._at = max(self._at, now)
         return min(wanted, int(self._tokens))
 
-    def spend(self, count: int, *, busy: bool = False) -> None:
+    def consume(self, count: int, *, busy: bool = False) -> None:
         """Count bytes that went; ``busy`` says that the line would have taken more at once."""
         self._busy = busy
         if self.limited:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fabry_perot.hardware import Path, Record, Sampling
+from fabry_perot.hardware import BeamPath, PlanSampling, TriggerRecord
 from fabry_perot.simulator.motion import Mirrors, PulseTrain
 from fabry_perot.simulator.recorder import Recorder
 
@@ -27,7 +27,7 @@ class SimulatedGalvo:
 
     def __init__(self) -> None:
         self._mirrors = Mirrors()
-        self._path: Path | None = None
+        self._path: BeamPath | None = None
         self._left = 0
         self.step = 0
         """Which position of the path it is at, or on the way to."""
@@ -39,7 +39,7 @@ class SimulatedGalvo:
         reach = [-HALF_APERTURE, HALF_APERTURE]
         return {"x_nm": reach, "y_nm": reach}
 
-    def follow(self, path: Path, now: int) -> None:
+    def start_path(self, path: BeamPath, now: int) -> None:
         """Go to the first position."""
         self._path, self.step = path, 0
         self._go(now)
@@ -51,7 +51,7 @@ class SimulatedGalvo:
             arrival = self._mirrors.move(int(path.x[self.step]), int(path.y[self.step]), now)
             self.rests_at = arrival + int(path.settle[self.step])
 
-    def settled(self, now: int) -> bool:
+    def is_settled(self, now: int) -> bool:
         """Return whether the beam rests."""
         return now >= self.rests_at
 
@@ -183,7 +183,7 @@ class SimulatedExcitation:
         limits = {"pulse_rate_mhz": [1_000, 10_000_000], "energy_nj": 20_000_000, "energy_range": [5_000, 15_000]}
         return {**limits, "gate": self._gate > 0, "parameters": {"excitation_pm": [400_000, 2_000_000]}}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set the pulse rate."""
         self._train.rate(sampling.pulse_rate_mhz)
 
@@ -266,7 +266,7 @@ class SimulatedDigitiser:
         """Return its range."""
         return {"samples": [16, 16384], "interval_ps": [1_000, 1_000_000], "adc_bits": 16}
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up records."""
         self._recorder.begin(sampling)
         self._beams = sampling.beams
@@ -281,7 +281,7 @@ class SimulatedDigitiser:
             self._armed -= 1
             self._taken.append((*self._galvo.position(), self._laser.wavelength, shot, time, count))
 
-    def records(self, now: int) -> list[Record]:
+    def records(self, now: int) -> list[TriggerRecord]:
         """Return finished records."""
         taken, self._taken = self._taken, []
         return [

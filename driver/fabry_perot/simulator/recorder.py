@@ -15,21 +15,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware import Record, Sampling
-from fabry_perot.simulator.film import LINEWIDTH, SWING, Film, Response, directivity, low_pass
+from fabry_perot.hardware import PlanSampling, TriggerRecord
+from fabry_perot.simulator.film import LINEWIDTH, MAX_MODULATION, Film, Response, directivity, low_pass
 from fabry_perot.simulator.phantoms import Balls, pressure
 from fabry_perot.wire.codes import MISTUNED, SATURATED
 
-POWER = 1000
+REFERENCE_POWER = 1000
 """Nominal interrogation power in µW."""
 EXCITATION = 800_000
 """Excitation wavelength to begin with, in pm; the object absorbs in proportion to the wavelength's power −2."""
-REST = 1_550_000
+IDLE_LEVEL = 1_550_000
 """Wavelength of an ideal film, which has no bias of its own, in pm."""
 FULL_SCALE = 32767
 BLOCK = 16
 """A-lines computed together, ahead of need: a compromise of speed and of how long the simulator is deaf."""
-KEPT = 16 * 2**20
+CACHED_POINTS = 16 * 2**20
 """Samples of noise-free A-lines that are kept for the next frame (64 MiB); when there are more, all are forgotten."""
 
 
@@ -57,7 +57,7 @@ class Recorder:
     time_zero
         The digitiser begins so long after the pulse, in s; to 100 ps.
     relief
-        How the film is uneven, one of :data:`fabry_perot.simulator.film.RELIEFS`.
+        How the film is uneven, one of :data:`fabry_perot.simulator.film.RESONANCE_PROFILES`.
     """
 
     def __init__(
@@ -81,8 +81,8 @@ class Recorder:
         self.noise_rms = self._peak * 10 ** (-noise_db / 20)
         self._energy_jitter = energy_jitter
         self.response, self.film = response or Response(), Film(seed, relief)
-        self.power, self.excitation = POWER, EXCITATION
-        self._repeat, self._made = repeat, list[Record]()
+        self.power, self.excitation = REFERENCE_POWER, EXCITATION
+        self._repeat, self._made = repeat, list[TriggerRecord]()
         self._time_zero = round(time_zero * 1e10)
         self._interval = 0.0
         self._times: NDArray[np.float64] = np.zeros(0)
@@ -91,7 +91,7 @@ class Recorder:
         self._lines: dict[tuple[int, int], NDArray[np.float32]] = {}
         self._places: list[tuple[int, int]] = []
 
-    def begin(self, sampling: Sampling) -> None:
+    def begin(self, sampling: PlanSampling) -> None:
         """Set up length and interval of records."""
         self._interval = sampling.interval_ps * 1e-12
         ticks = np.arange(sampling.samples, dtype=np.float64) * sampling.interval_ps
@@ -101,19 +101,19 @@ class Recorder:
         self._lines.clear()
         self._places.clear()
 
-    def expect(self, places: list[tuple[int, int]]) -> None:
+    def prefetch(self, places: list[tuple[int, int]]) -> None:
         """Prefetch the next points (x, y in nm), so that several are computed together."""
         self._places = places
 
     def bias(self, x: int, y: int) -> int:
         """Return the wavelength that suits the film at a point, in pm."""
-        return self.film.bias(x, y) if self.response.nonlinear else REST
+        return self.film.bias(x, y) if self.response.nonlinear else IDLE_LEVEL
 
     def level(self, x: int, y: int, wavelength: int) -> int:
         """Return the DC level in mV."""
-        return round(float(self.film.level(x, y, np.array([float(wavelength)]))[0]) * self.power / POWER)
+        return round(float(self.film.dc_level(x, y, np.array([float(wavelength)]))[0]) * self.power / REFERENCE_POWER)
 
-    def record(self, x: int, y: int, wavelength: int, shot: int, beam: int = 0) -> Record:
+    def record(self, x: int, y: int, wavelength: int, shot: int, beam: int = 0) -> TriggerRecord:
         """Return the record of shot ``shot`` by beam ``beam`` at x, y (nm), with the laser at ``wavelength`` (pm)."""
         if not self._repeat:
             return self._record(x, y, wavelength, shot, beam)
@@ -122,7 +122,7 @@ class Recorder:
             self._made.append(replace(made, samples=np.rint(made.samples.astype(np.float64)).astype(np.int16)))
         return replace(self._made[shot % len(self._made)], beam=beam)
 
-    def _record(self, x: int, y: int, wavelength: int, shot: int, beam: int) -> Record:
+    def _record(self, x: int, y: int, wavelength: int, shot: int, beam: int) -> TriggerRecord:
         line = self._line(x, y).astype(np.float64) * (EXCITATION / self.excitation) ** 2
         mistuned = wavelength != self.bias(x, y) and abs(wavelength - self.film.bias(x, y)) > LINEWIDTH / 4
         random = np.random.default_rng([self._seed, shot])
@@ -133,8 +133,8 @@ class Recorder:
         counts = signal / self.scale
         clipped = np.clip(counts, -FULL_SCALE - 1, FULL_SCALE)
         saturated = bool(np.any(np.rint(counts) != np.rint(clipped)))
-        level = self.level(x, y, wavelength) if self.response.nonlinear else round(1200 * self.power / POWER)
-        return Record(
+        level = self.level(x, y, wavelength) if self.response.nonlinear else round(1200 * self.power / REFERENCE_POWER)
+        return TriggerRecord(
             samples=clipped,
             scale=self.scale,
             time=0,
@@ -150,7 +150,9 @@ class Recorder:
         """Return the film's signal for a pressure, in the pressure's unit."""
         if not self.response.nonlinear:
             return line
-        return self.film.transfer(x, y, wavelength, line * (SWING / self._peak)) * (self._peak / SWING)
+        return self.film.transfer(x, y, wavelength, line * (MAX_MODULATION / self._peak)) * (
+            self._peak / MAX_MODULATION
+        )
 
     def _line(self, x: int, y: int) -> NDArray[np.float32]:
         """Return the noise-free A-line of a point; computes a block ahead, and each once for all frames."""
@@ -164,7 +166,7 @@ class Recorder:
             rows = pressure(self._balls, where, self._times, self._sound_speed, angular)
             if self.response.bandwidth:
                 rows = low_pass(rows, self._interval)
-            if (len(self._lines) + len(rows)) * len(self._times) > KEPT:
+            if (len(self._lines) + len(rows)) * len(self._times) > CACHED_POINTS:
                 self._lines.clear()
             self._lines.update(zip(places, rows, strict=True))
             line = self._lines[x, y]

@@ -11,20 +11,20 @@ from typing import Protocol
 from fabry_perot.clock import ScaledClock
 from fabry_perot.device.endpoints import CHUNK, Endpoint
 from fabry_perot.device.tcp import TcpEndpoint
-from fabry_perot.simulator.faults import BitFlips, Chain, FrameLoss
-from fabry_perot.simulator.machine import Machine
+from fabry_perot.simulator.faults import BitFlips, FilterChain, FrameLoss
+from fabry_perot.simulator.machine import PoweredDevice
 from fabry_perot.simulator.options import Options
-from fabry_perot.simulator.pacing import Pacer
+from fabry_perot.simulator.pacing import BaudRateLimiter
 
-LAG = 0.02
+MAX_LAG = 0.02
 """Device time may fall behind the scaled clock by so many real seconds before the clock is held back."""
-PULL = 16384
+MAX_FRAME_BYTES = 16384
 """Bytes taken from the device at a time."""
 SHUTTER_LOG = 2000
 """Movements of the shutter that are kept."""
 
 
-class Pluggable(Endpoint, Protocol):
+class PluggableEndpoint(Endpoint, Protocol):
     """A line that can be taken away."""
 
     def unplug(self) -> None:
@@ -36,7 +36,7 @@ class Pluggable(Endpoint, Protocol):
         ...
 
 
-def open_endpoint(options: Options) -> Pluggable:
+def open_endpoint(options: Options) -> PluggableEndpoint:
     """Return the line the options ask for."""
     if options.tcp:
         return TcpEndpoint(options.tcp)
@@ -59,11 +59,11 @@ class Server:
         Settings.
     """
 
-    def __init__(self, machine: Machine, endpoint: Pluggable, options: Options) -> None:
+    def __init__(self, machine: PoweredDevice, endpoint: PluggableEndpoint, options: Options) -> None:
         self.machine, self.endpoint, self._speed = machine, endpoint, options.speed
         self._clock = ScaledClock(options.speed)
-        self._down, self._up = Pacer(options.baud), Pacer(options.baud)
-        self.up, self.down = Chain(), Chain()
+        self._down, self._up = BaudRateLimiter(options.baud), BaudRateLimiter(options.baud)
+        self.up, self.down = FilterChain(), FilterChain()
         """Faults on the way to the device, and from it."""
         for number, chain in enumerate((self.up, self.down)):
             if options.bit_errors:
@@ -81,7 +81,7 @@ class Server:
         """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""
         readable: list[int] = []
         while not finished(readable):
-            self.turn()
+            self.run_once()
             readable = self._wait(watched)
 
     def unplug(self, duration: int) -> None:
@@ -90,30 +90,30 @@ class Server:
             self.endpoint.unplug()
         self._out, self._plug_at = b"", self.time + duration
 
-    def turn(self) -> None:
+    def run_once(self) -> None:
         """Process received bytes, advance device time by one event at most, send as many bytes as the line accepts."""
         present = self._clock.now()
-        if present - self.time > LAG * 1e6 * self._speed:
+        if present - self.time > MAX_LAG * 1e6 * self._speed:
             due = self.machine.next_due(self.time)
             if due < present:
                 present = max(self.time, due)
-                self._clock.hold(present)
+                self._clock.rewind_to(present)
         self.time = max(self.time, min(present, self.machine.next_due(self.time)))
         if self._plug_at is not None:
             self._run_unplugged(self._plug_at)
             return
-        data = self.endpoint.read(self._up.allowance(self.time, CHUNK))
-        self._up.spend(len(data))
+        data = self.endpoint.read(self._up.available(self.time, CHUNK))
+        self._up.consume(len(data))
         self.machine.receive(self.up(data, self.time), self.time)
         self._note_shutter()
         if not self._out:
-            pulled = self.machine.pull(min(PULL, self._down.allowance(self.time, PULL)))
+            pulled = self.machine.pull(min(MAX_FRAME_BYTES, self._down.available(self.time, MAX_FRAME_BYTES)))
             self._out = self.down(pulled, self.time)
-        allowed = self._down.allowance(self.time, len(self._out))
+        allowed = self._down.available(self.time, len(self._out))
         if self._out and allowed:
             sent = self.endpoint.write(self._out[:allowed])
             self._out = self._out[sent:]
-            self._down.spend(sent, busy=sent == allowed and bool(self._out))
+            self._down.consume(sent, busy=sent == allowed and bool(self._out))
 
     def _note_shutter(self) -> None:
         is_open = self.machine.instrument.shutter_open()
@@ -123,7 +123,7 @@ class Server:
     def _run_unplugged(self, plug_at: int) -> None:
         self.machine.receive(b"", self.time)
         self._note_shutter()
-        self.machine.pull(PULL)  # into the void
+        self.machine.pull(MAX_FRAME_BYTES)  # into the void
         if self.time >= plug_at:
             self.endpoint.plug()
             self._plug_at = None

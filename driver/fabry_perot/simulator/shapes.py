@@ -15,7 +15,7 @@ from fabry_perot.simulator.phantoms import Balls, yarn
 Array = NDArray[np.float64]
 NAMES = ("yarn", "tree", "star", "usaf", "vessels")
 """Objects that :func:`by_name` makes; anything else is the path of a file."""
-_MOST = 4000
+MAX_BALLS = 4000
 """Most balls made of a volume: an A-line's cost grows with them."""
 
 
@@ -32,7 +32,7 @@ def line(start: Array, stop: Array, sigma: float, amplitude: float = 1.0) -> Bal
     return Balls(start + along * (stop - start), np.full(count, sigma), np.full(count, amplitude))
 
 
-def join(parts: list[Balls]) -> Balls:
+def concatenate(parts: list[Balls]) -> Balls:
     """Return the union of the balls of several objects."""
     return Balls(
         np.concatenate([part.centres for part in parts]),
@@ -66,7 +66,7 @@ def _grow(random: np.random.Generator, levels: int, *, spread: float, depth: flo
                 turned = _turn(direction, angle, depth * side * (random.random() - 0.3))
                 following.append((end, turned, max(35e-6, 0.82 * sigma)))
         tips = following
-    return join(parts)
+    return concatenate(parts)
 
 
 def _turn(direction: Array, angle: float, dive: float) -> Array:
@@ -84,7 +84,7 @@ def star(seed: int = 0, *, arms: int = 12, radius: float = 4e-3) -> Balls:
         out = np.array([np.cos(angle), np.sin(angle), 0.0])
         middle = np.array([0.0, 0.0, 2.5e-3])
         parts.append(line(middle + 0.12 * radius * out, middle + radius * out, 45e-6))
-    return join(parts)
+    return concatenate(parts)
 
 
 def usaf(seed: int = 0) -> Balls:
@@ -102,7 +102,7 @@ def usaf(seed: int = 0) -> Balls:
         pitch /= 2 ** (1 / 3)
         if x > 4e-3:
             x, y = -4.5e-3, y - 5.0e-3
-    return join(parts)
+    return concatenate(parts)
 
 
 def from_file(path: Path) -> Balls:
@@ -132,7 +132,7 @@ def from_file(path: Path) -> Balls:
             raise ValueError(f"{path} holds {sorted(file.files)}; wanted: balls, or volume, spacing and origin")
         volume, spacing, origin = (file[name].astype(np.float64) for name in ("volume", "spacing", "origin"))
     strength = np.abs(volume).ravel()
-    strongest = np.argsort(strength)[::-1][:_MOST]
+    strongest = np.argsort(strength)[::-1][:MAX_BALLS]
     strongest = strongest[strength[strongest] > 0]
     if volume.ndim != 3 or len(strongest) == 0:
         raise ValueError(f"{path}: the volume has shape {volume.shape}; wanted: three axes, not all zero")

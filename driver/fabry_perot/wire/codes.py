@@ -9,7 +9,7 @@ PROTOCOL = 2
 
 LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN, INTERLOCK_CLOSED, KEY_ON = 1, 2, 4, 8, 16
 """Bits of ``Status.laser``."""
-SECURED = INTERLOCK_CLOSED | KEY_ON
+SAFE_BITS = INTERLOCK_CLOSED | KEY_ON
 """Without these two no laser may be armed."""
 FAULT_INTERLOCK, FAULT_KEY, FAULT_SHUTTER = 1, 2, 3
 """Fault codes: interlock opened, or key turned off, while the laser was armed; light past a shutter told to close."""

@@ -41,7 +41,7 @@ USB_PAYLOAD = 8192
 UART_PAYLOAD = 641
 """Largest payload on a UART: CRC-32C keeps a Hamming distance of 6 up to 655 bytes of header, payload and CRC."""
 
-RESIDUE = 0x48674BC7
+CRC_RESIDUE = 0x48674BC7
 """CRC-32C of anything followed by its own CRC-32C: checking a frame needs no copy without its last bytes."""
 
 FLAG_RETRANSMISSION = 0x01
@@ -92,7 +92,7 @@ def crc32c(data: bytes) -> int:
     return int(google_crc32c.value(data))
 
 
-def fast_stuffing() -> bool:
+def has_native_cobs() -> bool:
     """Return whether byte stuffing runs in C; otherwise it is about a hundred times slower."""
     return bool(getattr(cobs, "_using_extension", True))
 
@@ -179,7 +179,7 @@ class Deframer:
         version, kind, flags, boot, session, sequence, length = HEADER.unpack_from(body)
         if length != len(body) - OVERHEAD:
             counters.bad_length += 1
-        elif google_crc32c.value(body) != RESIDUE:
+        elif google_crc32c.value(body) != CRC_RESIDUE:
             counters.bad_crc += 1
         elif version != VERSION:
             counters.bad_version += 1

@@ -215,10 +215,10 @@ def unpack(kind: type[T], payload: bytes, *, tail: bool = False) -> T:
         ``payload`` has the wrong length.
     """
     layout = LAYOUT[kind]
-    return kind(*fixed(layout, payload, tail=tail))
+    return kind(*unpack_exact(layout, payload, tail=tail))
 
 
-def fixed(layout: struct.Struct, payload: bytes, *, tail: bool = False) -> tuple[Any, ...]:
+def unpack_exact(layout: struct.Struct, payload: bytes, *, tail: bool = False) -> tuple[Any, ...]:
     """Parse the fields of ``layout`` at the start of ``payload``; a wrong length raises FrameError."""
     if len(payload) < layout.size or (len(payload) > layout.size and not tail):
         raise FrameError(f"{len(payload)} bytes where the message has {layout.size}")

@@ -74,10 +74,10 @@ class HoldCause(IntEnum):
 S, E = DeviceState, Event
 RUNNING = frozenset({S.SCANNING, S.STARVED, S.BLOCKED})
 """States of a scan in progress: these, and only these, need a lease."""
-LATCHED = frozenset({S.FAULT, S.ESTOP})
+LATCHED_STATES = frozenset({S.FAULT, S.ESTOP})
 
 
-def _build() -> dict[tuple[DeviceState, Event], DeviceState]:
+def _build_transitions() -> dict[tuple[DeviceState, Event], DeviceState]:
     table = {
         (S.BOOT, E.SELF_TEST_PASSED): S.IDLE,
         (S.IDLE, E.NEW_SESSION): S.LINKED,
@@ -99,7 +99,7 @@ def _build() -> dict[tuple[DeviceState, Event], DeviceState]:
         (S.FAULT, E.CLEAR_FAULT): S.SAFE_HOLD,
         (S.ESTOP, E.CLEAR_FAULT): S.SAFE_HOLD,
     }
-    for state in (S.LINKED, S.READY, S.DONE, S.DRAINING, S.PAUSED, S.SAFE_HOLD, *sorted(LATCHED)):
+    for state in (S.LINKED, S.READY, S.DONE, S.DRAINING, S.PAUSED, S.SAFE_HOLD, *sorted(LATCHED_STATES)):
         table[state, E.NEW_SESSION] = state
     for state in (S.ARMED, *sorted(RUNNING)):
         table[state, E.NEW_SESSION] = S.SAFE_HOLD
@@ -120,5 +120,5 @@ def _build() -> dict[tuple[DeviceState, Event], DeviceState]:
     return table
 
 
-TRANSITIONS = _build()
+TRANSITIONS = _build_transitions()
 """(state, event) → next state; a pair that is not here is refused and changes nothing."""

@@ -14,9 +14,9 @@ import threading
 import uvicorn
 
 from steradian.api.app import create_app
-from steradian.api.http.connection_limits import Door, GuardedConfig, places
-from steradian.api.middleware.base import StreamsInTurn
-from steradian.core.exit_with_parent import end_with_stdin
+from steradian.api.http.connection_limits import ConnectionLimiter, LimitedConfig, raise_open_file_limit
+from steradian.api.middleware.base import StreamAdmissionMiddleware
+from steradian.core.exit_with_parent import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.runtime.heartbeat import Heartbeat
@@ -30,16 +30,18 @@ def main(descriptor: int) -> None:
     """Serve until SIGTERM or SIGINT, or until standard input closes."""
     settings = Settings.create()
     configure_logging(settings, "api")
-    config = GuardedConfig(
-        StreamsInTurn(create_app(settings)),
-        Door(places(settings.max_connections), settings.client_timeout),
+    config = LimitedConfig(
+        StreamAdmissionMiddleware(create_app(settings)),
+        ConnectionLimiter(raise_open_file_limit(settings.max_connections), settings.client_timeout),
         log_config=None,
         access_log=False,
         timeout_keep_alive=settings.keep_alive,
         timeout_graceful_shutdown=GRACE,
         server_header=False,
     )
-    stop = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
+    stop = threading.Thread(
+        target=exit_when_stdin_closes, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True
+    )
     with Heartbeat(DataDirectory(settings.data).heartbeat("api")):
         stop.start()
         uvicorn.Server(config).run(sockets=[socket.socket(fileno=descriptor)])

@@ -12,12 +12,19 @@ from steradian import __version__
 from steradian.api.errors import handlers as problems
 from steradian.api.errors import pages as problem_pages
 from steradian.api.http.urls import Prefixed, address
-from steradian.api.middleware.authentication import Authenticate
-from steradian.api.middleware.base import BodyLimit, Head, Observe, OnlyText, RequestId, StreamLimit
+from steradian.api.middleware.authentication import AuthenticationMiddleware
+from steradian.api.middleware.base import (
+    AccessLogMiddleware,
+    BodySizeLimitMiddleware,
+    HeadMiddleware,
+    MaxStreamsMiddleware,
+    RejectNulMiddleware,
+    RequestIdMiddleware,
+)
 from steradian.api.middleware.cors import Cors
 from steradian.api.middleware.metrics import Metrics
-from steradian.api.middleware.response_cache import Together
-from steradian.api.middleware.validators import Stamps
+from steradian.api.middleware.response_cache import CoalescingCacheMiddleware
+from steradian.api.middleware.validators import CacheValidatorLoader
 from steradian.api.openapi import postprocess as contract
 from steradian.api.openapi import swagger_page as documentation
 from steradian.api.routers import (
@@ -43,12 +50,12 @@ from steradian.api.routers import (
     uploads,
 )
 from steradian.api.routers import emergency_stop as stops
-from steradian.api.services import Services
-from steradian.api.streaming.broadcaster import Feed
+from steradian.api.services import ServiceContainer
+from steradian.api.streaming.broadcaster import EventBroadcaster
 from steradian.core.settings import Settings
 from steradian.web.pages import make_router
 
-RESOURCES = (
+ROUTER_MODULES = (
     events, root, masks, plans, designs, scanners, scans, scan_data, signals, reconstructions, results, quality,
     batches, uploads, jobs, deletion, storage, sessions, stops,
 )  # fmt: skip
@@ -70,7 +77,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     The interactive documentation of the framework is off: it loads its scripts from elsewhere. ``/docs`` is ours.
     """
-    services = Services(settings)
+    services = ServiceContainer(settings)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -91,21 +98,21 @@ def create_app(settings: Settings) -> FastAPI:
     app.root = settings.root_path
     app.state.services = services
     app.state.routes = []
-    app.state.feed = Feed(services)
+    app.state.feed = EventBroadcaster(services)
     app.state.metrics = Metrics(services)
-    app.add_middleware(Together, stamp=Stamps(services.database).of)
-    app.add_middleware(Head)
-    app.add_middleware(BodyLimit, settings=settings)
-    app.add_middleware(Authenticate, keeper=services)
+    app.add_middleware(CoalescingCacheMiddleware, stamp=CacheValidatorLoader(services.database).of)
+    app.add_middleware(HeadMiddleware)
+    app.add_middleware(BodySizeLimitMiddleware, settings=settings)
+    app.add_middleware(AuthenticationMiddleware, keeper=services)
     app.add_middleware(Cors, origins=settings.origins)
-    app.add_middleware(OnlyText)
-    app.add_middleware(StreamLimit)
-    app.add_middleware(Observe, metrics=app.state.metrics)
-    app.add_middleware(RequestId)
-    problems.install(app)
-    routers = [module.router for module in (*RESOURCES, health, metrics, documentation, problem_pages)]
+    app.add_middleware(RejectNulMiddleware)
+    app.add_middleware(MaxStreamsMiddleware)
+    app.add_middleware(AccessLogMiddleware, metrics=app.state.metrics)
+    app.add_middleware(RequestIdMiddleware)
+    problems.install_handlers(app)
+    routers = [module.router for module in (*ROUTER_MODULES, health, metrics, documentation, problem_pages)]
     for router in (*routers, make_router(__version__, settings.page_scripts, address)):
         app.include_router(router)
         app.state.routes += router.routes
-    contract.describe(app)
+    contract.install_openapi(app)
     return app

@@ -13,42 +13,49 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy.orm import Session
 
-from steradian.api.background.batcher import Looks
-from steradian.api.background.delta_tracker import ShotLooks
-from steradian.api.background.emergency_stop import EmergencyDesk
+from steradian.api.background.batcher import BatchLoader
+from steradian.api.background.delta_tracker import RowDeltaTracker
+from steradian.api.background.emergency_stop import EmergencyStopController
 from steradian.api.background.fault_clearing import FaultDesk
-from steradian.api.background.peers import Nodes
-from steradian.api.background.process_pool import Workshop
-from steradian.api.background.refresher import Memory
-from steradian.api.background.retention import tidy
-from steradian.api.background.stop_relay import StopCourier
+from steradian.api.background.peers import PeerRegistry
+from steradian.api.background.process_pool import ProcessPool
+from steradian.api.background.refresher import PeriodicRefresher
+from steradian.api.background.retention import apply_retention
+from steradian.api.background.stop_relay import EmergencyStopRelay
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
-from steradian.jobs.queue.estimates import Forecast, forecast
+from steradian.jobs.queue.estimates import QueueEstimate, forecast
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.queue.matching import check_met, own_scanner
+from steradian.jobs.queue.matching import dedicated_scanner, require_satisfiable
 from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
 from steradian.storage.blobs.object_store import arrays_of
-from steradian.storage.capacity.quota import ROOM_LOCK, Arrivals, Disk, Measured, promised, written
+from steradian.storage.capacity.quota import (
+    QUOTA_LOCK,
+    DiskQuota,
+    UploadReservations,
+    UsageSnapshot,
+    bytes_written,
+    reserved_bytes,
+)
 from steradian.storage.capacity.usage import usage
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
-from steradian.storage.db.advisory_locks import Hold, SessionLock
+from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
 from steradian.storage.db.clock import Clock, utc_now
-from steradian.storage.db.database import Database, metadata_url, take_turns
+from steradian.storage.db.database import Database, advisory_xact_lock, metadata_url
 from steradian.storage.db.tables import JobRow
 from steradian.storage.maintenance.record_ages import Ages
-from steradian.storage.repositories.deletion import Deletion, InUse, remove_files
+from steradian.storage.repositories.deletion import DeletionService, InUse, remove_files
 from steradian.storage.repositories.event_log import EventLog
-from steradian.storage.repositories.idempotency import Answers
+from steradian.storage.repositories.idempotency import IdempotencyStore
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
-from steradian.storage.repositories.references import hold_needs
+from steradian.storage.repositories.references import lock_references
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import is_terminal
@@ -58,16 +65,16 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
-MEASURED_FOR = timedelta(seconds=10)
+DISK_USAGE_MAX_AGE = timedelta(seconds=10)
 """How long a look at the folder tells those who only want to know."""
 STORE_PATIENCE = timedelta(seconds=5)
 """How long a request waits for an object store that does not answer."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
-CARETAKERS_END = 5.0
+CARETAKER_SHUTDOWN_TIMEOUT = 5.0
 """Seconds that an ending service waits for what looks after it: a database may be down."""
 
 
-class Services:
+class ServiceContainer:
     """Everything behind the API; made once a process.
 
     The queue's engine takes seconds to load, so it is opened in a thread while the service already answers. What is
@@ -77,9 +84,9 @@ class Services:
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
         self.settings, self.clock, self.ages = settings, clock, Ages(clock)
         self.data = DataDirectory(settings.data)
-        self.disk = Disk(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
-        self.arrivals = Arrivals()
-        self._measured: Measured | None = None
+        self.disk = DiskQuota(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
+        self.arrivals = UploadReservations()
+        self._measured: UsageSnapshot | None = None
         self.database = Database(metadata_url(settings))
         self.arrays = arrays_of(settings, self.database, clock, STORE_PATIENCE)
         self.masks = MaskRepository(self.database, clock)
@@ -89,32 +96,32 @@ class Services:
         self.reconstructions = ReconstructionRepository(self.database, clock)
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
-        self.deletion = Deletion(self.database, clock)
-        self.answers = Answers(self.database, clock)
+        self.deletion = DeletionService(self.database, clock)
+        self.answers = IdempotencyStore(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.sessions = SessionStore(self.database, self.keys, clock)
         secret = shared_secret(shared) if (shared := settings.node_secret) else stored_secret(self.data.stop_secret)
         self.stop_tickets = StopTickets(secret, clock)
         self.log = EventLog(self.database)
         self.emergency = (
-            EmergencyDesk(EmergencyLatch(self.data.emergency), self.scanner) if settings.has_scanner else None
+            EmergencyStopController(EmergencyLatch(self.data.emergency), self.scanner) if settings.has_scanner else None
         )
         self.status = StatusBlock(self.data.emergency) if settings.has_scanner else None
         self.faults = FaultDesk(Clearing(self.data.emergency), self.scanner) if settings.has_scanner else None
-        self.nodes = Nodes(settings, self.scanner)
-        self.courier = StopCourier(self.nodes, self.scanner)
-        self._memory = Memory(self.sessions.remember, self.nodes.remember, self._stay)
+        self.nodes = PeerRegistry(settings, self.scanner)
+        self.courier = EmergencyStopRelay(self.nodes, self.scanner)
+        self._memory = PeriodicRefresher(self.sessions.remember, self.nodes.refresh, self._stay)
         self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
         """One picture that is kept and one preview at a time: a place in the workshop is left for what is quick."""
-        self.workshop = Workshop()
-        self.shot_looks = ShotLooks()
-        self.usage: Looks[None, dict[str, int]] = Looks(lambda _: {None: usage(self.database, self.data)})
+        self.workshop = ProcessPool()
+        self.shot_looks = RowDeltaTracker()
+        self.usage: BatchLoader[None, dict[str, int]] = BatchLoader(lambda _: {None: usage(self.database, self.data)})
         self._queue: JobQueue | None = None
         self._opened = threading.Event()
         self._over = threading.Event()
         self._caretaker = threading.Thread(target=self._look_after, daemon=True)
         shared = settings.database_url if settings.role != "service" else None
-        self._turn = None if shared is None else SessionLock(shared, "caretaker")
+        self._turn = None if shared is None else AdvisoryLock(shared, "caretaker")
         """Held by the one of several nodes that looks after what is everybody's."""
 
     def open(self) -> None:
@@ -122,9 +129,9 @@ class Services:
         if self.emergency is not None:
             self._note_scanner()
             self.emergency.open()
-        if self.is_alone:
+        if self.is_single_node:
             self._retire_others()
-        self.nodes.remember()
+        self.nodes.refresh()
         self._memory.open()
         self._caretaker.start()
 
@@ -137,7 +144,9 @@ class Services:
         if self.emergency is not None:
             self.emergency.close()
         if self._caretaker.is_alive():
-            self._caretaker.join(CARETAKERS_END)  # what it did afterwards would open connections that nobody closes
+            self._caretaker.join(
+                CARETAKER_SHUTDOWN_TIMEOUT
+            )  # what it did afterwards would open connections that nobody closes
         if self._turn is not None:
             self._turn.release()
         if self._queue is not None:
@@ -145,17 +154,17 @@ class Services:
         self.database.close()
 
     @property
-    def is_alone(self) -> bool:
+    def is_single_node(self) -> bool:
         """Whether this is all of the service, and no node of another scanner can be on its database."""
         return self.settings.role == "service"
 
     def _note_scanner(self) -> None:
-        own = {"simulated": self.settings.simulated, "follows": self.settings.follows}
+        own = {"simulated": self.settings.simulated, "follows": self.settings.is_scanner_node}
         self.scanner.ensure(address=self.settings.address, **own)
 
     def _stay(self) -> None:
         """Note this node's scanner again, if it was retired while the node could not be reached."""
-        if not self.nodes.is_noted:
+        if not self.nodes.is_registered:
             _log.warning("%s was retired, but its node lives: it is noted again", self.scanner.id)
             self._note_scanner()
 
@@ -186,34 +195,36 @@ class Services:
         """Whether jobs can be taken at once."""
         return self._opened.is_set()
 
-    def desk_of(self, scanner_id: str) -> EmergencyDesk | None:
+    def local_stop_controller(self, scanner_id: str) -> EmergencyStopController | None:
         """Return the local stop controller of a scanner; ``None`` when the scanner belongs to another node."""
-        return self.emergency if self.nodes.is_here(scanner_id) else None
+        return self.emergency if self.nodes.is_local(scanner_id) else None
 
-    def measure(self) -> Measured:
+    def refresh_disk_usage(self) -> UsageSnapshot:
         """Count the data folder's bytes if a quota needs them; it may be slow, so call it outside of transactions."""
         at, came = self.clock(), self.arrivals.came
         with self.database.read() as session:
-            before = written(session, self.data)  # before the walk: what comes after it is not in there
-        self._measured = Measured(self.disk.used if self.disk.quota is not None else 0, at, came, before)
+            before = bytes_written(session, self.data)  # before the walk: what comes after it is not in there
+        self._measured = UsageSnapshot(self.disk.used if self.disk.quota is not None else 0, at, came, before)
         return self._measured
 
     @property
     def available(self) -> int:
         """Bytes available to uploads and jobs, according to the most recent count of the folder."""
         known = self._measured
-        if known is None or self.clock() - known.at > MEASURED_FOR:
-            known = self.measure()
+        if known is None or self.clock() - known.at > DISK_USAGE_MAX_AGE:
+            known = self.refresh_disk_usage()
         return self.disk.available(known.used + self.arrivals.came - known.came)
 
-    def promised(self, session: Session, measured: Measured | None = None) -> int:
+    def reserved_bytes(self, session: Session, measured: UsageSnapshot | None = None) -> int:
         """Return the bytes that will still be written here: of several nodes, by the scans of this one's scanner."""
         if self.settings.role == "service":
-            return promised(session, self.data, measured)
-        return promised(session, self.data, measured, self.settings.scanner_id) if self.settings.has_scanner else 0
+            return reserved_bytes(session, self.data, measured)
+        return (
+            reserved_bytes(session, self.data, measured, self.settings.scanner_id) if self.settings.has_scanner else 0
+        )
 
-    def require_room(
-        self, session: Session, need: int, what: str, measured: Measured, *, for_scan: bool = False
+    def require_disk_space(
+        self, session: Session, need: int, what: str, measured: UsageSnapshot, *, for_scan: bool = False
     ) -> None:
         """Reject work that does not fit beside queued work; call it in the transaction that queues the work.
 
@@ -229,8 +240,8 @@ class Services:
         """
         if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
             return  # who does the work has a disk of its own
-        take_turns(session, ROOM_LOCK)  # else none of two that come at once sees what the other is promised
-        taken = self.promised(session, measured) + self.arrivals.awaited
+        advisory_xact_lock(session, QUOTA_LOCK)  # else none of two that come at once sees what the other is promised
+        taken = self.reserved_bytes(session, measured) + self.arrivals.awaited
         disk = replace(self.disk, reserve=0) if for_scan else self.disk
         disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 
@@ -244,13 +255,13 @@ class Services:
         InvalidInput
             When it requires what no worker has.
         """
-        hold_needs(session, request.payload)
+        lock_references(session, request.payload)
         if not self.settings.await_workers:
-            own = own_scanner(session, request.kind, request.payload.get("scan_id"))
-            check_met(session, self.clock(), own, request.requires)
+            own = dedicated_scanner(session, request.kind, request.payload.get("scan_id"))
+            require_satisfiable(session, self.clock(), own, request.requires)
         return self.queue.add(session, request) if self.queue_is_open else self.ledger.add(session, request)
 
-    def forecast(self, job: JobStatus) -> Forecast | None:
+    def forecast(self, job: JobStatus) -> QueueEstimate | None:
         """Return a job's queue position and expected end; ``None`` once it has ended."""
         if job.is_over:
             return None
@@ -260,7 +271,7 @@ class Services:
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
         """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""
         if is_terminal(self.ledger.get(job_id).state) and not self.queue_is_open:
-            self.ledger.want_cancelled(job_id, who, reason)
+            self.ledger.request_cancellation(job_id, who, reason)
             return self.ledger.status(job_id)
         return self.queue.cancel(job_id, who, reason)
 
@@ -284,12 +295,12 @@ class Services:
         tidied = float("-inf")
         while not self._over.is_set():
             try:
-                self.workshop.rest()
-                if is_mine := self._turn is None or self._turn.renew() is Hold.HELD:
+                self.workshop.reap_idle()
+                if is_mine := self._turn is None or self._turn.ensure_held() is LockState.HELD:
                     self.queue.reconcile()
                 if time.monotonic() - tidied > TIDY_EVERY:
                     tidied = time.monotonic()
-                    tidy(self, shared=is_mine)
+                    apply_retention(self, shared=is_mine)
             except Exception:
                 if not self._over.is_set():
                     _log.exception("the queue cannot be looked after; trying again")

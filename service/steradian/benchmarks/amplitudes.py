@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
-from steradian.imaging.geometry.polygons import Outline, holds
+from steradian.imaging.geometry.polygons import Outline, contains
 from steradian.masks import (
     Mask,
     PointOfInterest,
@@ -91,7 +91,7 @@ def _dense(outline: Outline) -> NDArray[np.float64]:
     """Points every 100 µm within the outline."""
     axis = (np.arange(MODES) + 0.5 - MODES / 2) * PITCH
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
-    found: NDArray[np.float64] = points[holds(outline, points)]
+    found: NDArray[np.float64] = points[contains(outline, points)]
     return found
 
 
@@ -108,7 +108,7 @@ def _amplitude(balls: phantoms.Balls, positions: NDArray[np.float64], weights: N
         modes=MODES,
         depth_range=SHOWN,
     )
-    truth = phantoms.sampled(balls, volume).values.astype(np.float64)
+    truth = phantoms.rasterise(balls, volume).values.astype(np.float64)
     return float(np.vdot(truth, volume.values) / np.vdot(truth, truth))
 
 
@@ -129,4 +129,4 @@ def table(rows: list[Row]) -> str:
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the table between the page's marks."""
-    put_between(page, BEGIN, END, table(rows))
+    replace_between_markers(page, BEGIN, END, table(rows))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from steradian.benchmarks.service import RunningService, finish
+from steradian.benchmarks.service import RunningService, wait_for_reconstruction
 from steradian.core.validation import FloatArray
 
 BUSY = 0.7
@@ -25,7 +25,7 @@ SCANS, HOURS, JOBS, LOOKS = 20, 10.0, 2, 300
 Row = dict[str, Any]
 
 
-def waiting_times(arrivals: FloatArray, services: FloatArray, workers: int) -> FloatArray:
+def fifo_waiting_times(arrivals: FloatArray, services: FloatArray, workers: int) -> FloatArray:
     """Return how long each job waits for a worker (seconds), those that come first first served.
 
     The recursion of Kiefer and Wolfowitz (1955) for any times between arrivals and any service times.
@@ -46,7 +46,9 @@ def waiting_times(arrivals: FloatArray, services: FloatArray, workers: int) -> F
     return waits
 
 
-def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, lasts: float, seed: int = 1) -> Row:
+def measure_poisson_arrivals(
+    service: RunningService, scan_id: str, modes: int, *, jobs: int, lasts: float, seed: int = 1
+) -> Row:
     """Submit jobs to one worker at random times; return their waiting times beside those of the queueing model.
 
     Parameters
@@ -67,8 +69,8 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
     made, begun = [], time.monotonic()
     for moment in np.cumsum(gaps):
         time.sleep(max(0.0, begun + moment - time.monotonic()))
-        made.append(service.ask("/reconstructions", body)["id"])
-    done = [finish(service, identifier) for identifier in made]
+        made.append(service.request("/reconstructions", body)["id"])
+    done = [wait_for_reconstruction(service, identifier) for identifier in made]
     created, started, ended = (
         np.array([datetime.fromisoformat(job[name]).timestamp() for job in done])
         for name in ("created", "started", "ended")
@@ -78,7 +80,7 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
     between = float(np.median((started[1:] - ended[:-1])[waited[1:]])) if waited.any() else 0.0
     pickup = float(np.median((started - created)[~waited]))  # a worker without work looks for it now and then
     lasting = ended - started + between
-    drawn = (waiting_times(created - created[0], chance.permutation(lasting), 1) for _ in range(DRAWN))
+    drawn = (fifo_waiting_times(created - created[0], chance.permutation(lasting), 1) for _ in range(DRAWN))
     means = [np.where(waits > 0, waits, pickup).mean() for waits in drawn]
     return {
         "case": "arrivals",
@@ -92,7 +94,7 @@ def by_chance(service: RunningService, scan_id: str, modes: int, *, jobs: int, l
     }
 
 
-def workers_for(rate: float, lasting: Sequence[float], together: int = JOBS, seed: int = 1) -> int:
+def required_workers(rate: float, lasting: Sequence[float], together: int = JOBS, seed: int = 1) -> int:
     """Return the smallest number of workers with which 95 % of the jobs wait at most :data:`PATIENCE`.
 
     Parameters
@@ -109,12 +111,12 @@ def workers_for(rate: float, lasting: Sequence[float], together: int = JOBS, see
     arrivals = np.repeat(np.cumsum(chance.exponential(together / rate, jobs // together)), together)
     services = chance.choice(np.asarray(lasting, float), jobs)
     workers = max(1, int(rate * np.mean(lasting)))
-    while np.quantile(waiting_times(arrivals, services, workers)[jobs // 10 :], 0.95) > PATIENCE:
+    while np.quantile(fifo_waiting_times(arrivals, services, workers)[jobs // 10 :], 0.95) > PATIENCE:
         workers += 1
     return workers
 
 
-def scanners(
+def load_of_scanners(
     lasting: Sequence[float], api_cpu_s: float, scan_bytes: float, volume_bytes: float, events: float, event_s: float
 ) -> list[Row]:
     """Compute the daily load that a number of scanners puts on each part of the service.
@@ -138,7 +140,7 @@ def scanners(
                 "case": "scanners",
                 "scanners": count,
                 "jobs_per_second": scans * JOBS,
-                "workers": workers_for(scans * JOBS, lasting),
+                "workers": required_workers(scans * JOBS, lasting),
                 "api_processors": scans * LOOKS * api_cpu_s,
                 "store_gb_per_day": 1e-9 * count * SCANS * (scan_bytes + JOBS * volume_bytes),
                 "event_lock": scans * events * event_s,

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.hardware_time import device_seconds
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.hardware_time import simulated_scan_seconds
+from steradian.benchmarks.pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
-from steradian.masks import Mask, beams_mask, equi_steradian_mask
+from steradian.masks import Mask, equi_steradian_mask, multi_beam_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import Link, ScanPlan, VisitOrder, preview
 
@@ -59,14 +59,14 @@ def beams(*, points: int = POINTS, seeds: int = SEEDS, progress: Progress | None
         disc) and of the volume with the truth, means over the yarns and over the same mask turned, that is over other
         points, as good; ``mip_sd`` and ``volume_sd``, between the turned ones: what the choice of points makes.
     """
-    turned = [_turned(equi_steradian_mask(APERTURE, DEPTH, points), turn) for turn in TURNS]
+    turned = [_rotated(equi_steradian_mask(APERTURE, DEPTH, points), turn) for turn in TURNS]
     plans = [ScanPlan.create(mask=turned[0], order=VisitOrder.SHORTEST, link=Link(byte_rate=None))]
     rows: list[Row] = [{"beams": 1, "kind": "mask"}]
     masks = list(turned)
     for words, spacing, times in PATTERNS:
         pattern = read_beams(words, spacing)
         places = round(times * -(-turned[0].count // len(pattern)))
-        masks += [beams_mask(mask, pattern, places=places) for mask in turned]
+        masks += [multi_beam_mask(mask, pattern, places=places) for mask in turned]
         plans.append(plans[0].replace(mask=masks[-len(turned)], beams=pattern))
         rows.append({"beams": len(pattern), "kind": words, "spacing_m": spacing})
     found = np.empty((seeds, len(rows), len(turned), 2))
@@ -82,7 +82,7 @@ def beams(*, points: int = POINTS, seeds: int = SEEDS, progress: Progress | None
     return rows
 
 
-def _turned(mask: Mask, turn: float) -> Mask:
+def _rotated(mask: Mask, turn: float) -> Mask:
     """Return a mask turned about the middle: as good, and no point the same."""
     turning = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return mask.replace(positions=mask.positions @ turning, outline=None)
@@ -90,7 +90,7 @@ def _turned(mask: Mask, turn: float) -> Mask:
 
 def _times(plan: ScanPlan) -> Row:
     cost = preview(plan)
-    return {"expected_s": cost.total_seconds, "simulated_s": device_seconds(plan), **cost.displacement}
+    return {"expected_s": cost.total_seconds, "simulated_s": simulated_scan_seconds(plan), **cost.displacement}
 
 
 def _correlations(seed: int, masks: list[Mask]) -> NDArray[np.float64]:
@@ -98,7 +98,7 @@ def _correlations(seed: int, masks: list[Mask]) -> NDArray[np.float64]:
     balls, found = phantoms.yarn(seed), []
     for mask in masks:
         volume = _image(balls, mask, seed)
-        truth = phantoms.sampled(balls, volume)
+        truth = phantoms.rasterise(balls, volume)
         assert volume.axes.y is not None  # noqa: S101
         disc = quality.disc(volume.axes.x, volume.axes.y, DISC)
         flat = quality.correlation(volume.mip("z"), truth.mip("z"), disc)
@@ -144,4 +144,4 @@ def table(rows: list[Row]) -> str:
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the table between the page's marks."""
-    put_between(page, BEGIN, END, table(rows))
+    replace_between_markers(page, BEGIN, END, table(rows))

@@ -85,7 +85,7 @@ def gpu(*, quick: bool = False, repeats: int = 20, only: str = "", progress: Pro
     return rows
 
 
-def over(rows: list[Row]) -> list[str]:
+def limit_violations(rows: list[Row]) -> list[str]:
     """Return a message for each row that exceeds its bound."""
     found = [f"{r['case']}: {r['ratio']:.2f} pairs instead of {LIMIT:g}" for r in rows if r.get("ratio", 0) > LIMIT]
     found += [
@@ -133,7 +133,7 @@ def _direct(backend: Backend, modes: int, samples: int, count: int, repeats: int
     there, image = backend.array(traces), backend.array(np.zeros(plan.geometry.shape, np.float32))
     row: Row = {"sensors": len(positions), "shape": "×".join(map(str, plan.geometry.shape))}
     row["gpu_s"] = median(backend, lambda: _made(plan, there), repeats)
-    row["pair_s"] = median(backend, lambda: _pair(backend, image), repeats)
+    row["pair_s"] = median(backend, lambda: _fft_pair(backend, image), repeats)
     row["ratio"] = row["gpu_s"] / row["pair_s"]
     row["memory_s"] = median(backend, lambda: plan.run(traces), max(3, repeats // 4))
     row["up_s"] = median(backend, lambda: backend.array(traces), repeats)
@@ -153,7 +153,7 @@ def _direct(backend: Backend, modes: int, samples: int, count: int, repeats: int
     here = ReconstructionPlan(positions, threads=_PROCESSORS, **common)
     volume = here.run(traces)
     assert isinstance(volume, Volume)  # noqa: S101
-    row["difference"] = _apart(found.values, volume.values)
+    row["difference"] = _time_steps(found.values, volume.values)
     row["cpu_s"] = _fastest(lambda: here.run(traces))
     row["faster"] = row["cpu_s"] / row["gpu_s"]
     return row
@@ -165,7 +165,7 @@ def _made(plan: ReconstructionPlan, traces: Any) -> Any:
     return engine.to_image(engine.to_depth(engine.lateral(traces)))
 
 
-def _pair(backend: Backend, image: Any) -> Any:
+def _fft_pair(backend: Backend, image: Any) -> Any:
     # norm "forward" on the way back: bare transforms, without a pass that scales
     return backend.fft.irfftn(backend.fft.rfftn(image), image.shape, overwrite_x=True, norm="forward")
 
@@ -202,7 +202,7 @@ def _model(backend: Backend, modes: int, samples: int, count: int, repeats: int,
     product: Any = getattr(here, way)
     row: Row = {"sensors": len(positions), "shape": "×".join(map(str, there.volume_shape))}
     row["gpu_s"] = median(backend, work, repeats)
-    row["difference"] = _apart(engine.host(work()), product(given))
+    row["difference"] = _time_steps(engine.host(work()), product(given))
     row["cpu_s"] = _fastest(lambda: product(given))
     row["faster"] = row["cpu_s"] / row["gpu_s"]
     return row
@@ -241,10 +241,10 @@ def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int
 def _fit(quick: bool) -> Row:
     """Fit the paper's yarn by thresholding, on either: time and correlation with the truth."""
     from steradian import phantoms, quality
-    from steradian.benchmarks.paper.iterative_data import SMALL, Scene
+    from steradian.benchmarks.paper.iterative_data import SMALL, Scenario
     from steradian.imaging.iterative.solve import reconstruct_iteratively
 
-    scene = SMALL if quick else Scene()
+    scene = SMALL if quick else Scenario()
     mask = equi_steradian_mask(scene.aperture, scene.depth, 20 if quick else scene.points, weighting="analytic")
     balls, traces = scene.record(mask.positions, 0)
     common = scene.common() | ({"modes": 6, "lateral_padding": 1.0} if quick else {})
@@ -280,5 +280,5 @@ def _fastest(work: Callable[[], object], repeats: int = 2) -> float:
     return min(taken)
 
 
-def _apart(found: NDArray[Any], expected: NDArray[Any]) -> float:
+def _time_steps(found: NDArray[Any], expected: NDArray[Any]) -> float:
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.pages import replace_between_markers
 
 BEGIN = "<!-- gpu: begin, written by `steradian benchmark gpu` -->"
 END = "<!-- gpu: end -->"
@@ -22,7 +22,7 @@ _STEPS = {
 
 def write_page(page: Path, document: dict[str, Any]) -> None:
     """Put the tables between the page's marks."""
-    put_between(page, BEGIN, END, tables(document))
+    replace_between_markers(page, BEGIN, END, tables(document))
 
 
 def tables(document: dict[str, Any]) -> str:

@@ -6,32 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from fabry_perot.hardware import Sampling
-from fabry_perot.host.plan import Plan
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.hardware import PlanSampling
+from fabry_perot.host.plan import WirePlan
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.phantoms import Balls
 from steradian.plans import ScanPlan
 
 
-def device_seconds(plan: ScanPlan, **hardware: Any) -> float:
+def simulated_scan_seconds(plan: ScanPlan, **hardware: Any) -> float:
     """Run a plan on the simulated hardware, without a line, and return the seconds.
 
     Further arguments configure the hardware.
     """
     ball = Balls(np.array([[0.0, 0.0, 3e-3]]), np.array([1e-4]), np.array([1.0]))
     pattern = [(round(1e9 * x), round(1e9 * y)) for x, y in plan.beams or ((0.0, 0.0),)]
-    device = PhantomInstrument(ball, repeat=1, beams=pattern, **hardware)
+    device = SimulatedInstrument(ball, repeat=1, beams=pattern, **hardware)
     device.boot(0)
-    places = Plan.from_metres(
-        plan.way,
+    places = WirePlan.from_metres(
+        plan.path,
         samples=plan.samples,
         sampling_interval=plan.sampling_interval,
         pulse_rate=plan.pulse_rate,
         averages=plan.averages,
         wavelength=0.0 if plan.bias is None else plan.bias[plan.visit[:: plan.beam_count]],
     )
-    device.begin(Sampling(places.samples, places.interval_ps, places.pulse_rate_mhz, plan.beam_count))
-    device.queue(0, places.points, 0)
+    device.begin(PlanSampling(places.samples, places.interval_ps, places.pulse_rate_mhz, plan.beam_count))
+    device.queue_points(0, places.points, 0)
     device.open()
     device.permit(1 << 60, 0)
     fired: list[int] = []

@@ -34,7 +34,7 @@ class Connection:
     _reader: asyncio.StreamReader | None = field(default=None, repr=False)
     _writer: asyncio.StreamWriter | None = field(default=None, repr=False)
 
-    async def ask(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
+    async def request(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
         """Send a request and read the whole response.
 
         A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it,
@@ -44,15 +44,15 @@ class Connection:
         try:
             async with asyncio.timeout(PATIENCE):
                 reader, writer = await self._open()
-                writer.write(head(self.url, path, method, body, **headers) + (body or b""))
+                writer.write(format_head(self.url, path, method, body, **headers) + (body or b""))
                 await writer.drain()
-                status, fields = await read_head(reader)
+                status, fields = await parse_head(reader)
                 content = await _read_body(reader, fields) if status not in {204, 304} else b""
         except (OSError, TimeoutError, asyncio.IncompleteReadError) as error:
             self.close()
             is_silent = isinstance(error, ConnectionError) or getattr(error, "partial", None) == b""
             if method == "GET" and was_kept and is_silent and not status:
-                again = await self.ask(path, body, method, **headers)
+                again = await self.request(path, body, method, **headers)
                 return Answer(again.status, again.body, time.perf_counter() - begun)
             return Answer(0, b"", time.perf_counter() - begun)
         if fields.get("connection") == "close":
@@ -78,7 +78,7 @@ async def connect(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]
     return await asyncio.open_connection(address.hostname, address.port)
 
 
-def head(url: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str) -> bytes:
+def format_head(url: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str) -> bytes:
     """Write the head of a request; ``Idempotency_Key`` is the header Idempotency-Key."""
     lines = [f"{method} {path} HTTP/1.1", f"Host: {urlsplit(url).netloc}"]
     if body is not None:
@@ -87,7 +87,7 @@ def head(url: str, path: str, method: str = "GET", body: bytes | None = None, **
     return ("\r\n".join(lines) + "\r\n\r\n").encode()
 
 
-async def read_head(reader: asyncio.StreamReader) -> tuple[int, dict[str, str]]:
+async def parse_head(reader: asyncio.StreamReader) -> tuple[int, dict[str, str]]:
     """Read the status and the headers, their names in lower case."""
     lines = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
     pairs = (line.partition(":") for line in lines[1:] if line)

@@ -53,7 +53,7 @@ def link(*, quick: bool = False, progress: Progress | None = None) -> list[Row]:
     for done, stage in enumerate(_STAGES):
         if progress is not None:
             progress(stage, done, len(_STAGES))
-        rows.append(_sustained(quick) if stage == "sustained" else _port(stage, quick))
+        rows.append(_measure_sustained(quick) if stage == "sustained" else _port(stage, quick))
     if progress is not None:
         progress("done", len(_STAGES), len(_STAGES))
     return rows
@@ -74,19 +74,19 @@ def _port(kind: str, quick: bool) -> Row:
         "ratio": float(np.median(raw / decoded)),
     }
     if kind == "socket":
-        row["recv_mb_s"] = size * rounds / _bare(count, rounds, size * rounds) / 1e6
+        row["recv_mb_s"] = size * rounds / _raw_recv_seconds(count, rounds, size * rounds) / 1e6
     return row
 
 
 def _frames(kind: str, count: int) -> Iterator[bytes]:
     """Yield the frames of ``count`` A-lines as a device with a full ring sends them."""
-    from fabry_perot.device.ring import ALineRing
+    from fabry_perot.device.ring import ALineRingBuffer
     from fabry_perot.wire.codes import MAX_GROUP, Type
     from fabry_perot.wire.framing import MAX_PAYLOAD, USB_PAYLOAD, Frame, crc32c, encode_frame
     from fabry_perot.wire.messages import ALineMeta, pack
 
     samples = np.random.default_rng(0).normal(0, 3000, (16, SAMPLES)).astype("<i2")
-    ring = ALineRing(count)
+    ring = ALineRingBuffer(count)
     ring.clear(_PLAN)
     ring.group = MAX_GROUP
     ring.acknowledge(0, count, [])
@@ -105,7 +105,7 @@ def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np
     from fabry_perot.host.transport import open_transport
 
     times: list[float] = []
-    with _source(kind, count, 2 * rounds) as url:
+    with _sender_process(kind, count, 2 * rounds) as url:
         transport = open_transport(url)
         try:
             transport.write(b"go")
@@ -114,14 +114,14 @@ def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np
                 data = transport.read()
             for turn in range(2 * rounds):
                 begin = time.perf_counter()
-                data = _decode(transport, data, count) if turn % 2 else _drain(transport, data, size)
+                data = _decode(transport, data, count) if turn % 2 else _read_remaining(transport, data, size)
                 times.append(time.perf_counter() - begin)
         finally:
             transport.close()
     return np.array(times[::2]), np.array(times[1::2])
 
 
-def _drain(transport: Any, data: bytes, left: int) -> bytes:
+def _read_remaining(transport: Any, data: bytes, left: int) -> bytes:
     """Read ``left`` bytes, including those of ``data``; return surplus bytes."""
     while left > len(data):
         left -= len(data)
@@ -136,7 +136,7 @@ def _decode(transport: Any, data: bytes, count: int) -> bytes:
 
     host = Host(1)
     host.hello = HelloAck(1, _BOOT, _SESSION, 1, 1, 5, 1, 32768, count, 0, 0, _PLAN, count, 0, 0, 0, 0)
-    host.expect(_PLAN, 0)
+    host.receive_from(_PLAN, 0)
     assert host.assembly is not None  # noqa: S101
     delivered = 0
     while True:
@@ -146,13 +146,13 @@ def _decode(transport: Any, data: bytes, count: int) -> bytes:
             delivered += len(host.take().samples)
             if delivered >= count:
                 return data[data.rfind(b"\0\0") + 1 :] if b"\0\0" in data else b""
-        host.pull()
+        host.take_output()
         data = transport.read()
 
 
-def _bare(count: int, rounds: int, left: int) -> float:
+def _raw_recv_seconds(count: int, rounds: int, left: int) -> float:
     """Return the seconds of reading the same stream by bare ``recv`` of 64 KiB: the machine's memory bandwidth."""
-    with _source("socket", count, rounds) as url:
+    with _sender_process("socket", count, rounds) as url:
         host, port = url.removeprefix("socket://").rsplit(":", 1)
         with socket.create_connection((host, int(port))) as plain:
             plain.sendall(b"go")
@@ -164,7 +164,7 @@ def _bare(count: int, rounds: int, left: int) -> float:
 
 
 @contextmanager
-def _source(kind: str, count: int, pieces: int) -> Iterator[str]:
+def _sender_process(kind: str, count: int, pieces: int) -> Iterator[str]:
     """Run this module as the process that sends, and yield the port to read from."""
     command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", kind, str(count), str(pieces)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
@@ -200,13 +200,13 @@ def _send(kind: str, count: int, pieces: int) -> None:
     sys.stdin.read()
 
 
-def _sustained(quick: bool) -> Row:
+def _measure_sustained(quick: bool) -> Row:
     """Run a scan of equal points at 2,500 pulses a second into a scan file while reconstructions run beside it."""
     import fabry_perot
     from fabry_perot.simulator import launch
     from steradian.masks import grid_mask
     from steradian.plans import ScanPlan
-    from steradian.scans.file.writer import AlineStore, create_scan_file
+    from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
     side, loads, ring = (12, 1, 4096) if quick else (141, 2, 4096)
     mask = grid_mask(aperture=20e-6 * side, count=side, interval=20e-6)
@@ -215,7 +215,7 @@ def _sustained(quick: bool) -> Row:
     try:
         create_scan_file(folder / "scan.h5", plan)
         with (
-            AlineStore(folder / "scan.h5") as store,
+            ScanFileWriter(folder / "scan.h5") as store,
             launch(repeat=64, ring=ring) as simulator,
             fabry_perot.connect(simulator.url) as scanner,
             _reconstructions(loads),
@@ -225,7 +225,7 @@ def _sustained(quick: bool) -> Row:
             begin = time.perf_counter()
             lapses = _acquire(scanner, store)
             seconds = time.perf_counter() - begin
-            peak = simulator.command("report")["ring_peak"]
+            peak = simulator.send_command("report")["ring_peak"]
             stored = store.stored
     finally:
         shutil.rmtree(folder)
@@ -253,7 +253,7 @@ def _acquire(scanner: Any, store: Any) -> int:
                 store.append(batch)
                 scanner.acknowledge(batch[-1])
             return lapses
-        except fabry_perot.LeaseLapsed:
+        except fabry_perot.LeaseExpired:
             lapses += 1
             scanner.resume()
 

@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
-from steradian.benchmarks.http_client import connect, head, read_head
+from steradian.benchmarks.http_client import connect, format_head, parse_head
 
 EVENTS = "/api/v1/events"
 PATIENCE = 30.0
@@ -15,7 +15,7 @@ PATIENCE = 30.0
 
 
 @dataclass
-class Listener:
+class EventListener:
     """One stream, opened once and never again.
 
     Attributes
@@ -40,7 +40,7 @@ class Listener:
                 self.numbers.append(_number(place))
                 self._moved.set()
 
-    async def reach(self, number: int) -> None:
+    async def wait_for(self, number: int) -> None:
         """Wait until an event was received."""
         while number not in self.numbers:
             self._moved.clear()
@@ -48,7 +48,7 @@ class Listener:
 
 
 @dataclass(frozen=True)
-class Told:
+class DeliveryReport:
     """Delivery counts of event listeners: received, missing and repeated events."""
 
     events: int
@@ -57,10 +57,10 @@ class Told:
 
 
 @asynccontextmanager
-async def listening(urls: Sequence[str], streams: int) -> AsyncIterator[list[Listener]]:
+async def open_listeners(urls: Sequence[str], streams: int) -> AsyncIterator[list[EventListener]]:
     """Keep streams open at services in turn, all after the event that is the newest now."""
     begin = await newest(urls[0])
-    listeners = [Listener(urls[number % len(urls)], begin) for number in range(streams)]
+    listeners = [EventListener(urls[number % len(urls)], begin) for number in range(streams)]
     tasks = [asyncio.create_task(listener.follow()) for listener in listeners]
     try:
         yield listeners
@@ -70,26 +70,26 @@ async def listening(urls: Sequence[str], streams: int) -> AsyncIterator[list[Lis
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def compare(listeners: Sequence[Listener]) -> Told:
+async def compare(listeners: Sequence[EventListener]) -> DeliveryReport:
     """Compare the events received by each listener with the complete log."""
     if not listeners:
-        return Told(0, 0, 0)
-    log = Listener(listeners[0].url, listeners[0].after)
+        return DeliveryReport(0, 0, 0)
+    log = EventListener(listeners[0].url, listeners[0].after)
     last = _number(await newest(log.url))
     reading = asyncio.create_task(log.follow())
     try:
         async with asyncio.timeout(PATIENCE):
-            await log.reach(last)
+            await log.wait_for(last)
     except TimeoutError:
         raise RuntimeError(f"the log could not be read as far as event {last}; what was lost is not known") from None
     finally:
         reading.cancel()
     with suppress(TimeoutError):
         async with asyncio.timeout(PATIENCE):
-            await asyncio.gather(*(listener.reach(last) for listener in listeners))
+            await asyncio.gather(*(listener.wait_for(last) for listener in listeners))
     whole = {number for number in log.numbers if number <= last}
     heard = [[number for number in listener.numbers if number <= last] for listener in listeners]
-    return Told(
+    return DeliveryReport(
         events=sum(max(0, len(numbers) - 1) for numbers in heard),
         lost=sum(len(whole.difference(numbers)) for numbers in heard),
         again=sum(len(numbers) - len(set(numbers)) for numbers in heard),
@@ -107,8 +107,8 @@ async def _places(url: str, after: str | None = None) -> AsyncGenerator[str, Non
     reader, writer = await connect(url)
     try:
         headers = {} if after is None else {"Last_Event_ID": after}
-        writer.write(head(url, EVENTS, "GET", None, **headers))
-        await read_head(reader)
+        writer.write(format_head(url, EVENTS, "GET", None, **headers))
+        await parse_head(reader)
         async for line in reader:
             if line.startswith(b"id: "):
                 yield line[4:].decode().strip()

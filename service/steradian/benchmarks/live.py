@@ -14,17 +14,17 @@ from fabry_perot.simulator import phantoms
 from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
 from steradian.core.progress import Progress
 from steradian.imaging import Volume
-from steradian.imaging._reconstruct import image_by
+from steradian.imaging._reconstruct import reconstruct_with
 from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.quality import correlation, of_interest
-from steradian.reconstructions.live.follow import Detail, LiveView, draw
+from steradian.quality import above_threshold, correlation
+from steradian.reconstructions.live.follow import LiveReconstruction, Resolution, draw
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import plan_parameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
 
 Row: TypeAlias = dict[str, Any]
@@ -59,7 +59,7 @@ def live(*, quick: bool = False, revisions: int = REVISIONS, progress: Progress 
         the true one over the pixels of interest.
     """
     rows = []
-    cases = [(detail, order) for detail in get_args(Detail) for order in get_args(Order)]
+    cases = [(detail, order) for detail in get_args(Resolution) for order in get_args(Order)]
     with tempfile.TemporaryDirectory() as folder:  # loads the compiled code
         _follow(Path(folder), "full", "snake", True, 2, lambda _: None)
     for number, (detail, order) in enumerate(cases):
@@ -73,24 +73,24 @@ def live(*, quick: bool = False, revisions: int = REVISIONS, progress: Progress 
     return rows
 
 
-def _follow(folder: Path, detail: Detail, order: Order, quick: bool, revisions: int, step: Any) -> Row:
+def _follow(folder: Path, detail: Resolution, order: Order, quick: bool, revisions: int, step: Any) -> Row:
     plan, traces, scale = _yarn(order, quick)
     scan, parameters = folder / "scan.h5", ReconstructionParameters.create(modes=56 if quick else 226)
     create_scan_file(scan, plan, simulated=True)
     seconds, fulls, alike, parts = [], [], [], []
     truth = _truth(parameters.modes or 0, quick)
-    interest = of_interest(truth)
-    with AlineStore(scan) as store:
-        view = LiveView(scan, folder / "live", parameters, detail)
+    interest = above_threshold(truth)
+    with ScanFileWriter(scan) as store:
+        view = LiveReconstruction(scan, folder / "live", parameters, detail)
         for done, arrived in enumerate(np.array_split(np.arange(plan.mask.count), revisions)):
             step(done)
             store.append(ImportedAline(int(v), traces[plan.visit[v]], scale, shot=0) for v in arrived)
             begin = time.perf_counter()
-            revision = view.revise()
+            revision = view.update()
             seconds.append(time.perf_counter() - begin)
             begin = time.perf_counter()
             recording = read_scan(scan)
-            full = reconstruct_recording(recording, parameters)
+            full = reconstruct_in_memory(recording, parameters)
             views = draw(full, folder / "full", Display(), recording.positions)
             fulls.append(time.perf_counter() - begin)
             assert revision is not None and view.latest is not None  # noqa: S101, PT018
@@ -138,12 +138,12 @@ def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
     return projection
 
 
-def _from_scratch(scan: Path, view: LiveView, parameters: ReconstructionParameters) -> Volume:
+def _from_scratch(scan: Path, view: LiveReconstruction, parameters: ReconstructionParameters) -> Volume:
     """Reconstruct all of a scan file at the view's resolution."""
     recording = read_scan(scan)
-    chosen = view.preview.parameters(plan_parameters(recording, parameters))
+    chosen = view.preview.parameters(to_imaging_parameters(recording, parameters))
     traces = np.multiply(recording.traces, np.asarray(recording.scale)[:, None], dtype=np.float32)
-    return image_by(chosen, view.preview.reduce(traces), recording.positions)
+    return reconstruct_with(chosen, view.preview.decimate(traces), recording.positions)
 
 
 def _distance(a: Volume, b: Volume) -> float:

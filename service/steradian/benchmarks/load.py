@@ -11,8 +11,8 @@ from typing import Any
 
 from steradian.benchmarks.http_client import Connection
 from steradian.benchmarks.mixed import SAMPLES, V1, mixed, spread
-from steradian.benchmarks.rude import rude_clients
-from steradian.benchmarks.service import RunningService, finish, make_scan, running_service
+from steradian.benchmarks.rude import measure_under_abuse
+from steradian.benchmarks.service import RunningService, make_scan, running_service, wait_for_reconstruction
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
 
@@ -42,20 +42,20 @@ def load(
     with tempfile.TemporaryDirectory(prefix="steradian-benchmark-") as folder:
         settings = Settings.create(data=Path(folder), port=0, workers=1, simulator_speed=1.0)
         with running_service(settings) as service:
-            things = furnish(service)
+            things = create_fixtures(service)
             return asyncio.run(_measure(service, things, seconds, clients, streams, progress))
 
 
-def furnish(service: RunningService) -> dict[str, Any]:
+def create_fixtures(service: RunningService) -> dict[str, Any]:
     """Create the resources to read: 30 masks and plans, a scan, 12 reconstructions."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3}
-    masks = [service.ask("/masks", equi | {"count": 100 + number})["id"] for number in range(30)]
-    plans = [service.ask("/plans", {"mask_id": mask, "samples": SAMPLES})["id"] for mask in masks]
+    masks = [service.request("/masks", equi | {"count": 100 + number})["id"] for number in range(30)]
+    plans = [service.request("/plans", {"mask_id": mask, "samples": SAMPLES})["id"] for mask in masks]
     scan = make_scan(service, count=200, samples=SAMPLES)
     body = {"scan_id": scan, "parameters": {"modes": 64}}
-    jobs = [service.ask("/reconstructions", body)["id"] for _ in range(12)]
+    jobs = [service.request("/reconstructions", body)["id"] for _ in range(12)]
     for job in jobs:
-        finish(service, job)
+        wait_for_reconstruction(service, job)
     return {"masks": masks, "plans": plans, "scan": scan, "jobs": jobs}
 
 
@@ -78,7 +78,7 @@ async def _measure(
     at("readers")
     rows += await _fast_readers(service, things, min(5.0, max(1.0, seconds / 12)))
     at("rude clients")
-    return rows + await rude_clients(service)
+    return rows + await measure_under_abuse(service)
 
 
 async def _fast_readers(service: RunningService, things: dict[str, Any], seconds: float) -> list[Row]:
@@ -110,7 +110,7 @@ async def _rate(url: str, paths: Sequence[str], seconds: float) -> dict[str, Any
     async def read(number: int) -> None:
         connection = Connection(url)
         while time.perf_counter() < end:
-            answer = await connection.ask(paths[number % len(paths)])
+            answer = await connection.request(paths[number % len(paths)])
             if answer.status != 200:
                 raise RuntimeError(f"{paths[number % len(paths)]} answered {answer.status}")
             times.append(answer.seconds)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from steradian.core.progress import Progress
 from steradian.masks import Mask, equi_steradian_mask, hexagonal_mask, poisson_disc_mask, random_mask
-from steradian.plans import ScanPlan, VisitOrder, preview, travel
+from steradian.plans import ScanPlan, VisitOrder, path_length, preview
 from steradian.plans.tour import nearest_neighbour
 
 APERTURE, DEPTH = 13.56e-3, 3.6e-3
@@ -53,7 +53,7 @@ def masks(*, quick: bool = False, progress: Progress | None = None) -> list[Row]
 
 
 def _orders(mask: Mask) -> list[Row]:
-    nearest = travel(mask.positions, nearest_neighbour(mask.positions))
+    nearest = path_length(mask.positions, nearest_neighbour(mask.positions))
     rows: list[Row] = []
     for order in ORDERS:
         cost, seconds = _timed(lambda order=order: preview(ScanPlan.create(mask=mask, order=order)))  # type: ignore[misc]

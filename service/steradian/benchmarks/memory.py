@@ -28,7 +28,7 @@ SETTLING = 0.25
 """Share of a run in which caches fill; growth counts from then on."""
 
 
-class MemoryWatch:
+class MemorySampler:
     """Sampler of the resident memory of a service's processes during a load.
 
     Parameters
@@ -47,12 +47,12 @@ class MemoryWatch:
     async def watch(self, over: asyncio.Event) -> None:
         """Look until it is over."""
         while not over.is_set():
-            self.look()
+            self.sample()
             with suppress(TimeoutError):
                 await asyncio.wait_for(over.wait(), self._interval)
-        self.look()
+        self.sample()
 
-    def look(self) -> None:
+    def sample(self) -> None:
         """Sample the total memory of each kind of process; ended processes count as zero."""
         now = time.monotonic() - self._begun
         added = dict.fromkeys(self._found, 0.0)

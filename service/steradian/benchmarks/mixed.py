@@ -14,19 +14,19 @@ from itertools import cycle
 from typing import Any
 
 from steradian.benchmarks.http_client import Connection
-from steradian.benchmarks.listening import compare, listening
-from steradian.benchmarks.memory import MemoryWatch
-from steradian.benchmarks.service import RunningService, api_process, finish, processor_seconds
+from steradian.benchmarks.listening import compare, open_listeners
+from steradian.benchmarks.memory import MemorySampler
+from steradian.benchmarks.service import RunningService, api_process, processor_seconds, wait_for_reconstruction
 
 Row = dict[str, Any]
 V1 = "/api/v1"
-THINK = 0.5
+THINK_TIME = 0.5
 """Mean pause of a client between two requests (s)."""
 PULSE_RATE, POINTS, SAMPLES = 1000, 1605, 256
-LOOKS = 120
+POLLS = 120
 """How often memory is looked at, at most once a second."""
 SEED = 1
-LIGHT = frozenset({"masks", "plans", "scans", "reconstructions", "jobs", "mask", "scan", "job", "coverage"})
+LIGHT_REQUESTS = frozenset({"masks", "plans", "scans", "reconstructions", "jobs", "mask", "scan", "job", "coverage"})
 """Routes that people look at all the time; the others work something out or read files."""
 WEIGHTS = {
     "masks": 5, "plans": 5, "scans": 8, "reconstructions": 8, "jobs": 8, "mask": 5, "scan": 14, "job": 14,
@@ -60,8 +60,8 @@ async def mixed(
     times: dict[str, list[float]] = defaultdict(list)
     statuses: dict[int, int] = defaultdict(int)
     asked = cycle(services)
-    memories = [MemoryWatch(each.pid, max(1.0, seconds / LOOKS)) for each in services]
-    async with listening([each.url for each in services], streams) as listeners:
+    memories = [MemorySampler(each.pid, max(1.0, seconds / POLLS)) for each in services]
+    async with open_listeners([each.url for each in services], streams) as listeners:
         watching = [asyncio.create_task(memory.watch(over)) for memory in memories]
         working = asyncio.create_task(_jobs(service, things["scan"], over))
         asking = [
@@ -78,9 +78,9 @@ async def mixed(
         view = await asyncio.to_thread(_settled, service, scan)
         told = await compare(listeners)
     answered = sum(len(found) for found in times.values())
-    light = [value for name in LIGHT for value in times[name]]
+    light = [value for name in LIGHT_REQUESTS for value in times[name]]
     return [
-        *({"case": "route", "route": name, "light": name in LIGHT} | spread(times[name]) for name in WEIGHTS),
+        *({"case": "route", "route": name, "light": name in LIGHT_REQUESTS} | spread(times[name]) for name in WEIGHTS),
         {"case": "route", "route": "all light reads", "light": True} | spread(light),
         {
             "case": "total",
@@ -107,18 +107,22 @@ async def mixed(
 def _long_scan(service: RunningService, seconds: float) -> tuple[str, int]:
     """Begin a scan at 1 kHz that lasts about as long as the load; returns its identifier and A-lines."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": POINTS}
-    mask = service.ask("/masks", equi)
+    mask = service.request("/masks", equi)
     frames = max(1, round(seconds * PULSE_RATE / mask["count"]))
     body = {"mask_id": mask["id"], "samples": SAMPLES, "pulse_rate": PULSE_RATE, "frames": frames}
-    plan = service.ask("/plans", body)
-    scan = service.ask("/scans", {"plan_id": plan["id"]}, **{"Idempotency-Key": f"load-{time.time_ns()}"})
-    while not service.ask(f"/scans/{scan['id']}")["progress"]["done"]:
+    plan = service.request("/plans", body)
+    scan = service.request("/scans", {"plan_id": plan["id"]}, **{"Idempotency-Key": f"load-{time.time_ns()}"})
+    while not service.request(f"/scans/{scan['id']}")["progress"]["done"]:
         time.sleep(0.1)
     return str(scan["id"]), mask["count"] * frames
 
 
 def _settled(service: RunningService, scan: str) -> dict[str, Any]:
-    while (view := service.ask(f"/scans/{scan}", Prefer="wait=60"))["state"] not in {"complete", "partial", "failed"}:
+    while (view := service.request(f"/scans/{scan}", Prefer="wait=60"))["state"] not in {
+        "complete",
+        "partial",
+        "failed",
+    }:
         pass
     found: dict[str, Any] = view
     return found
@@ -137,11 +141,11 @@ async def _ask(
     connection = Connection(service.url)
     while not over.is_set():
         with suppress(TimeoutError):
-            await asyncio.wait_for(over.wait(), chance.expovariate(1 / THINK))
+            await asyncio.wait_for(over.wait(), chance.expovariate(1 / THINK_TIME))
             return connection.close()
         name = chance.choices(list(WEIGHTS), list(WEIGHTS.values()))[0]
         path, body = _request(name, things, scan, chance)
-        answer = await connection.ask(V1 + path, body, "GET" if body is None else "POST")
+        answer = await connection.request(V1 + path, body, "GET" if body is None else "POST")
         times[name].append(answer.seconds)
         statuses[answer.status] += 1
     return connection.close()
@@ -169,8 +173,8 @@ async def _jobs(service: RunningService, scan: str, over: asyncio.Event) -> int:
     """Run reconstructions one after the other; returns the number of successes."""
     done, body = 0, {"scan_id": scan, "parameters": {"modes": 226}}
     while not over.is_set():
-        job = await asyncio.to_thread(service.ask, "/reconstructions", body)
-        await asyncio.to_thread(finish, service, job["id"])
+        job = await asyncio.to_thread(service.request, "/reconstructions", body)
+        await asyncio.to_thread(wait_for_reconstruction, service, job["id"])
         done += 1
     return done
 

@@ -11,7 +11,7 @@ from typing import Any
 from steradian import __version__
 
 
-def document(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def with_environment(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return a document of rows and machine information."""
     machine = {
         "processor": _processor(),
@@ -40,7 +40,7 @@ def _processor() -> str:
     return next(named, platform.processor())
 
 
-def put_between(page: Path, begin: str, end: str, text: str) -> None:
+def replace_between_markers(page: Path, begin: str, end: str, text: str) -> None:
     """Put ``text`` between the marks ``begin`` and ``end`` of a page."""
     said = page.read_text(encoding="utf-8")
     before, after = said.partition(begin)[0], said.partition(end)[2]

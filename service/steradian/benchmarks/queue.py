@@ -114,12 +114,12 @@ def load(settings: Settings, *, jobs: int = 400, readers: int = 8, progress: Pro
             thread.start()
         begun = time.monotonic()
         body = {"scan_id": scan_id, "parameters": {"modes": 8}}
-        made += [service.ask("/reconstructions", body)["id"] for _ in range(jobs)]
+        made += [service.request("/reconstructions", body)["id"] for _ in range(jobs)]
         queued, views = time.monotonic() - begun, []
         for number, job in enumerate(made):
             if progress:
                 progress("load", number, jobs)
-            views.append(service.ask(f"/reconstructions/{job}", Prefer="wait=120"))
+            views.append(service.request(f"/reconstructions/{job}", Prefer="wait=120"))
         took = time.monotonic() - begun
         over.set()
         for thread in threads:
@@ -159,7 +159,7 @@ def _read(service: RunningService, made: list[str], over: threading.Event, reads
     while not over.wait(READ_EVERY):
         if made:
             start = time.perf_counter()
-            service.ask(f"/reconstructions/{made[len(reads) % len(made)]}")
+            service.request(f"/reconstructions/{made[len(reads) % len(made)]}")
             reads.append(time.perf_counter() - start)
 
 

@@ -12,30 +12,30 @@ from collections import Counter
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from steradian.benchmarks.http_client import Connection, connect, head, read_head
+from steradian.benchmarks.http_client import Connection, connect, format_head, parse_head
 
 V1 = "/api/v1"
 SLOW = 300
 STREAMS = 1000
 BODY_MIB = 60
-Deed = Callable[[str, float], Coroutine[Any, Any, dict[str, int]]]
+AbusePattern = Callable[[str, float], Coroutine[Any, Any, dict[str, int]]]
 
 
-async def _nobody(_url: str, patience: float) -> dict[str, int]:
+async def _baseline(_url: str, patience: float) -> dict[str, int]:
     await asyncio.sleep(patience)
     return {}
 
 
 async def _half_headers(url: str, patience: float) -> dict[str, int]:
-    return await _stay(url, f"GET {V1}/masks HTTP/1.1\r\nHost: half\r\nX-More: ".encode(), patience)
+    return await _hold_connections(url, f"GET {V1}/masks HTTP/1.1\r\nHost: half\r\nX-More: ".encode(), patience)
 
 
 async def _half_bodies(url: str, patience: float) -> dict[str, int]:
-    begun = head(url, f"{V1}/masks", "POST", bytes(100_000)) + b'{"arrangement": '
-    return await _stay(url, begun, patience)
+    begun = format_head(url, f"{V1}/masks", "POST", bytes(100_000)) + b'{"arrangement": '
+    return await _hold_connections(url, begun, patience)
 
 
-async def _stay(url: str, begun: bytes, patience: float) -> dict[str, int]:
+async def _hold_connections(url: str, begun: bytes, patience: float) -> dict[str, int]:
     """Send the beginning of a request on many connections and wait; returns the number closed by the service."""
     held = [await connect(url) for _ in range(SLOW)]
     for _, writer in held:
@@ -61,8 +61,8 @@ async def _streams(url: str, _patience: float) -> dict[str, int]:
         try:
             async with asyncio.timeout(30):
                 reader, writer = await connect(url)
-                writer.write(head(url, f"{V1}/events"))
-                return (await read_head(reader))[0], writer
+                writer.write(format_head(url, f"{V1}/events"))
+                return (await parse_head(reader))[0], writer
         except (OSError, TimeoutError, asyncio.IncompleteReadError):
             return 0, None
 
@@ -90,13 +90,13 @@ async def _send(url: str, path: str, body: bytes) -> dict[str, int]:
     found: Counter[int] = Counter()
     for _ in range(2):
         connection = Connection(url)
-        found[(await connection.ask(path, body, "POST")).status] += 1
+        found[(await connection.request(path, body, "POST")).status] += 1
         connection.close()
     return {str(status): count for status, count in found.items()}
 
 
-DEEDS: dict[str, Deed] = {
-    "nobody": _nobody,
+ABUSE_PATTERNS: dict[str, AbusePattern] = {
+    "nobody": _baseline,
     f"{SLOW} half-sent headers": _half_headers,
     f"{SLOW} half-sent bodies": _half_bodies,
     f"{STREAMS} streams at once": _streams,
@@ -108,7 +108,7 @@ DEEDS: dict[str, Deed] = {
 
 def main(name: str, url: str, patience: str) -> None:
     """Run an abuse pattern and print its responses as JSON."""
-    print(json.dumps(asyncio.run(DEEDS[name](url, float(patience)))))
+    print(json.dumps(asyncio.run(ABUSE_PATTERNS[name](url, float(patience)))))
 
 
 if __name__ == "__main__":

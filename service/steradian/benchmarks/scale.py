@@ -17,8 +17,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from steradian.benchmarks.arrivals import JOBS, by_chance, scanners
-from steradian.benchmarks.load import furnish
+from steradian.benchmarks.arrivals import JOBS, load_of_scanners, measure_poisson_arrivals
+from steradian.benchmarks.load import create_fixtures
 from steradian.benchmarks.mixed import mixed
 from steradian.benchmarks.service import (
     RunningService,
@@ -28,15 +28,15 @@ from steradian.benchmarks.service import (
     running_service,
     running_worker,
 )
-from steradian.benchmarks.throughput import through_service
+from steradian.benchmarks.throughput import run_through_service
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.repositories.event_log import EventLog, record
+from steradian.storage.repositories.event_log import EventLog, append_event
 
-ALONE, NODES = "one service", "two API nodes"
+SINGLE_SERVICE, MULTI_NODE = "one service", "two API nodes"
 WORKERS = 3
-WARMING = 2
+WARMUP_JOBS = 2
 """Jobs of each worker before those that are timed: it then has its kernels and the scan."""
 POINTS, SAMPLES, MODES = 1605, 1024, 226
 """Of the jobs that are timed: the paper's yarn."""
@@ -73,7 +73,13 @@ def scale(
         ``share``: of the jobs a second that all processors could make of what one costs the machine with one worker.
         ``where`` tells them apart. Then *arrivals* and *scanners*, of :mod:`steradian.benchmarks.arrivals`.
     """
-    stages = [f"{ALONE}: jobs", f"{ALONE}: clients", "nodes: jobs", "nodes: jobs by chance", "nodes: clients"]
+    stages = [
+        f"{SINGLE_SERVICE}: jobs",
+        f"{SINGLE_SERVICE}: clients",
+        "nodes: jobs",
+        "nodes: jobs by chance",
+        "nodes: clients",
+    ]
     stages.append(f"nodes: {WORKERS} workers")
 
     def at(stage: int) -> None:
@@ -87,9 +93,9 @@ def scale(
         with running_service(alone) as service:
             scan = make_scan(service, count=POINTS, samples=SAMPLES)
             rows.append(_jobs("folder, 1 worker", service, scan, jobs, 1, service.processor_seconds))
-            held = service.ask("/storage")["used_bytes"]
+            held = service.request("/storage")["used_bytes"]
             at(1)
-            rows += _clients(ALONE, [service], seconds, clients, streams)
+            rows += _clients(SINGLE_SERVICE, [service], seconds, clients, streams)
         at(2)
         with (
             _nodes(Path(folder), shared) as (apis, used, add_worker),
@@ -103,15 +109,17 @@ def scale(
             rows.append(timed := _jobs("store, 1 worker", apis[0], scan, jobs, 1, used))
             done = log.bounds().last
             at(3)
-            rows.append(came := by_chance(apis[0], scan, MODES, jobs=2 * jobs, lasts=timed["seconds_per_job"]))
+            rows.append(
+                came := measure_poisson_arrivals(apis[0], scan, MODES, jobs=2 * jobs, lasts=timed["seconds_per_job"])
+            )
             at(4)
-            rows += (met := _clients(NODES, apis, seconds, clients, streams))
-            many = scanners(
+            rows += (met := _clients(MULTI_NODE, apis, seconds, clients, streams))
+            many = load_of_scanners(
                 came["lasting_s"],
                 api_cpu_s=1e-3 * next(row["api_cpu_ms_per_request"] for row in met if row["case"] == "total"),
                 scan_bytes=held["scans"],
-                volume_bytes=held["reconstructions"] / (jobs + WARMING),
-                events=scanned - unscanned + JOBS * (done - scanned) / (jobs + WARMING),
+                volume_bytes=held["reconstructions"] / (jobs + WARMUP_JOBS),
+                events=scanned - unscanned + JOBS * (done - scanned) / (jobs + WARMUP_JOBS),
                 event_s=_event_seconds(database),
             )
             at(5)
@@ -127,7 +135,7 @@ def _event_seconds(database: Database) -> float:
     for number in range(EVENTS):
         begun = time.perf_counter()
         with database.write() as session:
-            record(session, datetime.now(UTC), "scanner", "benchmark", {"number": number})
+            append_event(session, datetime.now(UTC), "scanner", "benchmark", {"number": number})
         took.append(time.perf_counter() - begun)
     return fmean(took)
 
@@ -160,14 +168,14 @@ def _nodes(
 
 
 def _clients(where: str, services: Sequence[RunningService], seconds: float, clients: int, streams: int) -> list[Row]:
-    rows = asyncio.run(mixed(services, furnish(services[0]), seconds, clients, streams))
+    rows = asyncio.run(mixed(services, create_fixtures(services[0]), seconds, clients, streams))
     return [row | {"where": where} for row in rows]
 
 
 def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: int, used: Callable[[], float]) -> Row:
-    through_service(service, scan, WARMING * workers, MODES)
+    run_through_service(service, scan, WARMUP_JOBS * workers, MODES)
     begun, before, busy = time.monotonic(), used(), busy_seconds()
-    through_service(service, scan, jobs, MODES)
+    run_through_service(service, scan, jobs, MODES)
     took = time.monotonic() - begun
     spent, of_all = (used() - before) / jobs, (busy_seconds() - busy) / jobs
     return {

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from steradian.benchmarks.load_page import memory_table, routes_table, total_line
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.pages import replace_between_markers
 
 BEGIN = "<!-- scale: begin, written by `steradian benchmark scale` -->"
 END = "<!-- scale: end -->"
@@ -15,7 +15,7 @@ Row = dict[str, Any]
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the tables between the page's marks."""
-    put_between(page, BEGIN, END, tables(rows))
+    replace_between_markers(page, BEGIN, END, tables(rows))
 
 
 def tables(rows: list[Row]) -> str:

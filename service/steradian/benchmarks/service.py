@@ -18,7 +18,7 @@ from typing import Any
 from steradian.core.exceptions import SteradianError
 from steradian.core.settings import Settings
 
-UNDER_WAY = frozenset({"queued", "running", "cancelling"})
+UNFINISHED_STATES = frozenset({"queued", "running", "cancelling"})
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class RunningService:
     pid: int
     settings: Settings
 
-    def ask(self, path: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
+    def request(self, path: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
         """Send a request and return the JSON of the response."""
         return ask(f"{self.url}{path}", body, **headers)
 
@@ -85,20 +85,20 @@ def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
 def make_scan(service: RunningService, *, count: int, samples: int) -> str:
     """Scan an equi-steradian mask on the simulated scanner; returns the scan's identifier."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": count}
-    mask = service.ask("/masks", equi)
-    plan = service.ask("/plans", {"mask_id": mask["id"], "samples": samples, "pulse_rate": 200})
+    mask = service.request("/masks", equi)
+    plan = service.request("/plans", {"mask_id": mask["id"], "samples": samples, "pulse_rate": 200})
     key = {"Idempotency-Key": f"benchmark-{os.getpid()}-{time.time_ns()}", "Prefer": "wait=120"}
-    scan = service.ask("/scans", {"plan_id": plan["id"]}, **key)
+    scan = service.request("/scans", {"plan_id": plan["id"]}, **key)
     while scan["state"] not in {"complete", "partial", "failed", "aborted", "interrupted"}:
-        scan = service.ask(f"/scans/{scan['id']}", Prefer="wait=60")
+        scan = service.request(f"/scans/{scan['id']}", Prefer="wait=60")
     if scan["state"] != "complete":
         raise SteradianError(f"the scan is {scan['state']}: {scan['error']}")
     return str(scan["id"])
 
 
-def finish(service: RunningService, identifier: str) -> dict[str, Any]:
+def wait_for_reconstruction(service: RunningService, identifier: str) -> dict[str, Any]:
     """Wait until a reconstruction is over; raises :class:`SteradianError` when it has not succeeded."""
-    while (job := service.ask(f"/reconstructions/{identifier}", Prefer="wait=60"))["state"] in UNDER_WAY:
+    while (job := service.request(f"/reconstructions/{identifier}", Prefer="wait=60"))["state"] in UNFINISHED_STATES:
         pass
     if job["state"] != "succeeded":
         raise SteradianError(f"{identifier} is {job['state']}: {job['error']}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from steradian import phantoms
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
@@ -120,4 +120,4 @@ def table(rows: list[Row]) -> str:
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the table between the page's marks."""
-    put_between(page, BEGIN, END, table(rows))
+    replace_between_markers(page, BEGIN, END, table(rows))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.benchmarks.cases import INTERVAL, SPEED, Case, speed_cases
-from steradian.benchmarks.yardsticks import Machine, Seconds, least, machine, pairs, timed
+from steradian.benchmarks.yardsticks import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
 from steradian.core.progress import Progress
 from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, reconstruct
-from steradian.imaging.compute.thread_pool import available
+from steradian.imaging.compute.thread_pool import available_threads
 
 Row: TypeAlias = dict[str, Any]
 _POINTS = 24  # of the spectrum, that are compared with direct sums
@@ -44,7 +44,7 @@ def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = 
         limit. ``within``: no limit is exceeded.
     """
     groups: dict[tuple[int, ...], list[_Timed]] = {}
-    at_best = machine(available(), size=1 << 16 if quick else 1 << 25)
+    at_best = machine_limits(available_threads(), size=1 << 16 if quick else 1 << 25)
     for case in speed_cases(quick=quick):
         made = _Timed(case)
         groups.setdefault((*made.plan.geometry.shape[:-1], made.plan.geometry.record), []).append(made)
@@ -58,7 +58,7 @@ def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = 
     return rows
 
 
-def over(rows: list[Row]) -> list[str]:
+def limit_violations(rows: list[Row]) -> list[str]:
     """Return a message for each case that exceeds its limit."""
     return [
         f"{row['case']}: {row[what]:.2f} instead of {row[limit]:g} ({what})"
@@ -87,8 +87,8 @@ class _Timed:
         self.planned = time.perf_counter() - begin
         shape = len(self.positions), case.samples
         self.traces = np.random.default_rng(1).standard_normal(shape, dtype=np.float32)
-        self.runs: list[Seconds] = []
-        self.calls: list[Seconds] = []
+        self.runs: list[Timing] = []
+        self.calls: list[Timing] = []
         self.stages: list[dict[str, float]] = []
 
     def run(self) -> None:
@@ -101,8 +101,8 @@ class _Timed:
 
 def _group(shape: tuple[int, ...], cases: list[_Timed], repeats: int, at_best: Machine) -> list[Row]:
     """Time the cases of one shape and the yardsticks in turns."""
-    bare = pairs(shape, available())
-    taken: dict[str, list[Seconds]] = {name: [] for name in bare}
+    bare = fft_pair_baselines(shape, available_threads())
+    taken: dict[str, list[Timing]] = {name: [] for name in bare}
     for _ in range(repeats + 1):
         for name, pair in bare.items():
             taken[name].append(timed(pair))
@@ -115,12 +115,12 @@ def _group(shape: tuple[int, ...], cases: list[_Timed], repeats: int, at_best: M
     return [_row(case, name, yardsticks[name], whole, at_best, repeats) for case in cases]
 
 
-def _fastest(seconds: list[Seconds]) -> Seconds:
+def _fastest(seconds: list[Timing]) -> Timing:
     """Take the least of each after the first."""
-    return Seconds(min(s.wall for s in seconds[1:]), min(s.processor for s in seconds[1:]))
+    return Timing(min(s.wall for s in seconds[1:]), min(s.processor for s in seconds[1:]))
 
 
-def _row(timed_case: _Timed, name: str, yardstick: Seconds, whole: float, at_best: Machine, repeats: int) -> Row:
+def _row(timed_case: _Timed, name: str, yardstick: Timing, whole: float, at_best: Machine, repeats: int) -> Row:
     case, plan = timed_case.case, timed_case.plan
     tracemalloc.start()
     volume = plan.run(timed_case.traces)
@@ -128,7 +128,7 @@ def _row(timed_case: _Timed, name: str, yardstick: Seconds, whole: float, at_bes
     tracemalloc.stop()
     assert isinstance(volume, Volume)  # noqa: S101
     run, call = _fastest(timed_case.runs), _fastest(timed_case.calls)
-    traffic, arithmetic = least(plan, at_best)
+    traffic, arithmetic = lower_bound(plan, at_best)
     row: Row = {
         "case": case.name,
         "method": plan.method,
@@ -155,7 +155,7 @@ def _row(timed_case: _Timed, name: str, yardstick: Seconds, whole: float, at_bes
         "traffic_s": traffic,
         "arithmetic_s": arithmetic,
     }
-    row["within"] = not over([row])
+    row["within"] = not limit_violations([row])
     for stage in timed_case.stages[-1]:
         row[stage.replace(" ", "_") + "_s"] = min(s[stage] for s in timed_case.stages[1:])
     if plan.method == "nedner" and timed_case.positions.ndim == 2 and case.limit is not None:
@@ -226,7 +226,7 @@ def _finufft(positions: np.ndarray[Any, Any], case: Case, repeats: int) -> float
     data = np.ones((vectors, len(positions)), np.complex64)
     out = np.empty((vectors, case.modes, case.modes), np.complex64)
     medians = []
-    for threads in {1, available()}:
+    for threads in {1, available_threads()}:
         plan = finufft.Plan(
             1, (case.modes, case.modes), vectors, 1e-4, -1, dtype="complex64", upsampfac=1.25, nthreads=threads
         )

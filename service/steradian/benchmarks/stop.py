@@ -23,7 +23,7 @@ from steradian.core.settings import Settings
 PULSE_RATE = 1000.0
 STOP = "/scanners/scanner-0/emergency-stop"
 PATIENCE = 60.0
-_SPIN = "while True: pass"
+_BUSY_LOOP = "while True: pass"
 _OVER = frozenset({"aborted", "interrupted", "complete", "failed"})
 
 
@@ -43,8 +43,8 @@ def stop(*, presses: int = 25, progress: Progress | None = None) -> list[dict[st
     """
     conditions: dict[str, tuple[Callable[[Path], AbstractContextManager[None]], float]] = {
         "idle": (lambda _: nullcontext(), 100.0),
-        "two busy processes": (lambda _: _busy(), 250.0),
-        "database locked": (_locked, 100.0),
+        "two busy processes": (lambda _: _cpu_load(), 250.0),
+        "database locked": (_database_locked, 100.0),
     }
     rows = []
     with tempfile.TemporaryDirectory(prefix="steradian-benchmark-") as folder, launch(tcp="127.0.0.1:0") as scanner:
@@ -80,11 +80,11 @@ def _press(
     """Stop one scan; returns the milliseconds to the last shot and to the answer, and whether it was confirmed."""
     scan = _start(service, scanner)
     with under(service.settings.data):
-        before, begun = _look(scanner)["time"], time.monotonic()
-        answer = service.ask(STOP, {"reason": "benchmark"})
+        before, begun = _read_simulator(scanner)["time"], time.monotonic()
+        answer = service.request(STOP, {"reason": "benchmark"})
         answered = time.monotonic() - begun
-    last = _look(scanner)["last_shot"]
-    _until(lambda: service.ask(f"/scans/{scan}")["state"] in _OVER)
+    last = _read_simulator(scanner)["last_shot"]
+    _until(lambda: service.request(f"/scans/{scan}")["state"] in _OVER)
     _release(service)
     return max(0.0, (last - before) / 1e3), 1e3 * answered, answer["emergency_stop"]["laser"] == "off"
 
@@ -92,17 +92,17 @@ def _press(
 def _start(service: RunningService, scanner: Simulator) -> str:
     """Begin a scan and return its identifier once the laser fires."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 5000}
-    mask = service.ask("/masks", equi)
-    plan = service.ask("/plans", {"mask_id": mask["id"], "samples": 256, "pulse_rate": PULSE_RATE, "averages": 4})
-    shots = _look(scanner)["shots"]
-    scan = service.ask("/scans", {"plan_id": plan["id"]}, **{"Idempotency-Key": f"stop-{time.time_ns()}"})
-    _until(lambda: _look(scanner)["shots"] > shots + 20)
+    mask = service.request("/masks", equi)
+    plan = service.request("/plans", {"mask_id": mask["id"], "samples": 256, "pulse_rate": PULSE_RATE, "averages": 4})
+    shots = _read_simulator(scanner)["shots"]
+    scan = service.request("/scans", {"plan_id": plan["id"]}, **{"Idempotency-Key": f"stop-{time.time_ns()}"})
+    _until(lambda: _read_simulator(scanner)["shots"] > shots + 20)
     return str(scan["id"])
 
 
-def _look(scanner: Simulator) -> dict[str, Any]:
+def _read_simulator(scanner: Simulator) -> dict[str, Any]:
     """Read the scanner's clock and counters; reading its list of shots would delay it by tenths of a second."""
-    return scanner.command("report", fired=False)
+    return scanner.send_command("report", fired=False)
 
 
 def _release(service: RunningService) -> None:
@@ -122,9 +122,9 @@ def _until(condition: Callable[[], bool]) -> None:
 
 
 @contextmanager
-def _busy() -> Iterator[None]:
+def _cpu_load() -> Iterator[None]:
     """Keep two processors busy until the block ends."""
-    processes = [subprocess.Popen([sys.executable, "-c", _SPIN]) for _ in range(2)]
+    processes = [subprocess.Popen([sys.executable, "-c", _BUSY_LOOP]) for _ in range(2)]
     try:
         time.sleep(0.2)
         yield
@@ -135,7 +135,7 @@ def _busy() -> Iterator[None]:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def _database_locked(folder: Path) -> Iterator[None]:
     """Hold the metadata's write lock until the block ends."""
     with closing(sqlite3.connect(folder / "steradian.sqlite", isolation_level=None, timeout=30)) as holder:
         holder.execute("BEGIN EXCLUSIVE")

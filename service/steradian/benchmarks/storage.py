@@ -20,8 +20,8 @@ from fabry_perot.wire.messages import ALineMeta, pack
 from steradian.core.progress import Progress
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
 Row: TypeAlias = dict[str, Any]
 SAMPLES = 1024
@@ -80,7 +80,7 @@ def _measure(plan: ScanPlan, alines: list[bytes], batch: int, repeats: int, home
             else:
                 theirs.append(_plain_file(alines, batch, plain))
     fast, yardstick = statistics.median(ours), statistics.median(theirs)
-    report = check_scan_file(path, repair=False)
+    report = verify_scan_file(path, repair=False)
     return {
         "batch": batch,
         "alines_s": len(alines) / fast,
@@ -89,7 +89,7 @@ def _measure(plan: ScanPlan, alines: list[bytes], batch: int, repeats: int, home
         "limit": LEAST,
         "sync_ms": 1e3 * fast / (len(alines) / batch),
         "file_over_raw": path.stat().st_size / (2 * SAMPLES * len(alines)),
-        "intact": report.is_sound and report.intact == report.rows,
+        "intact": report.is_consistent and report.intact == report.rows,
     }
 
 
@@ -97,7 +97,7 @@ def _scan_file(plan: ScanPlan, alines: list[bytes], batch: int, path: Path) -> f
     """Store all A-lines in a new scan file; returns the seconds, without those of making the file."""
     path.unlink(missing_ok=True)
     create_scan_file(path, plan)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         begin = time.perf_counter()
         for first in range(0, len(alines), batch):
             some = alines[first : first + batch]

@@ -18,7 +18,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from steradian.benchmarks.service import RunningService, finish, make_scan, processor_seconds, running_service
+from steradian.benchmarks.service import (
+    RunningService,
+    make_scan,
+    processor_seconds,
+    running_service,
+    wait_for_reconstruction,
+)
 from steradian.core.exceptions import SteradianError
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
@@ -51,7 +57,7 @@ for line in sys.stdin:
 """
 
 
-class Loop:
+class LibraryLoop:
     """Reference loop: two processes that call the library and share the jobs."""
 
     def __init__(self, scan: Path, folder: Path, modes: int, kind: int, threads: int) -> None:
@@ -106,7 +112,7 @@ def throughput(
     """
     rounds = min(ROUNDS, jobs)
     shares = [jobs // rounds + (number < jobs % rounds) for number in range(rounds)]
-    with _contestants(settings, modes, points) as contestants:
+    with _setups(settings, modes, points) as contestants:
         seconds, used = dict.fromkeys(contestants, 0.0), dict.fromkeys(contestants, 0.0)
         for turn, share in enumerate(shares):
             for name, (run, measure) in contestants.items():
@@ -131,25 +137,25 @@ def throughput(
 
 
 @contextmanager
-def _contestants(settings: Settings, modes: int, points: int) -> Iterator[dict[str, Any]]:
+def _setups(settings: Settings, modes: int, points: int) -> Iterator[dict[str, Any]]:
     with ExitStack() as stack:
         service = stack.enter_context(running_service(settings))
         scan_id = make_scan(service, count=points, samples=1024)
-        through_service(service, scan_id, 2 * settings.workers, modes)  # every worker has its kernels
+        run_through_service(service, scan_id, 2 * settings.workers, modes)  # every worker has its kernels
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=settings.data)))
         found: dict[str, Any] = {
-            "service": (lambda jobs: through_service(service, scan_id, jobs, modes), service.processor_seconds)
+            "service": (lambda jobs: run_through_service(service, scan_id, jobs, modes), service.processor_seconds)
         }
         for kind, name in enumerate(KINDS):
-            loop = Loop(service.scan_file(scan_id), folder, modes, kind, settings.threads_per_job)
+            loop = LibraryLoop(service.scan_file(scan_id), folder, modes, kind, settings.threads_per_job)
             stack.callback(loop.close)
             found[name] = (loop.run, loop.processor_seconds)
         yield found
 
 
-def through_service(service: RunningService, scan_id: str, jobs: int, modes: int) -> None:
+def run_through_service(service: RunningService, scan_id: str, jobs: int, modes: int) -> None:
     """Ask for reconstructions and wait for the last."""
     body = {"scan_id": scan_id, "parameters": {"modes": modes}}
-    made = [service.ask("/reconstructions", body)["id"] for _ in range(jobs)]
+    made = [service.request("/reconstructions", body)["id"] for _ in range(jobs)]
     for identifier in made:
-        finish(service, identifier)
+        wait_for_reconstruction(service, identifier)

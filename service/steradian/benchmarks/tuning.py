@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.simulator.film import Film
-from steradian.benchmarks.hardware_time import device_seconds
-from steradian.benchmarks.pages import put_between
+from steradian.benchmarks.hardware_time import simulated_scan_seconds
+from steradian.benchmarks.pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.masks import Mask, equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, VisitOrder, preview
@@ -57,9 +57,11 @@ def tuning(*, points: int = POINTS, many: int = MANY, progress: Progress | None 
     """
     mask, rows = equi_steradian_mask(13.56e-3, 3.6e-3, points), list[Row]()
     large = equi_steradian_mask(13.56e-3, 3.6e-3, many) if many else None
-    _ = _plan(mask, optima(mask, "scatter"), RATES[0], VisitOrder.BANDS, 0.1).visit  # compiled before the clock runs
+    _ = _plan(
+        mask, optimal_wavelengths(mask, "scatter"), RATES[0], VisitOrder.BANDS, 0.1
+    ).visit  # compiled before the clock runs
     for done, film in enumerate(FILMS):
-        best = optima(mask, film)
+        best = optimal_wavelengths(mask, film)
         for rate in RATES:
             snake = np.nan
             for order, loss in ORDERS:
@@ -67,13 +69,15 @@ def tuning(*, points: int = POINTS, many: int = MANY, progress: Progress | None 
                 snake = row["simulated_s"] if order is VisitOrder.SNAKE else snake
                 rows.append(row | {"faster": snake / row["simulated_s"]})
         if large is not None:
-            rows.append(_row(_plan(large, optima(large, film), RATES[0], VisitOrder.BANDS, 0.1), film, run=False))
+            rows.append(
+                _row(_plan(large, optimal_wavelengths(large, film), RATES[0], VisitOrder.BANDS, 0.1), film, run=False)
+            )
         if progress:
             progress("films", done + 1, len(FILMS))
     return rows
 
 
-def optima(mask: Mask, film: str) -> NDArray[np.float64]:
+def optimal_wavelengths(mask: Mask, film: str) -> NDArray[np.float64]:
     """Best wavelength of each point of a mask on a simulated film, in m."""
     made = Film(SEED, film)
     places = np.rint(1e9 * mask.film_positions).astype(np.int64).tolist()
@@ -117,7 +121,7 @@ def _row(plan: ScanPlan, film: str, *, run: bool = True) -> Row:
 
 def simulated_seconds(plan: ScanPlan, film: str) -> float:
     """Return the time of a plan on a simulated film, by the hardware's own clock."""
-    return device_seconds(plan, seed=SEED, relief=film, tuning=round(1e6 * RETUNING))
+    return simulated_scan_seconds(plan, seed=SEED, relief=film, tuning=round(1e6 * RETUNING))
 
 
 def tables(rows: list[Row]) -> str:
@@ -145,4 +149,4 @@ def tables(rows: list[Row]) -> str:
 
 def write_page(page: Path, rows: list[Row]) -> None:
     """Put the table between the page's marks."""
-    put_between(page, BEGIN, END, tables(rows))
+    replace_between_markers(page, BEGIN, END, tables(rows))

@@ -15,21 +15,21 @@ from numpy.typing import NDArray
 from steradian.imaging import ReconstructionPlan
 
 
-class Seconds(NamedTuple):
+class Timing(NamedTuple):
     """Wall clock and processor time, of all threads together."""
 
     wall: float
     processor: float
 
 
-def timed(work: Callable[[], object]) -> Seconds:
+def timed(work: Callable[[], object]) -> Timing:
     """Call a function and return its duration; its result is discarded within that time."""
     wall, processor = time.perf_counter(), time.process_time()
     work()
-    return Seconds(time.perf_counter() - wall, time.process_time() - processor)
+    return Timing(time.perf_counter() - wall, time.process_time() - processor)
 
 
-def pairs(shape: tuple[int, ...], threads: int) -> dict[str, Callable[[], object]]:
+def fft_pair_baselines(shape: tuple[int, ...], threads: int) -> dict[str, Callable[[], object]]:
     """Real transforms of a float32 array of this shape there and back, by each library that is installed."""
     from scipy import fft
 
@@ -60,7 +60,7 @@ class Machine(NamedTuple):
     operations: float
 
 
-def machine(threads: int, *, size: int = 1 << 25) -> Machine:
+def machine_limits(threads: int, *, size: int = 1 << 25) -> Machine:
     """Measure both on ``threads`` threads: copies of ``size`` numbers; the best of five."""
     source, target = np.ones(size, np.float32), np.zeros(size, np.float32)
     parts = list(zip(np.array_split(target, threads), np.array_split(source, threads), strict=True))
@@ -76,7 +76,7 @@ def machine(threads: int, *, size: int = 1 << 25) -> Machine:
     return Machine(2.0 * source.nbytes / copied, 2.0 * side**3 / multiplied)
 
 
-def least(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
+def lower_bound(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
     """Seconds that memory traffic alone, and arithmetic alone, of a run would take.
 
     The modes are written once and read and written twice, the last time as the image. Of the arithmetic the transforms

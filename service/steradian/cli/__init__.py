@@ -10,7 +10,7 @@ def main() -> None:
     """Run the program; Ctrl-C while it is still being read ends it with one line, as it does later on."""
     heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if heard:
-        signal.signal(signal.SIGINT, _leave)
+        signal.signal(signal.SIGINT, _exit_on_interrupt)
     from steradian.cli.app import main as run
 
     try:
@@ -18,9 +18,9 @@ def main() -> None:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         run()
     except KeyboardInterrupt:  # just before or after the command, which answers itself
-        _leave()
+        _exit_on_interrupt()
 
 
-def _leave(*_: object) -> None:
+def _exit_on_interrupt(*_: object) -> None:
     os.write(2, b"error: stopped\n")
     os._exit(130)  # steradian.core.stop_signals.STOPPED; nothing is read before Ctrl-C is heard

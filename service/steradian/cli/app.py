@@ -33,7 +33,7 @@ from steradian.cli import (
     what_if,
     worker,
 )
-from steradian.cli.console import complain
+from steradian.cli.console import print_error
 from steradian.core.exceptions import (
     Cancelled,
     Conflict,
@@ -54,7 +54,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 }
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
-ORDER = (
+COMMAND_ORDER = (
     *("mask", "plan", "scan", "scanner", "look", "reconstruct"),
     *("what-if", "sound-speed", "measure", "import", "export"),
     *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
@@ -62,15 +62,18 @@ ORDER = (
 """Commands as help lists them: in the order of the work."""
 
 
-class _InOrder(TyperGroup):
-    """Command group that lists commands in the order of :data:`ORDER`."""
+class _OrderedGroup(TyperGroup):
+    """Command group that lists commands in the order of :data:`COMMAND_ORDER`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return sorted(super().list_commands(ctx), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+        return sorted(
+            super().list_commands(ctx),
+            key=lambda name: COMMAND_ORDER.index(name) if name in COMMAND_ORDER else len(COMMAND_ORDER),
+        )
 
 
 app = typer.Typer(
-    cls=_InOrder,
+    cls=_OrderedGroup,
     name="steradian",
     help="""Sparse photoacoustic tomography: design a mask, scan it, reconstruct the volume.
 
@@ -129,19 +132,19 @@ def main() -> None:
     try:
         app()
     except SteradianError as error:
-        complain(str(error))
+        print_error(str(error))
         sys.exit(next((code for kind, code in EXIT_CODES.items() if isinstance(error, kind)), 1))
     except SystemExit as end:
         if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):  # typer says nothing of it
-            complain("stopped")
+            print_error("stopped")
         raise
     except OSError as error:
-        complain(f"{error.filename or 'input/output'}: {error.strerror or error}")
+        print_error(f"{error.filename or 'input/output'}: {error.strerror or error}")
         sys.exit(1)
     except Exception as error:
         if (said := _said_by_database(error)) is None:
             raise
-        complain(f"the database cannot be used: {said}")
+        print_error(f"the database cannot be used: {said}")
         sys.exit(1)
 
 

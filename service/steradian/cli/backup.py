@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from steradian.cli.check import show_findings
-from steradian.cli.console import progress_bar, say, show_end
-from steradian.cli.data_folder import Data, open_as_left
+from steradian.cli.console import finish_with_summary, print_stderr, progress_bar
+from steradian.cli.data_folder import Data, open_existing_database
 
 
 def backup(
@@ -24,22 +24,22 @@ def backup(
     rows of that database are in it, too.
     """
     from steradian.core.exceptions import Conflict
-    from steradian.runtime.backups import back_up
+    from steradian.runtime.backups import create_backup
     from steradian.storage.data_dir.layout import UMASK, DataDirectory
 
     os.umask(UMASK)
-    settings, database = open_as_left(data)
+    settings, database = open_existing_database(data)
     try:
         if settings.store is not None:
             text = "is backed up by its own means, as is the database; `steradian storage move folder` brings all back"
             raise Conflict(f"the store {settings.store} {text}")
         with progress_bar() as progress:
-            made = back_up(DataDirectory(settings.data), database, destination, progress=progress)
+            made = create_backup(DataDirectory(settings.data), database, destination, progress=progress)
     finally:
         database.close()
     for scan, fault in made.damaged.items():
-        say(f"scan {scan} {fault}")
-    show_end((f"{made.scans:,} scans and {made.jobs:,} jobs as of {made.made}", destination))
+        print_stderr(f"scan {scan} {fault}")
+    finish_with_summary((f"{made.scans:,} scans and {made.jobs:,} jobs as of {made.made}", destination))
 
 
 def restore(
@@ -60,6 +60,6 @@ def restore(
     with progress_bar() as progress:
         found = bring_back(source, Settings.create(data=destination), progress=progress)
     show_findings(found)
-    show_end((f"{source} restored", destination))
+    finish_with_summary((f"{source} restored", destination))
     if found:
         raise typer.Exit(3)

@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from steradian.benchmarks.pages import document
-from steradian.cli.console import console, progress_bar, show_end
-from steradian.cli.figures import publish, write
+from steradian.benchmarks.pages import with_environment
+from steradian.cli.console import console, finish_with_summary, progress_bar
+from steradian.cli.figures import print_and_save, save
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
@@ -36,17 +36,17 @@ def speed(
     plan, 'part' is of the shape's first case. --json and --page have processor time, stages, memory, FINUFFT and what
     traffic and arithmetic alone would cost. "NUMBA_CPU_NAME=haswell NUMBA_CPU_FEATURES=" compiles without AVX-512.
     """
-    from steradian.benchmarks.speed import over
+    from steradian.benchmarks.speed import limit_violations
     from steradian.benchmarks.speed import speed as measure
     from steradian.benchmarks.speed_page import write_page
 
     with progress_bar() as progress:
         rows = measure(quick=quick, repeats=repeats, progress=progress)
     shown = ("case", "shape", "run_s", "one_shot_s", "yardstick_s", "ratio", "limit", "one_shot_ratio", "part", "error")
-    publish("speed", rows, json_file, shown)
+    print_and_save("speed", rows, json_file, shown)
     if page is not None:
-        write_page(page, document("speed", rows))
-    if not quick and (exceeded := over(rows)):
+        write_page(page, with_environment("speed", rows))
+    if not quick and (exceeded := limit_violations(rows)):
         console().print("\n".join(exceeded))
         raise typer.Exit(1)
 
@@ -74,10 +74,10 @@ def gpu(
     with progress_bar() as progress:
         rows = measured.gpu(quick=quick, repeats=repeats, only=only, progress=progress)
     shown = ("device", "case", "shape", "gpu_s", "memory_s", "pair_s", "ratio", "cpu_s", "faster", "error")
-    publish("gpu", rows, json_file, shown)
+    print_and_save("gpu", rows, json_file, shown)
     if page is not None:
-        write_page(page, document("gpu", rows))
-    if not quick and (missed := measured.over(rows)):
+        write_page(page, with_environment("gpu", rows))
+    if not quick and (missed := measured.limit_violations(rows)):
         console().print("\n".join(missed))
         raise typer.Exit(1)
 
@@ -89,7 +89,7 @@ def accuracy(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    publish("accuracy", rows, json_file)
+    print_and_save("accuracy", rows, json_file)
 
 
 @app.command()
@@ -99,7 +99,7 @@ def masks(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    publish("masks", rows, json_file)
+    print_and_save("masks", rows, json_file)
 
 
 @app.command()
@@ -114,7 +114,7 @@ def amplitudes(
         rows = measured.amplitudes(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    publish("amplitudes", rows, json_file)
+    print_and_save("amplitudes", rows, json_file)
 
 
 @app.command()
@@ -133,7 +133,7 @@ def tuning(
         rows = measured.tuning(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    publish("tuning", rows, json_file)
+    print_and_save("tuning", rows, json_file)
 
 
 @app.command()
@@ -151,7 +151,7 @@ def beams(
         rows = measured.beams(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    publish("beams", rows, json_file)
+    print_and_save("beams", rows, json_file)
 
 
 @app.command()
@@ -161,7 +161,7 @@ def link(json_file: JsonFile = None) -> None:
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
-    publish("link", rows, json_file)
+    print_and_save("link", rows, json_file)
 
 
 @app.command()
@@ -177,7 +177,7 @@ def storage(
 
     with progress_bar() as progress:
         rows = measure(folder=folder, progress=progress)
-    publish("storage", rows, json_file)
+    print_and_save("storage", rows, json_file)
 
 
 @app.command()
@@ -194,7 +194,7 @@ def stop(
 
     with progress_bar() as progress:
         rows = measure(presses=presses, progress=progress)
-    publish("stop", rows, json_file)
+    print_and_save("stop", rows, json_file)
 
 
 @app.command()
@@ -217,8 +217,8 @@ def queue(
     for kind in ("throughput", "latency", "load"):
         chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
         if chosen:
-            publish(kind, chosen, None)
-    write("queue", rows, json_file)
+            print_and_save(kind, chosen, None)
+    save("queue", rows, json_file)
 
 
 @app.command()
@@ -240,7 +240,7 @@ def load(
         rows = measure(seconds=seconds, progress=progress)
     for kind in ("route", "total", "memory", "reads", "rude"):
         chosen = [row for row in rows if row["case"] == kind]
-        publish(
+        print_and_save(
             kind,
             chosen,
             None,
@@ -248,7 +248,7 @@ def load(
         )
     if page is not None:
         write_page(page, rows)
-    write("load", rows, json_file)
+    save("load", rows, json_file)
 
 
 @app.command()
@@ -267,7 +267,7 @@ def live(
 
     with progress_bar() as progress:
         rows = measure(quick=quick, revisions=revisions, progress=progress)
-    publish("live", rows, json_file)
+    print_and_save("live", rows, json_file)
 
 
 @app.command()
@@ -296,4 +296,4 @@ def paper(
     for claim in claims_of(document):
         table.add_row(claim.text, claim.paper, claim.ours, claim.verdict.value)
     console().print(table)
-    show_end(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
+    finish_with_summary(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))

@@ -8,7 +8,7 @@ import typer
 
 from steradian.cli.benchmark import JsonFile
 from steradian.cli.console import console, progress_bar
-from steradian.cli.figures import publish
+from steradian.cli.figures import print_and_save
 
 
 def look(
@@ -24,7 +24,7 @@ def look(
 
     with progress_bar() as progress:
         rows = measure(quick=quick, repeats=repeats, progress=progress)
-    publish("look", rows, json_file)
+    print_and_save("look", rows, json_file)
     if not quick and rows[0]["inspect_s"] > rows[0]["limit_s"]:
         console().print(f"{rows[0]['inspect_s']:.2f} s exceed {rows[0]['limit_s']:g} s")
         raise typer.Exit(1)

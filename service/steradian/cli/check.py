@@ -14,7 +14,7 @@ from steradian.cli.console import console
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from steradian.runtime.fsck import Finding
+    from steradian.runtime.fsck import Inconsistency
 
 
 def check(
@@ -33,7 +33,7 @@ def check(
     from steradian.core.exceptions import Conflict, NotFound
     from steradian.core.settings import Settings
     from steradian.runtime.backups.manifest import NAME, Manifest
-    from steradian.runtime.fsck import Finding, inspect
+    from steradian.runtime.fsck import Inconsistency, check_consistency
     from steradian.runtime.fsck import repair as mend
     from steradian.storage.data_dir.layout import DataDirectory
 
@@ -41,14 +41,14 @@ def check(
     well = "database and folder agree, nothing is missing"
     if (data / NAME).is_file():
         well = "every file is as it was when the backup was made"
-        found = [Finding("damaged-backup", path, fault) for path, fault in Manifest.read(data).faults(data)]
+        found = [Inconsistency("damaged-backup", path, fault) for path, fault in Manifest.read(data).verify(data)]
     elif (data / "scans").is_dir():
         settings = Settings.create(data=data)
         if settings.store is not None:
             raise Conflict("with STERADIAN_STORE, `steradian storage check` compares the database with the store")
         with DataDirectory(data).lock():
             done = list(mend(settings)) if repair else []
-            found = inspect(settings)
+            found = check_consistency(settings)
     else:
         raise NotFound("data folder", str(data))
     if as_json:
@@ -63,7 +63,7 @@ def check(
         raise typer.Exit(3)
 
 
-def show_findings(found: Sequence[Finding]) -> None:
+def show_findings(found: Sequence[Inconsistency]) -> None:
     """Print findings, one per line."""
     for finding in found:
         console().print(f"{finding.kind:17}  {finding.subject}  {finding.text}", soft_wrap=True, markup=False)

@@ -43,21 +43,21 @@ length, duration = _parser("length", "m"), _parser("time", "s")
 frequency, speed = _parser("frequency", "Hz"), _parser("speed", "m/s")
 
 
-def quantity(kind: Quantity, default: str | None = None, *names: str, **more: Any) -> Any:
+def quantity_option(kind: Quantity, default: str | None = None, *names: str, **more: Any) -> Any:
     """Return an option that takes a quantity; ``default`` is how help shows it, other arguments as typer's."""
     return typer.Option(*names, parser=kind, metavar=f"<{kind.__name__}>", show_default=default or True, **more)
 
 
-def picture(help: str) -> Any:
+def plot_option(help: str) -> Any:
     """Return the option ``--plot``, whose file name is checked before any work is done."""
     return typer.Option(help=help, callback=_checked_picture)
 
 
 def _checked_picture(path: Path | None) -> Path | None:
     if path is not None:
-        from steradian.drawing.page import check_ending
+        from steradian.drawing.page import check_suffix
 
-        check_ending(path, "plot")
+        check_suffix(path, "plot")
     return path
 
 
@@ -67,12 +67,12 @@ def console() -> Console:
     return Console(highlight=False, width=180 if roomy else None)
 
 
-def complain(message: str) -> None:
+def print_error(message: str) -> None:
     """Print one error line to standard error."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(f"[bold red]error:[/] {_plain(message)}")
 
 
-def say(line: str) -> None:
+def print_stderr(line: str) -> None:
     """Write one line to standard error, as it is."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(_plain(line))
 
@@ -127,12 +127,12 @@ def progress_bar() -> Iterator[ProgressBar]:
         yield ProgressBar(bars)
 
 
-def files_of(folder: Path) -> str:
+def format_files(folder: Path) -> str:
     """Name a folder's results for a table."""
     return ", ".join(sorted(path.name for path in folder.iterdir()))
 
 
-def show_end(*results: tuple[str, Path | None]) -> None:
+def finish_with_summary(*results: tuple[str, Path | None]) -> None:
     """Print the last line of a command: the output files with their sizes.
 
     Parameters
@@ -140,11 +140,11 @@ def show_end(*results: tuple[str, Path | None]) -> None:
     results
         What was made, and its file or folder; without one it is left out.
     """
-    said = [f"{what} in {located(path)}" for what, path in results if path is not None]
+    said = [f"{what} in {path_with_size(path)}" for what, path in results if path is not None]
     console().print(_plain("; ".join(said)), soft_wrap=True)
 
 
-def located(path: Path) -> str:
+def path_with_size(path: Path) -> str:
     """Name a file or folder with its size, as in ``scan.h5 (4.3 MB)``."""
     if not path.is_dir():
         return f"{path} ({human_size(path.stat().st_size)})"

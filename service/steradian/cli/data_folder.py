@@ -22,7 +22,7 @@ def folder_of(data: Path | None) -> Path:
     return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
 
 
-def open_as_left(data: Path | None, *, reads: bool = False) -> tuple[Settings, Database]:
+def open_existing_database(data: Path | None, *, reads: bool = False) -> tuple[Settings, Database]:
     """Open the database as the service left it: its tables and the folder are the service's to change.
 
     Who only ``reads`` may have a folder that cannot be written: one on a read-only file system, or another user's.
@@ -45,7 +45,7 @@ def open_as_left(data: Path | None, *, reads: bool = False) -> tuple[Settings, D
         if revision != newest:
             version = f"the database has version {revision or 'none'}, this command is for {newest}"
             raise Conflict(f"{version}; use the service's Steradian, started once")
-        folders.check(database, folder)
+        folders.check_binding(database, folder)
     except BaseException:
         database.close()
         raise

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from steradian.cli.console import progress_bar, show_end, show_figures
+from steradian.cli.console import finish_with_summary, progress_bar, show_figures
 from steradian.cli.scan import new_scan_id, scanner_port
 from steradian.core.exceptions import SteradianError
 from steradian.masks import Mask, equi_steradian_mask, grid_mask
@@ -31,7 +31,7 @@ DEPTHS = (1e-3, 8e-3)
 """Depths to reconstruct: the sensors' own noise gathers in the first millimetre below them."""
 GRID_COUNT, GRID_INTERVAL = 41, 240e-6
 """The paper's strongest rival: 41 × 41 points, every fourth of a 60 µm grid."""
-DISC = 7.2e-3
+COMPARISON_DIAMETER = 7.2e-3
 THRESHOLD = 0.04
 """Region in which images are compared (paper, section 5): a disc's pixels of at least 4 % of the truth's maximum."""
 PHANTOM_SEED = 1
@@ -48,7 +48,10 @@ class DemoReport:
     correlation: float = 0.0
     grid_count: int = 0
     grid_correlation: float = 0.0
-    region: str = f"z-MIP, pixels of at least {THRESHOLD:.0%} of the truth's maximum in a disc of {1e3 * DISC:g} mm"
+    region: str = (
+        f"z-MIP, pixels of at least {THRESHOLD:.0%} of the truth's maximum in a disc of "
+        f"{1e3 * COMPARISON_DIAMETER:g} mm"
+    )
     simulated: bool = True
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -70,7 +73,7 @@ def demo(
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;
     results of an earlier demo in the folder are replaced.
     """
-    from steradian.reconstructions.warmup import compiling_ahead
+    from steradian.reconstructions.warmup import warmup_in_background
     from steradian.storage.data_dir.layout import DataDirectory
 
     report = DemoReport()
@@ -87,7 +90,7 @@ def demo(
 
     with tempfile.TemporaryDirectory(prefix=".data-", dir=output) as folder:
         data, scan_id = DataDirectory(Path(folder)), new_scan_id()
-        with compiling_ahead(), _queue(data) as queue:
+        with warmup_in_background(), _queue(data) as queue:
             with report.timed("scan"):
                 summary = _scan(plan, data, scan_id, speed)
             report.shots_fired, report.shots_stored = summary.fired, summary.stored
@@ -127,12 +130,12 @@ def _queue(data: DataDirectory) -> Iterator[JobQueue]:
 def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
     """Send a job through the queue; move scan and results out."""
     from steradian.jobs.queue.client import new_job_id
-    from steradian.jobs.requests import ReconstructionRequest, job_of
+    from steradian.jobs.requests import ReconstructionRequest, to_job_request
     from steradian.storage.states import ReconstructionState
 
     request = ReconstructionRequest.create(scan_id=scan_id, parameters={"modes": MODES, "depth_range": DEPTHS})
     with progress_bar() as progress:
-        job = queue.submit(job_of(new_job_id(), request))
+        job = queue.submit(to_job_request(new_job_id(), request))
         status = queue.wait(job, progress=progress)
     if status.state is not ReconstructionState.SUCCEEDED:
         raise SteradianError(f"the reconstruction {status.state}: {status.error}")
@@ -158,7 +161,9 @@ def _compare_with_truth(path: Path) -> float:
 
     volume = read_volume(path)
     truth = _true_mip(volume)
-    region = disc(volume.coordinates("x"), volume.coordinates("y"), DISC) & (truth >= THRESHOLD * truth.max())
+    region = disc(volume.coordinates("x"), volume.coordinates("y"), COMPARISON_DIAMETER) & (
+        truth >= THRESHOLD * truth.max()
+    )
     return round(correlation(volume.mip("z"), truth, region), 4)
 
 
@@ -186,4 +191,4 @@ def _show(report: DemoReport, output: Path) -> None:
             "seconds": ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in report.seconds.items()),
         },
     )
-    show_end(("picture", output / "mip-z.png"), ("figures", output / "report.json"), ("all", output))
+    finish_with_summary(("picture", output / "mip-z.png"), ("figures", output / "report.json"), ("all", output))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console, progress_bar, show_end
+from steradian.cli.console import console, finish_with_summary, progress_bar
 from steradian.core.exceptions import InvalidInput
 
 
@@ -37,11 +37,11 @@ def export(
     """
     from steradian.reconstructions.exporting import export_volume
     from steradian.scans.exporting import export_scan
-    from steradian.scans.importing.opening import is_own
+    from steradian.scans.importing.opening import is_scan_file
 
     notes: list[str] = []
     with progress_bar() as progress:
-        if is_own(source):
+        if is_scan_file(source):
             chosen = format or _of_scan(destination)
             export_scan(
                 source,
@@ -56,7 +56,7 @@ def export(
             export_volume(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
     for note in notes:
         console().print(f"note: {note}", markup=False)
-    show_end((f"{source} as {chosen}", destination))
+    finish_with_summary((f"{source} as {chosen}", destination))
 
 
 def _of_scan(path: Path) -> str:

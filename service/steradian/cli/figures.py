@@ -9,13 +9,13 @@ from typing import Any
 
 from rich.table import Table
 
-from steradian.benchmarks.pages import document
-from steradian.cli.console import console, show_end
+from steradian.benchmarks.pages import with_environment
+from steradian.cli.console import console, finish_with_summary
 
 Row = dict[str, Any]
 
 
-def publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
+def print_and_save(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
     """Print ``columns`` (none: all) as a table and write rows and machine information to ``path``."""
     columns = columns or list(dict.fromkeys(key for row in rows for key in row))
     table = Table(title=name, title_justify="left", box=None, pad_edge=False)
@@ -24,16 +24,16 @@ def publish(name: str, rows: list[Row], path: Path | None, columns: Sequence[str
     for row in rows:
         table.add_row(*(_shown(row.get(column)) for column in columns))
     console().print(table)
-    write(name, rows, path)
+    save(name, rows, path)
 
 
-def write(name: str, rows: list[Row], path: Path | None) -> None:
+def save(name: str, rows: list[Row], path: Path | None) -> None:
     """Write rows and machine information to a file, if one is given."""
     if path is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document(name, rows), indent=2) + "\n", encoding="utf-8")
-    show_end(("figures", path))
+    path.write_text(json.dumps(with_environment(name, rows), indent=2) + "\n", encoding="utf-8")
+    finish_with_summary(("figures", path))
 
 
 def _is_text(rows: Iterable[Row], column: str) -> bool:

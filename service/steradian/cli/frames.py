@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
-from steradian.cli.console import length, quantity
+from steradian.cli.console import length, quantity_option
 
 if TYPE_CHECKING:
     from steradian.scans.frames import FrameChoice
@@ -18,7 +18,7 @@ FrameOption: TypeAlias = Annotated[
 ]
 WavelengthOption: TypeAlias = Annotated[
     float | None,
-    quantity(length, help="The first frame at this excitation wavelength, 750nm.", rich_help_panel=PANEL),
+    quantity_option(length, help="The first frame at this excitation wavelength, 750nm.", rich_help_panel=PANEL),
 ]
 AverageOption: TypeAlias = Annotated[
     bool,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
-from steradian.cli.console import duration, progress_bar, quantity, show_end, show_figures, speed
+from steradian.cli.console import duration, finish_with_summary, progress_bar, quantity_option, show_figures, speed
 from steradian.core.exceptions import InvalidInput
 
 DescriptionOption: TypeAlias = Annotated[
@@ -56,9 +56,10 @@ def import_(
     ],
     file: Annotated[Path, typer.Argument(help="The scan file to write (HDF5).", metavar="FILE")],
     description: DescriptionOption = None,
-    sound_speed: Annotated[float | None, quantity(speed, help="Speed of sound; default: the source's.")] = None,
+    sound_speed: Annotated[float | None, quantity_option(speed, help="Speed of sound; default: the source's.")] = None,
     delay: Annotated[
-        float | None, quantity(duration, help="From laser pulse to first sample, in place of what the source says.")
+        float | None,
+        quantity_option(duration, help="From laser pulse to first sample, in place of what the source says."),
     ] = None,
     delay_samples: Annotated[
         float | None,
@@ -70,13 +71,13 @@ def import_(
     What is imported counts as untrusted: links to other files, virtual datasets, object references, pickles,
     absurd sizes and compression bombs are refused, and it is read in a process of its own.
     """
-    from steradian.scans.importing.guarded import import_guarded
+    from steradian.scans.importing.guarded import import_in_sandbox
 
     path, options = parse_description(description)
     given = {"sound_speed": sound_speed, "time_zero": delay, "time_zero_samples": delay_samples}
     options |= {name: value for name, value in given.items() if value is not None}
     with progress_bar() as progress:
-        summary = import_guarded(source, file, description=path, options=options, progress=progress)
+        summary = import_in_sandbox(source, file, description=path, options=options, progress=progress)
     notes = {f"note {number}": note for number, note in enumerate(summary.notes, 1)}
     show_figures("Import", {"format": summary.format, "samples of an A-line": f"{summary.samples:,}", **notes})
-    show_end((f"{summary.points:,} A-lines", summary.path))
+    finish_with_summary((f"{summary.points:,} A-lines", summary.path))

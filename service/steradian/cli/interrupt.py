@@ -14,22 +14,22 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from steradian.cli.console import ProgressBar, located, say
+from steradian.cli.console import ProgressBar, path_with_size, print_stderr
 from steradian.core.exceptions import ScanFailed
-from steradian.core.stop_signals import STOPPED, StopEvent
-from steradian.scans.acquisition.control import Control, End, Phase, Wish
+from steradian.core.stop_signals import EXIT_INTERRUPTED, SignalSafeEvent
+from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
 
 if TYPE_CHECKING:
     from steradian.scans.acquisition.run import ScanSummary
 
-PATIENCE = 0.2
+ANSWER_DELAY = 0.2
 """Seconds after which a Ctrl-C is told what is waited for."""
 _SHOW_CURSOR = "\x1b[?25h"
 _HANGUP = getattr(signal, "SIGHUP", None)
 """What comes when the terminal goes, as an ssh connection does; Windows has none."""
 
 
-class ScanAtTerminal(Control):
+class TerminalScanControl(SessionControl):
     """Ends the scan at the first Ctrl-C, the laser before all else, and the command at the second.
 
     Parameters
@@ -44,27 +44,27 @@ class ScanAtTerminal(Control):
         super().__init__()
         self._file, self._options = file, options
         self._existed = file.exists()
-        self._stop, self._answered = StopEvent(), threading.Event()
+        self._stop, self._answered = SignalSafeEvent(), threading.Event()
         self._under_way = self._laser_is_off = False
         self._terminals = [number for number in (1, 2) if os.isatty(number)]
         self._bar: ProgressBar | None = None
 
-    def shown_by(self, bar: ProgressBar) -> None:
+    def attach_progress_bar(self, bar: ProgressBar) -> None:
         """Say by which bar the scan is shown."""
         self._bar = bar
         bar("connecting", 0, 1)
 
-    def wish(self) -> Wish:
+    def command(self) -> Command:
         """Return the current command."""
-        return Wish.LEAVE if self._stop.is_set() else Wish.RUN
+        return Command.SHUTDOWN if self._stop.is_set() else Command.RUN
 
-    def enter(self, phase: Phase) -> None:
+    def on_phase(self, phase: SessionPhase) -> None:
         """Handle a phase change; from the first phase on, the session polls for commands."""
         if not self._under_way and self._bar is not None:
             self._bar("connecting", 1, 1)
         self._under_way = True
 
-    def laser_is_off(self) -> None:
+    def on_laser_off(self) -> None:
         """Learn that the scanner has confirmed it."""
         self._laser_is_off = True
 
@@ -77,7 +77,7 @@ class ScanAtTerminal(Control):
         """Wait."""
         self._stop.wait(seconds)
 
-    def hear(self, number: int, _frame: object) -> None:
+    def on_signal(self, number: int, _frame: object) -> None:
         """Take a signal; only a person's second one leaves at once: a terminal that goes may send several."""
         if number == _HANGUP:
             self._let_terminals_go()
@@ -103,12 +103,12 @@ class ScanAtTerminal(Control):
         kept = f"what was stored is kept in {self._file}"
         told = f"{cursor}\nleaving at once: {kept}; the laser goes off when its lease ends\n"
         os.write(2, told.encode())
-        os._exit(STOPPED)
+        os._exit(EXIT_INTERRUPTED)
 
-    def explain(self) -> None:
+    def print_waiting_message(self) -> None:
         """Print the reason for a slow reaction to Ctrl-C; runs in its own thread."""
         self._stop.wait()
-        if self._answered.wait(PATIENCE) or self._bar is None:
+        if self._answered.wait(ANSWER_DELAY) or self._bar is None:
             return
         if self._laser_is_off:
             self._bar.say("laser off; storing what the scanner still holds (Ctrl-C again leaves at once)")
@@ -121,29 +121,29 @@ class ScanAtTerminal(Control):
     def end(self, summary: ScanSummary) -> None:
         """Answer the Ctrl-C, if there was one and the scan was not done before it."""
         self._answered.set()
-        if self._stop.is_set() and summary.end is not End.COMPLETE:
-            say(f"{self._laser()}; {self._stored(summary.stored, summary.points)}")
-            raise typer.Exit(STOPPED)
+        if self._stop.is_set() and summary.end is not SessionOutcome.COMPLETE:
+            print_stderr(f"{self._laser()}; {self._stored(summary.stored, summary.points)}")
+            raise typer.Exit(EXIT_INTERRUPTED)
 
-    def fail(self) -> None:
+    def report_failure(self) -> None:
         """Print the state of a scan after a scanner failure; if it was being stopped, that is its result."""
         self._answered.set()
         if not self._under_way:
             return
         stopped = self._stop.is_set()
-        say(f"{self._laser()}; {self._count()}" if stopped else self._count())
+        print_stderr(f"{self._laser()}; {self._count()}" if stopped else self._count())
         if stopped:
-            raise typer.Exit(STOPPED)
+            raise typer.Exit(EXIT_INTERRUPTED)
 
-    def stop_early(self) -> None:
+    def report_early_stop(self) -> None:
         """Answer a Ctrl-C that came before the session began."""
         self._answered.set()
         if self._existed:
-            say(f"stopped before the scan went on; {self._count()}")
+            print_stderr(f"stopped before the scan went on; {self._count()}")
         else:
             self._file.unlink(missing_ok=True)  # without an A-line
-            say("stopped before the scan began; nothing is written")
-        raise typer.Exit(STOPPED)
+            print_stderr("stopped before the scan began; nothing is written")
+        raise typer.Exit(EXIT_INTERRUPTED)
 
     def close(self) -> None:
         """End the thread that waits for a Ctrl-C."""
@@ -154,32 +154,32 @@ class ScanAtTerminal(Control):
         return "laser off" if self._laser_is_off else "the scanner did not confirm, its laser's lease has run out"
 
     def _count(self) -> str:
-        from steradian.scans.file.writer import AlineStore
+        from steradian.scans.file.writer import ScanFileWriter
 
-        with AlineStore(self._file) as store:
+        with ScanFileWriter(self._file) as store:
             return self._stored(store.stored, store.count)
 
     def _stored(self, stored: int, points: int) -> str:
         command = shlex.join(["steradian", "scan", "resume", str(self._file), *self._options])
-        return f"{stored:,} of {points:,} stored in {located(self._file)}; go on with: {command}"
+        return f"{stored:,} of {points:,} stored in {path_with_size(self._file)}; go on with: {command}"
 
 
 @contextmanager
-def at_terminal(file: Path, options: tuple[str, ...] = ()) -> Iterator[ScanAtTerminal]:
+def terminal_scan_control(file: Path, options: tuple[str, ...] = ()) -> Iterator[TerminalScanControl]:
     """Handle Ctrl-C, SIGTERM and SIGHUP for a scan during the block, unless the parent process had them ignored."""
-    control = ScanAtTerminal(file, options)
+    control = TerminalScanControl(file, options)
     numbers = (signal.SIGINT, signal.SIGTERM, *(() if _HANGUP is None else (_HANGUP,)))
     before = {number: signal.getsignal(number) for number in numbers}
     heard = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
-    threading.Thread(target=control.explain, name="answer", daemon=True).start()
+    threading.Thread(target=control.print_waiting_message, name="answer", daemon=True).start()
     for number in heard:
-        signal.signal(number, control.hear)
+        signal.signal(number, control.on_signal)
     try:
         yield control
     except KeyboardInterrupt:
-        control.stop_early()
+        control.report_early_stop()
     except ScanFailed:
-        control.fail()
+        control.report_failure()
         raise
     finally:
         control.close()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steradian.cli.console import console, say
-from steradian.cli.data_folder import Data, folder_of, open_as_left
+from steradian.cli.console import console, print_stderr
+from steradian.cli.data_folder import Data, folder_of, open_existing_database
 
 if TYPE_CHECKING:
     from steradian.security.keys import KeyStore
@@ -41,7 +41,7 @@ def create(
     with _store(folder) as store:
         typer.echo(store.create(name, scopes, lifetime))
     until = "for ever" if days is None else f"for {days:g} days"
-    say(f"{name} may {', '.join(scopes)}, {until}; only a hash of the key is kept, by the service in {folder}")
+    print_stderr(f"{name} may {', '.join(scopes)}, {until}; only a hash of the key is kept, by the service in {folder}")
 
 
 @app.command("list")
@@ -53,7 +53,7 @@ def list_keys(data: Data = None) -> None:
     for row in rows:
         state = "revoked" if row.revoked else f"until {row.expires:%Y-%m-%d %H:%M}" if row.expires else "valid"
         console().print(f"{row.id}  {row.name}  {' '.join(row.scopes)}  {state}", soft_wrap=True)
-    say(f"{len(rows)} key{'' if len(rows) == 1 else 's'} of the service in {folder}")
+    print_stderr(f"{len(rows)} key{'' if len(rows) == 1 else 's'} of the service in {folder}")
 
 
 @app.command()
@@ -62,7 +62,7 @@ def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: 
     folder = folder_of(data)
     with _store(folder) as store:
         store.revoke(identifier)
-    say(f"{identifier} opens nothing any more in the service in {folder}")
+    print_stderr(f"{identifier} opens nothing any more in the service in {folder}")
 
 
 @contextmanager
@@ -96,7 +96,7 @@ def _readable_store(folder: Path) -> Iterator[KeyStore]:
         with _store(folder) as store:
             yield store
         return
-    _, database = open_as_left(folder, reads=True)
+    _, database = open_existing_database(folder, reads=True)
     try:
         yield KeyStore(database)
     finally:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steradian.cli.console import progress_bar, show_end, show_figures
+from steradian.cli.console import finish_with_summary, progress_bar, show_figures
 from steradian.scans.frames import Frame
 
 if TYPE_CHECKING:
@@ -59,20 +59,20 @@ def look(
         from steradian.scans.inspection_figure import draw_inspection
 
         draw_inspection(found, picture)
-        show_end(("picture", picture))
+        finish_with_summary(("picture", picture))
     if to is not None:
         to.write_text(json.dumps(report) + "\n", encoding="utf-8")
-        show_end(("report", to))
+        finish_with_summary(("report", to))
 
 
 def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
     """Print a line for each frame, and return its statistics."""
     from steradian.scans.file.read import list_frames
-    from steradian.scans.importing.opening import is_own
+    from steradian.scans.importing.opening import is_scan_file
     from steradian.scans.inspection import inspect_scan
 
     rows: list[dict[str, object]] = []
-    for frame in list_frames(file) if is_own(file) else [Frame(0, 0.0, len(one.rows))]:
+    for frame in list_frames(file) if is_scan_file(file) else [Frame(0, 0.0, len(one.rows))]:
         if not frame.stored:
             continue
         with progress_bar() as progress:

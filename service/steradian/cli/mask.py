@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli import mask_compare
-from steradian.cli.console import length, picture, quantity, show_end, show_figures
+from steradian.cli.console import finish_with_summary, length, plot_option, quantity_option, show_figures
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import (
     Mask,
@@ -27,8 +27,8 @@ from steradian.masks import (
     poisson_disc_mask,
     random_mask,
     read_mask,
-    reweighted,
     subset_mask,
+    with_weights,
     write_mask,
 )
 
@@ -40,23 +40,23 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-Aperture = Annotated[float, quantity(length, help="Side of the square aperture, e.g. 13.56mm.")]
-Depth = Annotated[float, quantity(length, help="Distance of the point of interest from the sensor, e.g. 3.6mm.")]
-OffsetX = Annotated[float, quantity(length, help="Point of interest along x from the centre, e.g. 2mm.")]
-OffsetY = Annotated[float, quantity(length, help="The same along y.")]
-AnyDepth = Annotated[
+Aperture = Annotated[float, quantity_option(length, help="Side of the square aperture, e.g. 13.56mm.")]
+Depth = Annotated[float, quantity_option(length, help="Distance of the point of interest from the sensor, e.g. 3.6mm.")]
+OffsetX = Annotated[float, quantity_option(length, help="Point of interest along x from the centre, e.g. 2mm.")]
+OffsetY = Annotated[float, quantity_option(length, help="The same along y.")]
+OptionalDepth = Annotated[
     float | None,
-    quantity(length, help="Distance of a point of interest, to be told what the mask promises for it."),
+    quantity_option(length, help="Distance of a point of interest, to be told what the mask promises for it."),
 ]
 Count = Annotated[int, typer.Option(help="Wanted number of points; the nearest possible is taken.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
-Plot = Annotated[Path | None, picture("Also draw points, spacing, view and sharpness, e.g. mask.png.")]
+Plot = Annotated[Path | None, plot_option("Also draw points, spacing, view and sharpness, e.g. mask.png.")]
 Weights = Annotated[
     Weighting,
     typer.Option("--weights", help="voronoi: each point's own cell; analytic: the arrangement's rule; uniform."),
 ]
 SnapInterval = Annotated[
-    float | None, quantity(length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
+    float | None, quantity_option(length, help="The scanner stops only on a grid of this interval, e.g. 60um.")
 ]
 SnapCount = Annotated[int | None, typer.Option(help="Places of that grid on each axis, e.g. 226.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same points.")]
@@ -83,12 +83,14 @@ def equi_steradian(
     offset, grid = (offset_x, offset_y), _grid(snap_interval, snap_count)
     mask = equi_steradian_mask(aperture, depth, count, offset=offset, grid=grid, weighting=weights)
     below, above = convenient_counts(aperture, depth, count, offset)
-    _keep(mask, output, plot, _asked(mask.count, count, f"slices end on the rim with {below} and {above}"))
+    _save_and_show(
+        mask, output, plot, _report_count(mask.count, count, f"slices end on the rim with {below} and {above}")
+    )
 
 
 @app.command("equiangular")
 def equiangular(
-    aperture: Annotated[float, quantity(length, help="Length of the line of sensors, e.g. 13.56mm.")],
+    aperture: Annotated[float, quantity_option(length, help="Length of the line of sensors, e.g. 13.56mm.")],
     depth: Depth,
     count: Annotated[int, typer.Option(help="Number of sensors.")],
     offset_x: OffsetX = 0.0,
@@ -100,7 +102,9 @@ def equiangular(
 ) -> None:
     """Sensors on a line at equal angles seen from a point of interest, for 2-D images."""
     grid = _grid(snap_interval, snap_count)
-    _keep(equiangular_mask(aperture, depth, count, offset=offset_x, grid=grid, weighting=weights), output, plot)
+    _save_and_show(
+        equiangular_mask(aperture, depth, count, offset=offset_x, grid=grid, weighting=weights), output, plot
+    )
 
 
 @app.command("grid")
@@ -112,9 +116,9 @@ def grid(
     per_axis: Annotated[int | None, typer.Option(help="Points on each axis, instead of --count.")] = None,
     interval: Annotated[
         float | None,
-        quantity(length, help="Distance between neighbours, e.g. 300um; default: fills the aperture."),
+        quantity_option(length, help="Distance between neighbours, e.g. 300um; default: fills the aperture."),
     ] = None,
-    depth: AnyDepth = None,
+    depth: OptionalDepth = None,
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     centred: Annotated[bool, typer.Option(help="Make an even grid symmetric to the centre.")] = False,
@@ -137,8 +141,8 @@ def grid(
         weighting=weights,
     )
     square = f"{side} × {side}"
-    told = _asked(mask.count, count, f"squares near it: {(side - 1) ** 2}, {side**2} and {(side + 1) ** 2}")
-    _keep(mask, output, plot, told if count else f"{mask.count} ({square})")
+    told = _report_count(mask.count, count, f"squares near it: {(side - 1) ** 2}, {side**2} and {(side + 1) ** 2}")
+    _save_and_show(mask, output, plot, told if count else f"{mask.count} ({square})")
 
 
 @app.command("hexagonal")
@@ -146,9 +150,9 @@ def hexagonal(
     aperture: Aperture,
     count: Annotated[int | None, typer.Option(help="Wanted number of points; the nearest possible is taken.")] = None,
     interval: Annotated[
-        float | None, quantity(length, help="Distance between neighbours, e.g. 300um, instead of --count.")
+        float | None, quantity_option(length, help="Distance between neighbours, e.g. 300um, instead of --count.")
     ] = None,
-    depth: AnyDepth = None,
+    depth: OptionalDepth = None,
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     weights: Weights = "analytic",
@@ -158,14 +162,14 @@ def hexagonal(
     """Points on a hexagonal lattice over the whole aperture: the fewest for an even spacing."""
     offset = (offset_x, offset_y)
     mask = hexagonal_mask(aperture, interval, count=count, depth=depth, offset=offset, weighting=weights)
-    _keep(mask, output, plot, _asked(mask.count, count, "rows fit in steps"))
+    _save_and_show(mask, output, plot, _report_count(mask.count, count, "rows fit in steps"))
 
 
 @app.command("random")
 def random(
     aperture: Aperture,
     count: Annotated[int, typer.Option(help="Number of points.")],
-    depth: AnyDepth = None,
+    depth: OptionalDepth = None,
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     seed: Seed = 0,
@@ -175,7 +179,7 @@ def random(
 ) -> None:
     """Independent random points over the whole aperture."""
     offset = (offset_x, offset_y)
-    _keep(random_mask(aperture, count, depth=depth, offset=offset, seed=seed, weighting=weights), output, plot)
+    _save_and_show(random_mask(aperture, count, depth=depth, offset=offset, seed=seed, weighting=weights), output, plot)
 
 
 @app.command("poisson-disc")
@@ -184,9 +188,9 @@ def poisson_disc(
     count: Annotated[int | None, typer.Option(help="Wanted number of points; as near to it as a search comes.")] = None,
     spacing: Annotated[
         float | None,
-        quantity(length, help="Least distance between points, e.g. 250um, instead of --count."),
+        quantity_option(length, help="Least distance between points, e.g. 250um, instead of --count."),
     ] = None,
-    depth: AnyDepth = None,
+    depth: OptionalDepth = None,
     offset_x: OffsetX = 0.0,
     offset_y: OffsetY = 0.0,
     seed: Seed = 0,
@@ -197,7 +201,7 @@ def poisson_disc(
     """Random points that keep a distance from each other, as many as fit."""
     offset = (offset_x, offset_y)
     mask = poisson_disc_mask(aperture, spacing, count=count, depth=depth, offset=offset, seed=seed, weighting=weights)
-    _keep(mask, output, plot, _asked(mask.count, count, "their number jumps with the spacing"))
+    _save_and_show(mask, output, plot, _report_count(mask.count, count, "their number jumps with the spacing"))
 
 
 @app.command("combined")
@@ -216,14 +220,14 @@ def combined(
     """Several points of interest: every place is sensed as densely as the most demanding of them asks."""
     points = [_point_of_interest(text) for text in point]
     grid = _grid(snap_interval, snap_count)
-    _keep(combined_mask(aperture, points, grid=grid, weighting=weights), output, plot)
+    _save_and_show(combined_mask(aperture, points, grid=grid, weighting=weights), output, plot)
 
 
 @app.command("points")
 def points(
     file: Annotated[Path, typer.Argument(help="Points as .csv (x_mm, y_mm, perhaps weight), .npy (metres) or .json.")],
     aperture: Annotated[
-        float | None, quantity(length, help="Side of the square aperture; not needed for .json.")
+        float | None, quantity_option(length, help="Side of the square aperture; not needed for .json.")
     ] = None,
     weights: Annotated[
         Weighting, typer.Option("--weights", help="analytic: those in the file, voronoi if none; voronoi; uniform.")
@@ -233,7 +237,7 @@ def points(
 ) -> None:
     """Take points from a file."""
     mask = read_mask(file, aperture)
-    _keep(mask if weights == "analytic" else reweighted(mask, weights), output, plot)
+    _save_and_show(mask if weights == "analytic" else with_weights(mask, weights), output, plot)
 
 
 @app.command("subset")
@@ -252,7 +256,7 @@ def subset(
     if every is not None and every < 1:
         raise InvalidInput("every", every, "at least 1")
     indices = nearest_points(mask, read_mask(like)) if like else tuple(range(0, mask.count, every or 1))
-    _keep(subset_mask(mask, indices, weighting=weights), output, plot, f"{len(indices)} of {mask.count}")
+    _save_and_show(subset_mask(mask, indices, weighting=weights), output, plot, f"{len(indices)} of {mask.count}")
 
 
 @app.command("show")
@@ -262,9 +266,9 @@ def show(
 ) -> None:
     """Print a mask's metrics."""
     mask = read_mask(file)
-    _draw(mask, plot)
+    _save_plot(mask, plot)
     show_figures("Mask", _figures(mask, f"{mask.count}"))
-    show_end((f"mask of {mask.count:,} points", file), ("picture", plot))
+    finish_with_summary((f"mask of {mask.count:,} points", file), ("picture", plot))
 
 
 app.command("compare")(mask_compare.compare)
@@ -284,19 +288,19 @@ def _point_of_interest(text: str) -> PointOfInterest:
     return PointOfInterest.create(offset=(x, y), depth=depth, count=int(parts[3]))
 
 
-def _asked(found: int, wanted: int | None, why: str) -> str:
+def _report_count(found: int, wanted: int | None, why: str) -> str:
     """Return a note on the number of points, if it differs from the requested one."""
     return f"{found}" if wanted in (None, found) else f"{found} (asked {wanted}; {why})"
 
 
-def _keep(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:
+def _save_and_show(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:
     write_mask(mask, output)
-    _draw(mask, plot)
+    _save_plot(mask, plot)
     show_figures("Mask", _figures(mask, points or f"{mask.count}"))
-    show_end((f"mask of {mask.count:,} points", output), ("picture", plot))
+    finish_with_summary((f"mask of {mask.count:,} points", output), ("picture", plot))
 
 
-def _draw(mask: Mask, plot: Path | None) -> None:
+def _save_plot(mask: Mask, plot: Path | None) -> None:
     if plot is not None:
         from steradian.masks.picture import draw_mask
 
@@ -305,9 +309,9 @@ def _draw(mask: Mask, plot: Path | None) -> None:
 
 def _figures(mask: Mask, points: str) -> dict[str, object]:
     """Return the mask's metrics for the table."""
-    from steradian.masks.promises import promises
+    from steradian.masks.promises import evaluate_mask
 
-    seen = promises(mask)
+    seen = evaluate_mask(mask)
     figures: dict[str, object] = {
         "points": points,
         "aperture": f"{1e3 * mask.aperture:g} mm",

@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 from rich.table import Table
 
-from steradian.cli.console import console, frequency, length, picture, progress_bar, quantity, show_end
+from steradian.cli.console import (
+    console,
+    finish_with_summary,
+    frequency,
+    length,
+    plot_option,
+    progress_bar,
+    quantity_option,
+)
 from steradian.core.exceptions import InvalidInput
-from steradian.masks import Counted, Mask, counted_mask, read_mask
+from steradian.masks import Counted, Mask, mask_by_count, read_mask
 
 if TYPE_CHECKING:
     from steradian.comparisons import Comparison
 
-SIMULATED = "An object seen through each"
+SIMULATED_PANEL = "An object seen through each"
 Row = tuple[str, list[str], list[float] | None]
 """A figure's name, its texts, and what is compared, the greatest being the best; none: nothing is."""
 
@@ -29,41 +37,45 @@ def compare(
             " with a number of points (grid:2000). Default: all five.",
         ),
     ] = None,
-    aperture: Annotated[float, quantity(length, "13.56mm", help="Side of the aperture of arrangements.")] = 13.56e-3,
-    depth: Annotated[float, quantity(length, "3.6mm", help="Distance of the point of interest, for all.")] = 3.6e-3,
-    offset_x: Annotated[float, quantity(length, help="Point of interest along x from the centre.")] = 0.0,
-    offset_y: Annotated[float, quantity(length, help="The same along y.")] = 0.0,
+    aperture: Annotated[
+        float, quantity_option(length, "13.56mm", help="Side of the aperture of arrangements.")
+    ] = 13.56e-3,
+    depth: Annotated[
+        float, quantity_option(length, "3.6mm", help="Distance of the point of interest, for all.")
+    ] = 3.6e-3,
+    offset_x: Annotated[float, quantity_option(length, help="Point of interest along x from the centre.")] = 0.0,
+    offset_y: Annotated[float, quantity_option(length, help="The same along y.")] = 0.0,
     count: Annotated[int, typer.Option(help="Number of points of arrangements; the nearest possible is taken.")] = 1600,
-    pulse_rate: Annotated[float, quantity(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
+    pulse_rate: Annotated[float, quantity_option(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
     noise: Annotated[float, typer.Option(help="Highest peak over the noise's standard deviation, in dB.")] = 30.0,
     phantom: Annotated[
         str | None,
         typer.Option(
             help="Simulate and reconstruct an object through each mask: vessel-tree, yarn or a volume file (.h5); "
             "not those of the simulated scanner.",
-            rich_help_panel=SIMULATED,
+            rich_help_panel=SIMULATED_PANEL,
         ),
     ] = None,
     phantom_radius: Annotated[
         float | None,
-        quantity(length, help="Its lateral radius; vessel-tree and yarn.", rich_help_panel=SIMULATED),
+        quantity_option(length, help="Its lateral radius; vessel-tree and yarn.", rich_help_panel=SIMULATED_PANEL),
     ] = None,
     region: Annotated[
         float | None,
-        quantity(
+        quantity_option(
             length,
             help="Diameter of what counts as around the point of interest; default: twice its depth.",
-            rich_help_panel=SIMULATED,
+            rich_help_panel=SIMULATED_PANEL,
         ),
     ] = None,
     modes: Annotated[
-        int | None, typer.Option(help="Lateral modes; default: of 60 um.", rich_help_panel=SIMULATED)
+        int | None, typer.Option(help="Lateral modes; default: of 60 um.", rich_help_panel=SIMULATED_PANEL)
     ] = None,
     iterations: Annotated[
-        int, typer.Option(help="Of the iterative reconstruction, 0 for none.", rich_help_panel=SIMULATED)
+        int, typer.Option(help="Of the iterative reconstruction, 0 for none.", rich_help_panel=SIMULATED_PANEL)
     ] = 30,
     seed: Annotated[int, typer.Option(help="Of points by chance, of the object and of the noise.")] = 0,
-    plot: Annotated[Path | None, picture("Also draw them beside each other, e.g. compare.png.")] = None,
+    plot: Annotated[Path | None, plot_option("Also draw them beside each other, e.g. compare.png.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON instead of a table.")] = False,
 ) -> None:
     """Compare masks for one point of interest: metrics, and an object reconstructed through each.
@@ -73,9 +85,9 @@ def compare(
     """
     from steradian.comparisons import compare_masks
 
-    named = _named(masks or list(get_args(Counted)), aperture, depth, (offset_x, offset_y), count, seed)
+    named = _load_masks(masks or list(get_args(Counted)), aperture, depth, (offset_x, offset_y), count, seed)
     point = (offset_x, offset_y, depth)
-    thing = None if phantom is None else _thing(phantom, point, phantom_radius, seed)
+    thing = None if phantom is None else _load_phantom(phantom, point, phantom_radius, seed)
     with progress_bar() as progress:
         found = compare_masks(
             named,
@@ -98,10 +110,10 @@ def compare(
         return
     _show(found)
     if plot is not None:
-        show_end(("picture", plot))
+        finish_with_summary(("picture", plot))
 
 
-def _named(
+def _load_masks(
     given: list[str], aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
 ) -> dict[str, Mask]:
     """Load or create each mask, under a name of its own."""
@@ -112,7 +124,7 @@ def _named(
             if number and not number.isdigit():
                 raise InvalidInput("masks", text, "a number of points after the colon, such as grid:2000")
             points = int(number) if number else count
-            mask = counted_mask(name, aperture, points, depth=depth, offset=offset, seed=seed)  # type: ignore[arg-type]
+            mask = mask_by_count(name, aperture, points, depth=depth, offset=offset, seed=seed)  # type: ignore[arg-type]
             name = text
         elif Path(text).is_file():
             mask, name = read_mask(Path(text)), Path(text).stem
@@ -124,7 +136,7 @@ def _named(
     return found
 
 
-def _thing(name: str, point: tuple[float, float, float], radius: float | None, seed: int) -> Any:
+def _load_phantom(name: str, point: tuple[float, float, float], radius: float | None, seed: int) -> Any:
     """Make the object, or read it."""
     if Path(name).is_file():
         from steradian.reconstructions.volumes.file import read_volume
@@ -150,7 +162,7 @@ def _show(found: Comparison) -> None:
         ]
         table.add_row(title, *marked)
     console().print(table, "")
-    for line in _winners(found):
+    for line in _summarise(found):
         console().print(line)
 
 
@@ -191,11 +203,11 @@ def _simulated_rows(found: Comparison) -> list[Row]:
     return rows
 
 
-ALIKE = 0.003
+TIE_TOLERANCE = 0.003
 """Correlations that differ by less are called alike: another draw of the noise moves each by up to 0.002."""
 
 
-def _winners(found: Comparison) -> list[str]:
+def _summarise(found: Comparison) -> list[str]:
     """Return one line for each metric that names the best mask."""
     from steradian.comparisons.comparison import REGIONS
 
@@ -208,10 +220,10 @@ def _winners(found: Comparison) -> list[str]:
     for method in found.methods:
         for region, words in REGIONS.items():
             (best, first), *others = found.ranking(region, method)
-            alike = [name for name, value in others if first - value < ALIKE]
+            alike = [name for name, value in others if first - value < TIE_TOLERANCE]
             if alike:
                 names = f"{', '.join([best, *alike[:-1]])} and {alike[-1]}"
-                lines.append(f"{method}, {words}: {names} are alike, within {ALIKE} of {first:.3f}.")
+                lines.append(f"{method}, {words}: {names} are alike, within {TIE_TOLERANCE} of {first:.3f}.")
             else:
                 second, next_ = others[0]
                 lines.append(f"{method}, {words}: [bold]{best}[/] wins with {first:.3f} before {second}: {next_:.3f}.")

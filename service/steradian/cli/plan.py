@@ -8,15 +8,25 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from steradian.cli.console import console, duration, frequency, length, picture, quantity, show_end, show_figures, speed
+from steradian.cli.console import (
+    console,
+    duration,
+    finish_with_summary,
+    frequency,
+    length,
+    plot_option,
+    quantity_option,
+    show_figures,
+    speed,
+)
 from steradian.core.exceptions import InvalidInput
-from steradian.masks import Mask, beams_mask
+from steradian.masks import Mask, multi_beam_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import (
     Fringe,
     Link,
     Motion,
-    Preview,
+    PlanCost,
     ScannerLimits,
     ScanPlan,
     Tuning,
@@ -24,16 +34,16 @@ from steradian.plans import (
     VisitOrder,
     preview,
 )
-from steradian.plans.files import read_value, write_value
+from steradian.plans.files import read_json, write_json
 
 
 def plan(
     mask: Annotated[Path, typer.Argument(help="A mask file, made by 'steradian mask'.")],
-    pulse_rate: Annotated[float, quantity(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
+    pulse_rate: Annotated[float, quantity_option(frequency, "50Hz", help="Laser pulses per second.")] = 50.0,
     averages: Annotated[int, typer.Option(help="Pulses averaged into one A-line.")] = 1,
     samples: Annotated[int, typer.Option(help="Samples of an A-line.")] = 1024,
-    sampling_interval: Annotated[float, quantity(duration, "8ns", help="Time between samples.")] = 8e-9,
-    sound_speed: Annotated[float, quantity(speed, "1500m/s", help="Assumed speed of sound.")] = 1500.0,
+    sampling_interval: Annotated[float, quantity_option(duration, "8ns", help="Time between samples.")] = 8e-9,
+    sound_speed: Annotated[float, quantity_option(speed, "1500m/s", help="Assumed speed of sound.")] = 1500.0,
     order: Annotated[
         VisitOrder | None,
         typer.Option(
@@ -51,7 +61,9 @@ def plan(
     ] = None,
     tuning_pitch: Annotated[
         float | None,
-        quantity(length, help="Of a text matrix as tuning map: distance of its columns (along x) and rows (along y)."),
+        quantity_option(
+            length, help="Of a text matrix as tuning map: distance of its columns (along x) and rows (along y)."
+        ),
     ] = None,
     max_sensitivity_loss: Annotated[
         float | None,
@@ -60,10 +72,10 @@ def plan(
         ),
     ] = None,
     linewidth: Annotated[
-        float, quantity(length, "500pm", help="Full width at half depth of the film's fringe (Lorentzian).")
+        float, quantity_option(length, "500pm", help="Full width at half depth of the film's fringe (Lorentzian).")
     ] = 500e-12,
     retuning: Annotated[
-        float, quantity(duration, "10ms", help="Time until the interrogation laser rests at a new wavelength.")
+        float, quantity_option(duration, "10ms", help="Time until the interrogation laser rests at a new wavelength.")
     ] = 10e-3,
     wavelengths: Annotated[
         Path | None, typer.Option(help="Bias wavelength of each point in nm: a .csv or .txt column or .npy.")
@@ -75,39 +87,43 @@ def plan(
             " each beside the first. The mask is then measured where the beams can be."
         ),
     ] = "1",
-    beam_spacing: Annotated[float, quantity(length, "800um", help="Between neighbouring beams.")] = 0.8e-3,
+    beam_spacing: Annotated[float, quantity_option(length, "800um", help="Between neighbouring beams.")] = 0.8e-3,
     places: Annotated[
         int | None, typer.Option(help="Places the beams are brought to; by default the mask's points over the beams.")
     ] = None,
     frames: Annotated[int, typer.Option(help="How often to measure the mask (at each excitation wavelength).")] = 1,
     excitation: Annotated[
         list[float] | None,
-        quantity(length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
+        quantity_option(length, help="Excitation wavelength, e.g. 700nm; repeat it for several, in order."),
     ] = None,
     gate: Annotated[
         Literal["none", "frame", "point"],
         typer.Option(help="What waits for an edge at the scanner's gate input (heart, breath, stimulus)."),
     ] = "none",
-    gate_rate: Annotated[float, quantity(frequency, "1Hz", help="Expected edges, for the time.")] = 1.0,
-    settling: Annotated[float, quantity(duration, "400us", help="Time the beam needs to rest after a move.")] = 4e-4,
-    beam_speed: Annotated[float, quantity(speed, "5m/s", "--speed", help="Speed of the beam on the film.")] = 5.0,
-    field: Annotated[float, quantity(length, "20mm", help="Side of the scanner's square field.")] = 20e-3,
+    gate_rate: Annotated[float, quantity_option(frequency, "1Hz", help="Expected edges, for the time.")] = 1.0,
+    settling: Annotated[
+        float, quantity_option(duration, "400us", help="Time the beam needs to rest after a move.")
+    ] = 4e-4,
+    beam_speed: Annotated[
+        float, quantity_option(speed, "5m/s", "--speed", help="Speed of the beam on the film.")
+    ] = 5.0,
+    field: Annotated[float, quantity_option(length, "20mm", help="Side of the scanner's square field.")] = 20e-3,
     baud: Annotated[
         int, typer.Option(help="Baud rate of the serial line; 0 for a line that never limits.")
     ] = 12_000_000,
     resolution: Annotated[
-        float | None, quantity(length, help="Wanted lateral resolution, to warn of aliasing.")
+        float | None, quantity_option(length, help="Wanted lateral resolution, to warn of aliasing.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
-    plot: Annotated[Path | None, picture("Also draw the way and where the time goes, e.g. plan.png.")] = None,
+    plot: Annotated[Path | None, plot_option("Also draw the way and where the time goes, e.g. plan.png.")] = None,
 ) -> None:
     """Create a plan from a mask and print its cost before any pulse.
 
     Errors refuse the plan (exit code 2, nothing written); warnings do not.
     """
-    over, pattern = read_value(Mask, mask), read_beams(beams, beam_spacing)
+    over, pattern = read_json(Mask, mask), read_beams(beams, beam_spacing)
     if len(pattern) > 1:
-        over = beams_mask(over, pattern, places=places)
+        over = multi_beam_mask(over, pattern, places=places)
     made = ScanPlan.create(
         mask=over,
         pulse_rate=pulse_rate,
@@ -136,13 +152,13 @@ def plan(
 
         draw_plan(made, plot, cost)
     _show(made, cost)
-    if cost.is_refused:
+    if cost.has_errors:
         raise InvalidInput("plan", "refused", "one without the errors listed")
-    write_value(made, output)
-    show_end((f"plan of {made.mask.count:,} points", output), ("picture", plot))
+    write_json(made, output)
+    finish_with_summary((f"plan of {made.mask.count:,} points", output), ("picture", plot))
 
 
-def _show(made: ScanPlan, cost: Preview) -> None:
+def _show(made: ScanPlan, cost: PlanCost) -> None:
     parts = ", ".join(f"{part} {seconds:.3g}" for part, seconds in cost.seconds.items() if seconds)
     figures: dict[str, object] = {
         "points": made.mask.count,
@@ -155,7 +171,7 @@ def _show(made: ScanPlan, cost: Preview) -> None:
     }
     if cost.beams > 1:
         off = {name: f"{1e6 * way:.0f} µm" for name, way in cost.displacement.items()}
-        figures["beams"] = f"{cost.beams} at {len(made.places):,} places"
+        figures["beams"] = f"{cost.beams} at {len(made.beam_positions):,} places"
         if off:
             figures["points asked for"] = f"{off['median']} from a measured one (median), at most {off['largest']}"
     if made.frame_count > 1:
@@ -167,8 +183,8 @@ def _show(made: ScanPlan, cost: Preview) -> None:
         if made.wavelength_uncertainty:
             said += f"; {loss['expected']} with ±{1e12 * made.wavelength_uncertainty:.2g} pm of the map"
         figures["sensitivity lost"] = said
-    if len(made.passes) > 1:
-        figures["usable after"] = ", ".join(f"{end:,}" for end in made.passes) + " points"
+    if len(made.pass_ends) > 1:
+        figures["usable after"] = ", ".join(f"{end:,}" for end in made.pass_ends) + " points"
     show_figures("Plan", figures)
     for finding in cost.findings:
         colour = "red" if finding.severity == "error" else "yellow"
@@ -181,7 +197,7 @@ def _wavelengths(mask: Mask, tuning: Path | None, pitch: float | None, wavelengt
     if tuning is not None and wavelengths is not None:
         raise InvalidInput("wavelengths", str(wavelengths), "nothing beside --tuning")
     if tuning is not None:
-        return TuningMap.read(tuning, pitch=pitch).fields(mask)
+        return TuningMap.read(tuning, pitch=pitch).as_plan_fields(mask)
     return {"wavelengths": None if wavelengths is None else _read_wavelengths(wavelengths)}
 
 

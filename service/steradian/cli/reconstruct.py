@@ -14,7 +14,7 @@ from steradian.cli.console import (
     frequency,
     length,
     progress_bar,
-    quantity,
+    quantity_option,
     speed,
 )
 from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
@@ -36,7 +36,7 @@ ITERATIVE, FILM = "With the method iterative", "The sensor's response"
 def _option(text: str, panel: str | None = None, kind: Quantity | None = None, default: str | None = None) -> Any:
     if kind is None:
         return typer.Option(help=text, rich_help_panel=panel)
-    return quantity(kind, default, help=text, rich_help_panel=panel)
+    return quantity_option(kind, default, help=text, rich_help_panel=panel)
 
 
 def reconstruct(
@@ -144,7 +144,7 @@ def reconstruct(
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.scans.frames import FrameChoice
-    from steradian.scans.importing.opening import is_own
+    from steradian.scans.importing.opening import is_scan_file
     from steradian.scans.opening import FIRST
 
     parameters = ReconstructionParameters.create(
@@ -202,26 +202,28 @@ def reconstruct(
         raise InvalidInput("follow", "true", "without frame, wavelength and average")
     if each == "frame" and average:
         raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
-    if description is not None or ((each is not None or choice != FIRST) and file.is_file() and not is_own(file)):
-        from steradian.scans.importing.guarded import import_guarded
+    if description is not None or ((each is not None or choice != FIRST) and file.is_file() and not is_scan_file(file)):
+        from steradian.scans.importing.guarded import import_in_sandbox
 
         path, options = parse_description(description)
         output.mkdir(parents=True, exist_ok=True)
         with progress_bar() as progress:
-            file = import_guarded(file, output / "scan.h5", description=path, options=options, progress=progress).path
+            file = import_in_sandbox(
+                file, output / "scan.h5", description=path, options=options, progress=progress
+            ).path
     if each is not None:
         for name, one in each_choice(file, each, average).items():
             show_report(_make(file, output / name, parameters, one, yes), output / name)
     elif not follow:
         show_report(_make(file, output, parameters, choice, yes), output)
     else:
-        from steradian.reconstructions.live.follow import follow_scan
-        from steradian.reconstructions.warmup import compiling_beside
-        from steradian.scans.file.tail import Quiet
+        from steradian.reconstructions.live.follow import reconstruct_live
+        from steradian.reconstructions.warmup import warmup_second_half
+        from steradian.scans.file.tail import IdleDetector
 
-        over = Quiet(file, patience)
-        with compiling_beside(), progress_bar() as progress:
-            report = follow_scan(file, output, parameters, is_over=over, interval=interval, progress=progress)
+        over = IdleDetector(file, patience)
+        with warmup_second_half(), progress_bar() as progress:
+            report = reconstruct_live(file, output, parameters, is_over=over, interval=interval, progress=progress)
         show_report(report, output)
 
 
@@ -229,10 +231,10 @@ def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice
     """Reconstruct a scan; a large volume only when the person at the terminal agrees."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
     from steradian.reconstructions.pipeline.size_limit import LargeVolume
-    from steradian.reconstructions.warmup import compiling_beside
+    from steradian.reconstructions.warmup import warmup_second_half
 
     try:
-        with compiling_beside(), progress_bar() as progress:
+        with warmup_second_half(), progress_bar() as progress:
             return reconstruct_scan(file, output, parameters, frame=choice, agreed=agreed, progress=progress)
     except LargeVolume as error:
         if not sys.stdin.isatty():

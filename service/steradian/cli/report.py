@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from steradian.cli.console import console, files_of, show_end, show_figures, show_notes
+from steradian.cli.console import console, finish_with_summary, format_files, show_figures, show_notes
 
 if TYPE_CHECKING:
     from steradian.reconstructions.pipeline.run import Report
@@ -25,13 +25,13 @@ def show_report(report: Report, output: Path) -> None:
         "sound speed": f"{report.sound_speed_m_s:g} m/s",
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
-        "files": files_of(output),
+        "files": format_files(output),
     }
     show_figures("Reconstruction", figures)
     show_notes(report.notes)
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
-    show_end(("volume", output / "volume.h5"), ("all results", output))
+    finish_with_summary(("volume", output / "volume.h5"), ("all results", output))
 
 
 def _area(report: Report) -> str:

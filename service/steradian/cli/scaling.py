@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli.console import progress_bar
-from steradian.cli.figures import publish, write
+from steradian.cli.figures import print_and_save, save
 
 
 def scale(
@@ -35,7 +35,9 @@ def scale(
     for kind in ("jobs", "arrivals", "scanners", "total", "route", "memory"):
         chosen = [row for row in rows if row["case"] == kind]
         named = dict.fromkeys(key for row in chosen for key in row)
-        publish(kind, chosen, None, [name for name in named if name not in {"over_time", "statuses", "lasting_s"}])
-    write("scale", rows, json_file)
+        print_and_save(
+            kind, chosen, None, [name for name in named if name not in {"over_time", "statuses", "lasting_s"}]
+        )
+    save("scale", rows, json_file)
     if page is not None:
         write_page(page, rows)

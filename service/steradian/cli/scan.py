@@ -12,18 +12,18 @@ from typer.core import TyperGroup
 from ulid import ULID
 
 from fabry_perot.simulator.shapes import NAMES, by_name
-from steradian.cli.console import console, progress_bar, show_end, show_figures
+from steradian.cli.console import console, finish_with_summary, progress_bar, show_figures
 from steradian.cli.scanner import clearing_command
 from steradian.core.exceptions import DamagedFile, FaultLatched, InvalidInput
 from steradian.plans import ScanPlan
-from steradian.plans.files import read_value
+from steradian.plans.files import read_json
 
 if TYPE_CHECKING:
-    from steradian.scans.acquisition.control import Control
+    from steradian.scans.acquisition.control import SessionControl
     from steradian.scans.acquisition.run import ScanSummary
 
 
-class _RunByDefault(TyperGroup):
+class _DefaultCommandGroup(TyperGroup):
     """``scan PLAN`` is short for ``scan run PLAN``."""
 
     def parse_args(self, context: Any, args: list[str]) -> list[str]:
@@ -33,7 +33,7 @@ class _RunByDefault(TyperGroup):
 
 
 app = typer.Typer(
-    cls=_RunByDefault,
+    cls=_DefaultCommandGroup,
     no_args_is_help=True,
     help="""Run a plan on a scanner and keep the A-lines in a scan file; go on with a scan that ended early.
 
@@ -76,9 +76,9 @@ def run(
     """Run a plan on a scanner and keep the A-lines in a scan file."""
     from steradian.scans.acquisition.run import run_scan
 
-    wanted = read_value(ScanPlan, plan)
+    wanted = read_json(ScanPlan, plan)
     scanner = at_baud(scanner, baud, wanted)
-    summary = _measure(
+    summary = _run_with_scanner(
         output,
         scanner,
         simulator_speed,
@@ -102,7 +102,7 @@ def resume(
     Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
     reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
     """
-    _continue(file, plan, scanner, baud, simulator_speed, phantom, retry=0)
+    _resume_or_retry(file, plan, scanner, baud, simulator_speed, phantom, retry=0)
 
 
 @app.command("retry")
@@ -117,7 +117,7 @@ def retry(
     phantom: Phantom = None,
 ) -> None:
     """Measure the missing points again, and those whose A-lines have a quality flag; proves itself like resume."""
-    _continue(file, None, scanner, baud, simulator_speed, phantom, retry=flags)
+    _resume_or_retry(file, None, scanner, baud, simulator_speed, phantom, retry=flags)
 
 
 @app.command("check")
@@ -130,29 +130,29 @@ def check(
     A-lines themselves are never changed. A damaged one counts as missing from then on: 'steradian scan resume'
     measures it again. Without --repair a file that is not sound ends with exit code 3.
     """
-    from steradian.scans.file.verify import check_scan_file
+    from steradian.scans.file.verify import verify_scan_file
 
     with progress_bar() as progress:
-        report = check_scan_file(file, repair=repair, progress=progress)
+        report = verify_scan_file(file, repair=repair, progress=progress)
     figures = {
         "damaged": _rows(report.damaged.tolist()),
         "whole but not listed": _rows(report.unlisted.tolist()),
-        "table": "sound" if report.is_sound else "corrected" if repair else "not corrected",
+        "table": "sound" if report.is_consistent else "corrected" if repair else "not corrected",
     }
     show_figures(str(file), figures)
-    if not report.is_sound and not repair:
+    if not report.is_consistent and not repair:
         raise DamagedFile(f"{file}: the table of what is stored is wrong; --repair corrects it")
-    show_end((f"{report.intact:,} of {report.rows:,} A-lines intact", file))
+    finish_with_summary((f"{report.intact:,} of {report.rows:,} A-lines intact", file))
 
 
-def _continue(
+def _resume_or_retry(
     file: Path, plan: Path | None, scanner: str, baud: int | None, speed: float, phantom: str | None, *, retry: int
 ) -> None:
     from steradian.scans.acquisition.run import resume_scan
 
-    wanted = None if plan is None else read_value(ScanPlan, plan)
+    wanted = None if plan is None else read_json(ScanPlan, plan)
     scanner = at_baud(scanner, baud, wanted)
-    summary = _measure(
+    summary = _run_with_scanner(
         file,
         scanner,
         speed,
@@ -169,21 +169,24 @@ def new_scan_id() -> str:
     return f"s{ULID()}".lower()
 
 
-def _measure(
-    file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, Control], ScanSummary]
+def _run_with_scanner(
+    file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, SessionControl], ScanSummary]
 ) -> ScanSummary:
     """Run ``work(port, control)`` with handling of Ctrl-C; a simulated scanner runs until the laser is off."""
-    from steradian.cli.interrupt import at_terminal
-    from steradian.reconstructions.warmup import compiling_ahead
+    from steradian.cli.interrupt import terminal_scan_control
+    from steradian.reconstructions.warmup import warmup_in_background
 
     needed = () if phantom is None else ("--phantom", phantom)
     if scanner != "simulated":
         if phantom is not None:
             raise InvalidInput("phantom", phantom, "none with a real scanner, or --scanner simulated")
         needed = ("--scanner", scanner)
-    with at_terminal(file, needed) as control, scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port:
-        with compiling_ahead(), progress_bar() as progress:
-            control.shown_by(progress)
+    with (
+        terminal_scan_control(file, needed) as control,
+        scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port,
+    ):
+        with warmup_in_background(), progress_bar() as progress:
+            control.attach_progress_bar(progress)
             try:
                 summary = work(port, control)
             except FaultLatched as error:
@@ -197,7 +200,7 @@ def _show(summary: ScanSummary, scanner: str) -> None:
     if summary.rescued:
         figures["of an earlier session"] = f"{summary.rescued} A-lines that the scanner still held"
     show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures)
-    show_end((f"{summary.stored:,} of {summary.points:,} A-lines", summary.path))
+    finish_with_summary((f"{summary.stored:,} of {summary.points:,} A-lines", summary.path))
 
 
 def at_baud(scanner: str, baud: int | None, plan: ScanPlan | None = None) -> str:

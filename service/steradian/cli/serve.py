@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import console, show_end
+from steradian.cli.console import console, finish_with_summary
 
 DATA = Path("data")
 Host = Annotated[str | None, typer.Option(help="Address to listen on. [default: 127.0.0.1]")]
@@ -96,7 +96,7 @@ def _run(data: Path | None, **given: Any) -> None:
 
     from steradian.core.logging_config import configure_logging
     from steradian.core.settings import PREFIX, Settings
-    from steradian.core.stop_signals import StopEvent
+    from steradian.core.stop_signals import SignalSafeEvent
     from steradian.runtime import supervisor
     from steradian.storage.data_dir.layout import UMASK
 
@@ -104,10 +104,12 @@ def _run(data: Path | None, **given: Any) -> None:
     settings = Settings.create(data=folder, **given)
     os.umask(UMASK)
     configure_logging(settings, "supervisor")
-    stop = StopEvent()
+    stop = SignalSafeEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     mode = "a simulated scanner" if settings.simulated else f"the scanner at {settings.scanner}"
     title = f"Steradian with {mode}" if settings.has_scanner else "A node of Steradian"
-    supervisor.serve(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop, on_ready=title)
-    show_end(("stopped; everything is kept", settings.data))
+    supervisor.run_service(
+        settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop, on_ready=title
+    )
+    finish_with_summary(("stopped; everything is kept", settings.data))

@@ -7,15 +7,23 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import files_of, progress_bar, quantity, show_end, show_figures, show_notes, speed
+from steradian.cli.console import (
+    finish_with_summary,
+    format_files,
+    progress_bar,
+    quantity_option,
+    show_figures,
+    show_notes,
+    speed,
+)
 from steradian.cli.frames import AverageOption, FrameOption, WavelengthOption
 
 
 def sound_speed(
     file: Annotated[Path, typer.Argument(help="A scan file or another known recording.")],
     output: Annotated[Path, typer.Argument(help="Folder for the curve (JSON and PNG).")] = Path("sound-speed"),
-    first: Annotated[float, quantity(speed, "1380m/s", help="Slowest speed tried.")] = 1380.0,
-    last: Annotated[float, quantity(speed, "1620m/s", help="Fastest speed tried.")] = 1620.0,
+    first: Annotated[float, quantity_option(speed, "1380m/s", help="Slowest speed tried.")] = 1380.0,
+    last: Annotated[float, quantity_option(speed, "1620m/s", help="Fastest speed tried.")] = 1620.0,
     steps: Annotated[int, typer.Option(help="Speeds of the first round, ends included.")] = 25,
     frame: FrameOption = None,
     wavelength: WavelengthOption = None,
@@ -32,8 +40,8 @@ def sound_speed(
     figures = {
         "sound speed": f"{curve.best:.2f}{error} m/s",
         "range": f"{first:g} … {last:g} m/s" + (", whose end fits best: move it" if curve.at_edge else ""),
-        "files": files_of(output),
+        "files": format_files(output),
     }
     show_figures("Speed of sound", figures)
     show_notes(curve.notes)
-    show_end(("curve", output))
+    finish_with_summary(("curve", output))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from steradian.cli.console import progress_bar
-from steradian.cli.figures import publish
+from steradian.cli.figures import print_and_save
 
 
 def sound_speeds(
@@ -22,4 +22,4 @@ def sound_speeds(
         rows = measured.sound_speeds(progress=progress)
     if page is not None:
         measured.write_page(page, rows)
-    publish("sound-speed", rows, json_file)
+    print_and_save("sound-speed", rows, json_file)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from steradian.cli.console import console, human_size, progress_bar, say, show_figures
-from steradian.cli.data_folder import Data, open_as_left
+from steradian.cli.console import console, human_size, print_stderr, progress_bar, show_figures
+from steradian.cli.data_folder import Data, open_existing_database
 
 if TYPE_CHECKING:
     from steradian.core.settings import Settings
-    from steradian.storage.blobs.object_store import ObjectStore
+    from steradian.storage.blobs.object_store import S3BlobStore
     from steradian.storage.db.database import Database
 
 app = typer.Typer(help="Show what a service keeps, delete of it, and move it.", no_args_is_help=True)
@@ -21,16 +21,19 @@ KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 @app.command()
 def show(data: Data = None) -> None:
     """Show how many bytes scans, reconstructions, jobs and the rest hold, and how many are free and promised."""
-    from steradian.storage.capacity.quota import Disk, promised
+    from steradian.storage.capacity.quota import DiskQuota, reserved_bytes
     from steradian.storage.capacity.usage import usage
     from steradian.storage.data_dir.layout import DataDirectory
 
-    settings, database = open_as_left(data, reads=True)
-    folder, disk = DataDirectory(settings.data), Disk(settings.data, settings.disk_reserve_bytes, settings.quota_bytes)
+    settings, database = open_existing_database(data, reads=True)
+    folder, disk = (
+        DataDirectory(settings.data),
+        DiskQuota(settings.data, settings.disk_reserve_bytes, settings.quota_bytes),
+    )
     try:
         held = {name.replace("_", " "): size for name, size in usage(database, folder).items()}
         with database.read() as session:
-            waiting = promised(session, folder)
+            waiting = reserved_bytes(session, folder)
     finally:
         database.close()
     more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to scans and jobs": waiting}
@@ -49,22 +52,22 @@ def delete(
     from steradian.core.exceptions import InvalidInput
     from steradian.storage.blobs.object_store import arrays_of
     from steradian.storage.data_dir.layout import DataDirectory
-    from steradian.storage.repositories.deletion import Deletion, delete_upload, remove_files
+    from steradian.storage.repositories.deletion import DeletionService, delete_upload, remove_files
 
     if kind not in KINDS:
         raise InvalidInput("kind", kind, ", ".join(KINDS))
-    settings, database = open_as_left(data)
+    settings, database = open_existing_database(data)
     folder, arrays = DataDirectory(settings.data), arrays_of(settings, database)
     try:
         if kind == "upload":
             delete_upload(database, arrays, identifier)
         else:
             who = "command line"
-            Deletion(database).delete(kind, identifier, who, dependents=dependents, check=lambda _kinds: None)
+            DeletionService(database).delete(kind, identifier, who, dependents=dependents, check=lambda _kinds: None)
         remove_files(database, folder, arrays, None)  # the service has its queue forget them
     finally:
         database.close()
-    say(f"{kind} {identifier} is deleted from the service in {settings.data}")
+    print_stderr(f"{kind} {identifier} is deleted from the service in {settings.data}")
 
 
 @app.command()
@@ -77,10 +80,10 @@ def check(
 
     Ends with exit code 3 when an object is missing or damaged.
     """
-    settings, database = open_as_left(data)
+    settings, database = open_existing_database(data)
     try:
         store = _store(settings, database)
-        found = store.contents()
+        found = store.audit()
         bad = dict.fromkeys(found.missing, "is missing or has another size")
         if contents:
             whole = [row.name for row in store.rows() if row.name not in bad]
@@ -88,7 +91,7 @@ def check(
         figures = {"objects": f"{found.objects:,}", "bytes": human_size(found.bytes)}
         figures["needed by nothing, older than a day"] = f"{len(found.orphans):,}"
         if sweep:
-            figures["of them deleted"] = f"{store.sweep():,}"
+            figures["of them deleted"] = f"{store.collect_orphans():,}"
     finally:
         database.close()
     for name, fault in bad.items():
@@ -112,16 +115,16 @@ def move(
     """
     from steradian.core.exceptions import InvalidInput
     from steradian.runtime.archive.migrate import move_to_folder, move_to_store
-    from steradian.runtime.singleton_locks import owning_database
+    from steradian.runtime.singleton_locks import hold_database_lock
     from steradian.storage.data_dir.layout import DataDirectory
 
     if to not in {"store", "folder"}:
         raise InvalidInput("to", to, "store or folder")
-    settings, database = open_as_left(data)
+    settings, database = open_existing_database(data)
     folder = DataDirectory(settings.data)
     try:
         store = _store(settings, database)
-        with folder.lock(), owning_database(settings), progress_bar() as progress:
+        with folder.lock(), hold_database_lock(settings), progress_bar() as progress:
             if to == "store":
                 store.bind()
                 count = move_to_store(store, database, folder, progress)
@@ -130,13 +133,13 @@ def move(
                 count = move_to_folder(store, folder, progress)
     finally:
         database.close()
-    say(f"{count:,} files are moved to {store.place if to == 'store' else settings.data}")
+    print_stderr(f"{count:,} files are moved to {store.place if to == 'store' else settings.data}")
 
 
-def _store(settings: Settings, database: Database) -> ObjectStore:
+def _store(settings: Settings, database: Database) -> S3BlobStore:
     from steradian.core.exceptions import InvalidInput
-    from steradian.storage.blobs.object_store import ObjectStore
+    from steradian.storage.blobs.object_store import S3BlobStore
 
     if settings.store is None:
         raise InvalidInput("STERADIAN_STORE", "missing", "s3://bucket/prefix; `steradian check` compares a folder")
-    return ObjectStore(settings, database)
+    return S3BlobStore(settings, database)

@@ -7,9 +7,18 @@ from typing import Annotated, Any
 
 import typer
 
-from steradian.cli.console import files_of, length, progress_bar, quantity, show_end, show_figures, show_notes, speed
+from steradian.cli.console import (
+    finish_with_summary,
+    format_files,
+    length,
+    progress_bar,
+    quantity_option,
+    show_figures,
+    show_notes,
+    speed,
+)
 from steradian.cli.frames import AverageOption, FrameOption, WavelengthOption
-from steradian.plans.files import read_value
+from steradian.plans.files import read_json
 
 
 def what_if(
@@ -21,10 +30,10 @@ def what_if(
     ] = "nearest",
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     weights: Annotated[str, typer.Option(help="Of the image through the mask: mask, uniform or voronoi.")] = "mask",
-    sound_speed: Annotated[float | None, quantity(speed, help="Speed of sound; default: the scan's.")] = None,
+    sound_speed: Annotated[float | None, quantity_option(speed, help="Speed of sound; default: the scan's.")] = None,
     diameter: Annotated[
         float | None,
-        quantity(length, help="Compare within this disc around the point of interest; default: 45° wide."),
+        quantity_option(length, help="Compare within this disc around the point of interest; default: 45° wide."),
     ] = None,
     threshold: Annotated[float, typer.Option(help="Pixels count from this share of the full image's maximum.")] = 0.04,
     frame: FrameOption = None,
@@ -34,7 +43,7 @@ def what_if(
     """Reconstruct a dense scan through a sparse mask, and compare with the image of all its A-lines."""
     from steradian.masks import Mask
     from steradian.reconstructions.parameters import ReconstructionParameters
-    from steradian.reconstructions.studies.what_if import what_if as run
+    from steradian.reconstructions.studies.what_if import compare_subset as run
     from steradian.scans.frames import FrameChoice
 
     parameters = ReconstructionParameters.create(modes=modes, weights=weights, sound_speed=sound_speed)
@@ -42,7 +51,7 @@ def what_if(
     with progress_bar() as progress:
         report = run(
             file,
-            read_value(Mask, mask),
+            read_json(Mask, mask),
             output,
             parameters,
             points=chosen,
@@ -62,7 +71,7 @@ def what_if(
     for name, value in report.quality.items():
         figures[name.replace("_", " ")] = "undefined" if value is None else f"{value:.4g}"
     figures["pulses saved"] = f"{100 * report.saved['scan_share']:.3g} %"
-    figures["files"] = files_of(output)
+    figures["files"] = format_files(output)
     show_figures("What if", figures)
     show_notes(report.notes)
-    show_end(("both images and their comparison", output))
+    finish_with_summary(("both images and their comparison", output))

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.console import console, show_end
+from steradian.cli.console import console, finish_with_summary
 
 
 def worker(
@@ -35,7 +35,7 @@ def worker(
 
     from steradian.core.logging_config import configure_logging
     from steradian.core.settings import PREFIX, Settings
-    from steradian.core.stop_signals import StopEvent
+    from steradian.core.stop_signals import SignalSafeEvent
     from steradian.runtime import supervisor
     from steradian.storage.data_dir.layout import UMASK
 
@@ -45,8 +45,8 @@ def worker(
     settings = Settings.create(data=folder, **how)
     os.umask(UMASK)
     configure_logging(settings, "supervisor")
-    stop = StopEvent()
+    stop = SignalSafeEvent()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    supervisor.work(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop)
-    show_end(("stopped; results, and what goes back to the queue,", settings.data))
+    supervisor.run_workers(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop)
+    finish_with_summary(("stopped; results, and what goes back to the queue,", settings.data))

@@ -2,16 +2,16 @@
 
 from steradian.comparisons.comparison import Comparison, compare_masks
 from steradian.comparisons.phantoms import phantom
-from steradian.comparisons.promised import Promised, promised
-from steradian.comparisons.simulated import Outcome, Simulated, Simulation
+from steradian.comparisons.promised import MaskMetricsRow, evaluate
+from steradian.comparisons.simulated import Correlation, Simulation, SimulationResult
 
 __all__ = [
     "Comparison",
-    "Outcome",
-    "Promised",
-    "Simulated",
+    "Correlation",
+    "MaskMetricsRow",
     "Simulation",
+    "SimulationResult",
     "compare_masks",
+    "evaluate",
     "phantom",
-    "promised",
 ]

@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steradian.comparisons.promised import Point, Promised, promised
-from steradian.comparisons.simulated import METHODS, Method, Simulated, Simulation
+from steradian.comparisons.promised import MaskMetricsRow, Point, evaluate
+from steradian.comparisons.simulated import METHODS, Method, Simulation, SimulationResult
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.masks.point_spread import PointSpread
@@ -44,10 +44,10 @@ class Comparison:
     masks: dict[str, Mask]
     point_of_interest: Point
     pulse_rate: float
-    promised: dict[str, Promised]
+    promised: dict[str, MaskMetricsRow]
     spreads: dict[str, PointSpread]
     simulation: Simulation | None
-    simulated: dict[str, Simulated]
+    simulated: dict[str, SimulationResult]
 
     def ranking(self, region: Region, method: Method) -> list[tuple[str, float]]:
         """Return names and correlations of the volumes, best first."""
@@ -97,7 +97,7 @@ def compare_masks(
     iterations: int = 30,
     seed: int = 0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Comparison:
     """Compare masks by their metrics and, with an object, by its simulated images.
 
@@ -137,28 +137,30 @@ def compare_masks(
     for name, mask in masks.items():
         if mask.is_line:
             raise InvalidInput(f"masks[{name}]", "a line of sensors", "a mask of a plane")
-    point = point_of_interest or _own_point(masks)
+    point = point_of_interest or _point_of_interest(masks)
     simulation = None
     if phantom is not None:
         size = 2 * point[2] if region is None else region
         simulation = Simulation(phantom, point[:2], size, noise, modes, iterations=iterations, seed=seed)
-    figures: dict[str, Promised] = {}
+    figures: dict[str, MaskMetricsRow] = {}
     spreads: dict[str, PointSpread] = {}
-    simulated: dict[str, Simulated] = {}
+    simulated: dict[str, SimulationResult] = {}
     for done, (name, mask) in enumerate(masks.items()):
         if cancelled and cancelled():
             raise Cancelled("the comparison was stopped")
         if progress:
             progress("masks", done, len(masks))
-        figures[name], spreads[name] = promised(mask, point, pulse_rate=pulse_rate, noise=noise)
+        figures[name], spreads[name] = evaluate(mask, point, pulse_rate=pulse_rate, noise=noise)
         if simulation is not None:
-            simulated[name] = simulation.through(mask, progress=_under(progress, name), cancelled=cancelled)
+            simulated[name] = simulation.simulate(
+                mask, progress=_prefixed_progress(progress, name), cancelled=cancelled
+            )
     if progress:
         progress("masks", len(masks), len(masks))
     return Comparison(dict(masks), point, pulse_rate, figures, spreads, simulation, simulated)
 
 
-def _own_point(masks: Mapping[str, Mask]) -> Point:
+def _point_of_interest(masks: Mapping[str, Mask]) -> Point:
     for mask in masks.values():
         if len(mask.points_of_interest):
             x, y, z = mask.points_of_interest[0]
@@ -166,7 +168,7 @@ def _own_point(masks: Mapping[str, Mask]) -> Point:
     raise InvalidInput("point_of_interest", "missing", "x, y, z in metres; none of the masks has one")
 
 
-def _under(progress: Progress | None, name: str) -> Progress | None:
+def _prefixed_progress(progress: Progress | None, name: str) -> Progress | None:
     """Report a mask's stages under its name."""
     if progress is None:
         return None

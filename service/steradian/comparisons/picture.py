@@ -9,8 +9,8 @@ import numpy as np
 
 from steradian.comparisons.comparison import REGIONS, Comparison, Region
 from steradian.comparisons.simulated import Method
-from steradian.drawing.page import colour_bar, dress, name_page, page, save
-from steradian.drawing.style import ACCENT, INK, PAPER, PLAIN, PRESSURE, TICK
+from steradian.drawing.page import colour_bar, page, save, set_title, style_axes
+from steradian.drawing.style import ACCENT, BACKGROUND, FOREGROUND, PLAIN, PRESSURE, TICK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MM = 1e3
 COLUMN, ROW = 300, 300
 """Width and height in pixels of a mask's pictures."""
-SOLID = "coolwarm"
+SOLID_ANGLE_AXIS = "coolwarm"
 
 
 def draw_comparison(comparison: Comparison, path: Path, *, width: int | None = None) -> None:
@@ -34,10 +34,10 @@ def draw_comparison(comparison: Comparison, path: Path, *, width: int | None = N
     width
         Of the page in pixels; ``None``: as many masks need.
     """
-    save(comparison_page(comparison, width=width), path)
+    save(comparison_figure(comparison, width=width), path)
 
 
-def comparison_page(comparison: Comparison, *, width: int | None = None) -> Figure:
+def comparison_figure(comparison: Comparison, *, width: int | None = None) -> Figure:
     """Draw the same as :func:`draw_comparison` into a figure that is not saved."""
     names = list(comparison.masks)
     methods = comparison.methods
@@ -65,26 +65,26 @@ def comparison_page(comparison: Comparison, *, width: int | None = None) -> Figu
             plot = figure.add_subplot(inner[place])
             _draw_correlations(plot, comparison, method, region, named=place == 0)
     depth = MM * comparison.point_of_interest[2]
-    name_page(figure, f"{len(names)} masks, point of interest {depth:.4g} mm deep")
+    set_title(figure, f"{len(names)} masks, point of interest {depth:.4g} mm deep")
     return figure
 
 
 def _draw_solid_angles(axes: Axes, comparison: Comparison, name: str, last: bool) -> None:
-    from steradian.masks.promises import promises
+    from steradian.masks.promises import evaluate_mask
 
     mask = comparison.masks[name]
-    angles = promises(mask, comparison.point_of_interest).solid_angles
+    angles = evaluate_mask(mask, comparison.point_of_interest).solid_angles
     assert angles is not None  # noqa: S101 - there is a point of interest
     x, y = MM * mask.positions.T
     size = float(np.clip(5_000 / mask.count, 0.3, 12))
     share = np.log2(angles / angles.mean())
-    shown = axes.scatter(x, y, c=share, s=size, cmap=SOLID, vmin=-2, vmax=2, linewidths=0)
+    shown = axes.scatter(x, y, c=share, s=size, cmap=SOLID_ANGLE_AXIS, vmin=-2, vmax=2, linewidths=0)
     if last:
         bar = colour_bar(axes, shown, "solid angle / mean")
         bar.set_ticks([-2, -1, 0, 1, 2], labels=["¼", "½", "1", "2", "4"])
     half = 1.05 * MM * mask.aperture / 2
     axes.set(xlim=(-half, half), ylim=(-half, half))
-    dress(axes, title=f"{name}\n{mask.count:,} points", across="x (mm)", up="y (mm)", equal=True)
+    style_axes(axes, title=f"{name}\n{mask.count:,} points", across="x (mm)", up="y (mm)", equal=True)
 
 
 def _draw_ball(axes: Axes, comparison: Comparison, name: str, last: bool) -> None:
@@ -97,7 +97,7 @@ def _draw_ball(axes: Axes, comparison: Comparison, name: str, last: bool) -> Non
         colour_bar(axes, shown, "relative pressure")
     figures = comparison.promised[name]
     title = f"{1e6 * figures.lateral_m:.0f} × {1e6 * figures.axial_m:.0f} µm, {figures.contrast_db:.0f} dB"
-    dress(axes, title=title, across="x (mm)", up="z, depth (mm)")
+    style_axes(axes, title=title, across="x (mm)", up="z, depth (mm)")
 
 
 def _draw_image(axes: Axes, comparison: Comparison, name: str, method: Method, last: bool) -> None:
@@ -113,9 +113,9 @@ def _draw_image(axes: Axes, comparison: Comparison, name: str, method: Method, l
     turn = np.linspace(0, 2 * np.pi, 200)
     radius = MM * simulation.region / 2
     x, y = (MM * centre for centre in simulation.centre)
-    axes.plot(x + radius * np.cos(turn), y + radius * np.sin(turn), ":", color=PAPER, linewidth=1)
+    axes.plot(x + radius * np.cos(turn), y + radius * np.sin(turn), ":", color=BACKGROUND, linewidth=1)
     axes.set(xlim=(-half, half), ylim=(-half, half))
-    dress(axes, title=f"{method}: z-projection", across="x (mm)", up="y (mm)", equal=True)
+    style_axes(axes, title=f"{method}: z-projection", across="x (mm)", up="y (mm)", equal=True)
 
 
 def _draw_correlations(axes: Axes, comparison: Comparison, method: Method, region: Region, *, named: bool) -> None:
@@ -125,9 +125,9 @@ def _draw_correlations(axes: Axes, comparison: Comparison, method: Method, regio
     found = dict(ranking)
     colours = [ACCENT if name == ranking[0][0] else PLAIN for name in names]
     bars = axes.barh(names, [found[name] for name in names], color=colours)
-    axes.bar_label(bars, fmt="%.3f", padding=2, fontsize=TICK * 0.6, color=INK)
+    axes.bar_label(bars, fmt="%.3f", padding=2, fontsize=TICK * 0.6, color=FOREGROUND)
     axes.set_xlim(min(0.0, *found.values()), 1.25)
     axes.set_xticks([0, 0.5, 1])
     axes.invert_yaxis()
-    dress(axes, title=f"{method}:\n{REGIONS[region]}", across="correlation with the object")
+    style_axes(axes, title=f"{method}:\n{REGIONS[region]}", across="correlation with the object")
     axes.tick_params(labelleft=named)

@@ -7,14 +7,14 @@ from math import degrees, log10, pi
 
 from steradian.masks import Mask
 from steradian.masks.point_spread import PointSpread, point_spread
-from steradian.masks.promises import promises
+from steradian.masks.promises import evaluate_mask
 from steradian.plans import ScanPlan, VisitOrder, preview
 
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Promised:
+class MaskMetricsRow:
     """Figures of a mask.
 
     Attributes
@@ -25,7 +25,7 @@ class Promised:
         Least and greatest distance of a sensor to its nearest neighbour.
     solid_angle_spread
         Standard deviation over mean of the sensors' solid angles seen from the point of interest, within the rim: the
-        :attr:`steradian.masks.promises.Promises.evenness`. None where the rim cuts all cells but one.
+        :attr:`steradian.masks.promises.MaskMetrics.evenness`. None where the rim cuts all cells but one.
     view
         Share of the half space above the film that the sensed area fills, seen from there: of edges, how many show.
     steepest_deg
@@ -55,9 +55,9 @@ class Promised:
     seconds: float
 
 
-def promised(
+def evaluate(
     mask: Mask, point: Point, *, pulse_rate: float = 50.0, noise: float = 30.0
-) -> tuple[Promised, PointSpread]:
+) -> tuple[MaskMetricsRow, PointSpread]:
     """Compute the metrics of a mask for the comparison.
 
     Parameters
@@ -81,13 +81,13 @@ def promised(
     InvalidInput
         When the point is not above the film, or a figure is out of range.
     """
-    seen = promises(mask, point)
+    seen = evaluate_mask(mask, point)
     angles = seen.solid_angles
     assert angles is not None  # noqa: S101 - there is a point of interest
     assert seen.opening_angle is not None  # noqa: S101
     spread = point_spread(mask, point, noise=noise)
     cost = preview(ScanPlan.create(mask=mask, pulse_rate=pulse_rate, order=VisitOrder.SHORTEST))
-    return Promised(
+    return MaskMetricsRow(
         points=mask.count,
         finest_m=seen.finest,
         coarsest_m=seen.coarsest,

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Iterative, Volume, reconstruct
 from steradian.masks import Mask
-from steradian.phantoms import Balls, add_noise, pressure, sampled
+from steradian.phantoms import Balls, add_noise, pressure, rasterise
 from steradian.quality import correlation, disc
 
 Method = Literal["direct", "iterative"]
@@ -25,7 +25,7 @@ MARGIN = 3.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Correlation:
     """Similarity of an image to the object: Pearson's correlation over all voxels (pixels) of a region.
 
     Attributes
@@ -46,10 +46,10 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """Simulated images of an object through a mask: an :class:`Outcome` by method, and the object's z-projection."""
+class SimulationResult:
+    """Simulated images of an object through a mask: an :class:`Correlation` by method, and the object's z-projection."""
 
-    by: dict[Method, Outcome]
+    by: dict[Method, Correlation]
     truth_mip: NDArray[np.floating[Any]]
 
 
@@ -112,9 +112,9 @@ class Simulation:
         z, s = self.thing.centres[:, 2], self.thing.sigmas
         return max(0.0, float((z - MARGIN * s).min())), float((z + MARGIN * s).max())
 
-    def through(
-        self, mask: Mask, *, progress: Progress | None = None, cancelled: IsCancelled | None = None
-    ) -> Simulated:
+    def simulate(
+        self, mask: Mask, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
+    ) -> SimulationResult:
         """Scan and reconstruct the object through a mask.
 
         Raises
@@ -128,7 +128,7 @@ class Simulation:
             raise InvalidInput("mask", "a line of sensors", "a mask of a plane")
         modes = self._modes(mask)
         traces = self._traces(mask, modes, progress, cancelled)
-        found: dict[Method, Outcome] = {}
+        found: dict[Method, Correlation] = {}
         for method in METHODS if self.iterations else METHODS[:1]:
             if cancelled and cancelled():
                 raise Cancelled("the comparison was stopped")
@@ -148,7 +148,7 @@ class Simulation:
             )
             truth = self.truth(image)
             found[method] = self._judge(image, truth)
-        return Simulated(found, truth.mip("z"))
+        return SimulationResult(found, truth.mip("z"))
 
     def truth(self, like: Volume) -> Volume:
         """Return the object at the voxels of an image."""
@@ -157,7 +157,7 @@ class Simulation:
         corner = tuple(float(like.coordinates(name)[0]) for name in like.names)
         voxels = (like.values.shape, like.spacing, corner)
         if voxels not in self._truths:
-            self._truths[voxels] = sampled(self.thing, like)
+            self._truths[voxels] = rasterise(self.thing, like)
         return self._truths[voxels]
 
     def _modes(self, mask: Mask) -> int:
@@ -174,7 +174,7 @@ class Simulation:
         return int(nx)
 
     def _traces(
-        self, mask: Mask, modes: int, progress: Progress | None, cancelled: IsCancelled | None
+        self, mask: Mask, modes: int, progress: Progress | None, cancelled: CancelCheck | None
     ) -> NDArray[np.float32]:
         corner = mask.aperture / 2 + float(np.abs(mask.positions).max())
         samples = ceil(np.hypot(np.sqrt(2) * corner, self.depths[1]) / self.sound_speed / self.dt) + 1
@@ -204,11 +204,11 @@ class Simulation:
             )
         return clean if self.noise is None else add_noise(clean, self.noise, seed=self.seed)
 
-    def _judge(self, image: Volume, truth: Volume) -> Outcome:
+    def _judge(self, image: Volume, truth: Volume) -> Correlation:
         near = disc(image.coordinates("x"), image.coordinates("y"), self.region, self.centre)
         mip, wanted = image.mip("z"), truth.mip("z")
         cylinder = np.broadcast_to(near[..., None], image.values.shape)
-        return Outcome(
+        return Correlation(
             around=correlation(image.values, truth.values, cylinder),
             field=correlation(image.values, truth.values),
             around_mip=correlation(mip, wanted, near),

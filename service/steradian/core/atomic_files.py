@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-ENDING = ".new"
+DRAFT_SUFFIX = ".new"
 _signature = ""
 _check: Callable[[], object] = bool
 
 
 @contextmanager
-def draft(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
+def atomic_write(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
     """Yield a path beside ``path`` to write a file or folder to; it is renamed at the end, and removed on an exception.
 
     Parameters
@@ -31,7 +31,11 @@ def draft(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
     Superseded
         When this process works for a start of a job that is not the newest any more; ``path`` is then untouched.
     """
-    name = f".{path.stem}{_signature}{ENDING}{path.suffix}" if keep_ending else f"{path.name}{_signature}{ENDING}"
+    name = (
+        f".{path.stem}{_signature}{DRAFT_SUFFIX}{path.suffix}"
+        if keep_ending
+        else f"{path.name}{_signature}{DRAFT_SUFFIX}"
+    )
     beside = path.with_name(name)
     remove(beside)
     try:
@@ -43,7 +47,7 @@ def draft(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def signed(name: str, check: Callable[[], object]) -> Iterator[None]:
+def fenced_drafts(name: str, check: Callable[[], object]) -> Iterator[None]:
     """Write this process's drafts under a name of their own, and call ``check`` before each is renamed."""
     global _signature, _check
     before = _signature, _check
@@ -54,7 +58,7 @@ def signed(name: str, check: Callable[[], object]) -> Iterator[None]:
         _signature, _check = before
 
 
-def sweep_older(folder: Path, oldest: float, names: str = "*") -> None:
+def remove_older(folder: Path, oldest: float, names: str = "*") -> None:
     """Remove the files of a folder that were last written before a time (s since 1970)."""
     for path in folder.glob(names):
         with suppress(FileNotFoundError):  # a draft has got its name, or somebody else removes it
@@ -62,15 +66,15 @@ def sweep_older(folder: Path, oldest: float, names: str = "*") -> None:
                 path.unlink()
 
 
-def sweep(folder: Path) -> None:
+def remove_drafts(folder: Path) -> None:
     """Remove the drafts that killed processes left in a folder."""
-    for left in folder.glob(f"*{ENDING}*"):
+    for left in folder.glob(f"*{DRAFT_SUFFIX}*"):
         remove(left)
 
 
 def write_durably(path: Path, text: str) -> None:
     """Write a small file that is whole, or not there, also after a power cut."""
-    with draft(path) as beside, beside.open("w") as file:
+    with atomic_write(path) as beside, beside.open("w") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())

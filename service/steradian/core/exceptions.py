@@ -73,7 +73,7 @@ class Conflict(SteradianError):
     code = "conflict"
 
 
-class Superseded(Conflict):
+class StaleFence(Conflict):
     """A newer attempt of the same job has started, so this attempt's results are discarded."""
 
     code = "superseded"

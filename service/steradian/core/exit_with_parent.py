@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 
 
-def end_with_stdin(end: Callable[[], object]) -> None:
+def exit_when_stdin_closes(end: Callable[[], object]) -> None:
     """Call ``end`` when standard input closes because the process at its other end has exited."""
     while os.read(0, 4096):
         pass

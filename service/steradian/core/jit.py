@@ -27,7 +27,7 @@ PATIENCE = 120.0
 """Seconds that a process waits for another one to compile a function, before it does so itself."""
 
 
-def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = True, inner: bool = False) -> Any:
+def jit(function: Callable[..., Any], *, fast: bool = True, kept: bool = True, inner: bool = False) -> Any:
     """Compile a loop at its first call; it then releases the interpreter lock and is kept on disk.
 
     Of several processes that need it at the same time one compiles it, and the others wait and load what it kept.
@@ -61,16 +61,16 @@ def compiled(function: Callable[..., Any], *, fast: bool = True, kept: bool = Tr
     return made
 
 
-inner: Any = partial(compiled, inner=True)
+jit_inline: Any = partial(jit, inner=True)
 
 
-def is_lacking(function: Any, numbers: str = "float32") -> bool:
+def is_uncached(function: Any, numbers: str = "float32") -> bool:
     """Whether a cacheable function has no compiled version for this processor and these argument types."""
     cache = getattr(function, "_cache", None)
-    return isinstance(cache, _Cache) and not cache.holds(numbers, function.targetctx.codegen())
+    return isinstance(cache, _Cache) and not cache.has_entry(numbers, function.targetctx.codegen())
 
 
-def lock_beside(function: Any, name: str) -> FileLock:
+def cache_lock(function: Any, name: str) -> FileLock:
     """Return a non-blocking lock in the cache folder of a function."""
     function._cache._impl.locator.ensure_cache_path()
     return FileLock(Path(function._cache.cache_path) / f"{name}.lock", timeout=0)
@@ -116,7 +116,7 @@ class _Cache(FunctionCache):
             found = None if found is None else self._impl.rebuild(target_context, found)
         return found
 
-    def holds(self, numbers: str, codegen: Any) -> bool:
+    def has_entry(self, numbers: str, codegen: Any) -> bool:
         """Whether the cache has a version for these argument types."""
         wanted = self._index_key(None, codegen)[1:]
         keys = (key for file in (self._cache_file, self._brought) for key in file._load_index())  # type: ignore[no-untyped-call]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 
-def plain(figures: Any) -> Any:
+def to_jsonable(figures: Any) -> Any:
     """Convert values to JSON types: dataclasses to objects, arrays to lists, non-finite numbers to null.
 
     Examples
@@ -19,19 +19,19 @@ def plain(figures: Any) -> Any:
     {'best': 1.5, 'curve': [1.0, None]}
     """
     if is_dataclass(figures) and not isinstance(figures, type):
-        return plain(asdict(figures))
+        return to_jsonable(asdict(figures))
     if isinstance(figures, Mapping):
-        return {str(name): plain(value) for name, value in figures.items()}
+        return {str(name): to_jsonable(value) for name, value in figures.items()}
     if isinstance(figures, np.ndarray | np.generic):
-        return nulls(figures)
+        return nan_to_none(figures)
     if isinstance(figures, list | tuple | set | frozenset):
-        return [plain(value) for value in figures]
+        return [to_jsonable(value) for value in figures]
     if isinstance(figures, float):
         return figures if math.isfinite(figures) else None
     return figures if isinstance(figures, str | int | None) else str(figures)
 
 
-def nulls(values: Any) -> Any:
+def nan_to_none(values: Any) -> Any:
     """Return an array as nested lists, with None for non-finite numbers."""
     array = np.asarray(values)
     if array.dtype.kind != "f" or np.isfinite(array).all():

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 request_id: contextvars.ContextVar[str] = contextvars.ContextVar("request_id", default="")
 """Identifier of the HTTP request that is being served, or that asked for the work being done; empty: none."""
-BURST, WINDOW = 50, 10.0
+MAX_BURST, WINDOW = 50, 10.0
 """Lines of one kind that are written within so many seconds."""
 KINDS = 1000
 """Kinds that are told apart at a time."""
-UNREAD = 1000
+MAX_QUEUED = 1000
 """Lines that wait for who reads the log; more are lost, and their number is told."""
 FLUSH = 1.0
 """Seconds that a process that ends waits for them."""
@@ -31,7 +31,7 @@ _STANDARD = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime
 
 
 @contextmanager
-def caused_by(identifier: str | None) -> Iterator[None]:
+def bind_request_id(identifier: str | None) -> Iterator[None]:
     """Context manager that binds a request identifier to log records."""
     token = request_id.set(identifier or "")
     try:
@@ -40,7 +40,7 @@ def caused_by(identifier: str | None) -> Iterator[None]:
         request_id.reset(token)
 
 
-def mark() -> str:
+def request_id_suffix() -> str:
     """Say, at the end of a line to read, which request it goes back to."""
     return f" [request {request}]" if (request := request_id.get()) else ""
 
@@ -84,11 +84,11 @@ class _Text(logging.Formatter):
         line = super().formatMessage(record)
         if not line.isprintable():  # others' words are to begin no line and to steer no terminal
             line = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line)
-        return line + mark()
+        return line + request_id_suffix()
 
 
-class _Limit(logging.Filter):
-    """Lets :data:`BURST` lines of one kind through in :data:`WINDOW` seconds; the next says how many were left out."""
+class _RateLimitFilter(logging.Filter):
+    """Lets :data:`MAX_BURST` lines of one kind through in :data:`WINDOW` seconds; the next says how many were left out."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -99,16 +99,16 @@ class _Limit(logging.Filter):
         kind, now = (record.name, record.levelno, str(record.msg)[:200]), record.created
         begun, count = self._seen.get(kind, (now, 0))
         if now - begun >= WINDOW:
-            left_out, begun, count = count - BURST, now, 0
+            left_out, begun, count = count - MAX_BURST, now, 0
             if left_out > 0:
                 record.msg, record.args = f"{record.getMessage()} [{left_out} such lines were left out before]", None
         if len(self._seen) > KINDS:
             self._seen.clear()
         self._seen[kind] = begun, count + 1
-        return count < BURST
+        return count < MAX_BURST
 
 
-class _Apart(logging.Handler):
+class _QueueingHandler(logging.Handler):
     """Handler that writes lines in a thread, so that a blocked pipe or slow disk does not delay logging code.
 
     An emergency stop is logged, too. The queue's kind is the one that a signal handler may put into at any moment.
@@ -123,7 +123,7 @@ class _Apart(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Hand a line over, or lose it."""
         try:
-            if self._lines.qsize() >= UNREAD:
+            if self._lines.qsize() >= MAX_QUEUED:
                 self._lost += 1
                 return
             if self._lost:
@@ -176,8 +176,8 @@ def configure_logging(settings: Settings, process: str, *, waits: bool = False) 
         Whether who logs waits until the line is written, as a process does that may be killed at any time.
     """
     descriptor = None if waits else _descriptor()
-    handler = logging.StreamHandler() if descriptor is None else _Apart(descriptor)
+    handler = logging.StreamHandler() if descriptor is None else _QueueingHandler(descriptor)
     if settings.log_level != "DEBUG":
-        handler.addFilter(_Limit())
+        handler.addFilter(_RateLimitFilter())
     handler.setFormatter(_Json(process) if settings.log_format == "json" else _Text(process))
     logging.basicConfig(level=settings.log_level, handlers=[handler], force=True)

@@ -8,5 +8,5 @@ from typing import TypeAlias
 Progress: TypeAlias = Callable[[str, int, int], None]
 """Called as ``progress(stage, done, total)``; ``stage`` is a short English phrase, counts are of its own unit."""
 
-IsCancelled: TypeAlias = Callable[[], bool]
+CancelCheck: TypeAlias = Callable[[], bool]
 """Asked between pieces of work; ``True`` makes the work raise :class:`steradian.core.exceptions.Cancelled`."""

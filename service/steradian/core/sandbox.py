@@ -16,7 +16,7 @@ from enum import IntFlag
 from pathlib import Path
 from typing import Final
 
-KNOWN: Final = frozenset(
+ENV_ALLOWLIST: Final = frozenset(
     {"PATH", "LANG", "LANGUAGE", "TZ", "LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONHOME", "PYTHONWARNINGS", "SYSTEMROOT"}
 )
 """Variables that a program needs to be found and to speak, beside those that begin with LC_; none is secret."""
@@ -57,19 +57,19 @@ class _Beneath(ctypes.Structure):
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
 
-def poor_environment(given: Mapping[str, str], folder: Path) -> dict[str, str]:
+def minimal_environment(given: Mapping[str, str], folder: Path) -> dict[str, str]:
     """Return the environment variables for a sandboxed process; temporary files go into ``folder``."""
-    known = {name: value for name, value in given.items() if name in KNOWN or name.startswith("LC_")}
+    known = {name: value for name, value in given.items() if name in ENV_ALLOWLIST or name.startswith("LC_")}
     return known | {"TMPDIR": str(folder), "HOME": str(folder)}
 
 
-def die_first(score: int) -> None:
+def set_oom_score(score: int) -> None:
     """Set the kernel's preference to kill this process when memory runs out: 0 normal, 1000 first."""
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(str(score))
 
 
-def shut_in(readable: Iterable[Path], folder: Path) -> bool:
+def restrict_filesystem(readable: Iterable[Path], folder: Path) -> bool:
     """Leave this thread, and those it starts, some files to read and one folder to write in.
 
     Parameters

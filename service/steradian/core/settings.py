@@ -11,11 +11,11 @@ from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.system_resources import cores
-from steradian.core.validation import invalid_input
+from steradian.core.system_resources import cpu_count
+from steradian.core.validation import to_invalid_input
 
 PREFIX = "STERADIAN_"
-FIRST_SCANNER = "scanner-0"
+DEFAULT_SCANNER_ID = "scanner-0"
 """What the scanner is called where there is one."""
 ROOT_PATH = r"^((/[A-Za-z0-9_~-][A-Za-z0-9._~-]*){1,8}/?)?$"
 """A path below which a proxy serves: segments of letters, digits and ``._~-``, none of which begins with a dot."""
@@ -52,7 +52,7 @@ class Settings(BaseSettings):
         description="'simulated', a serial port such as /dev/ttyUSB0 or /dev/ttyUSB0?baud=921600, or socket://host:port",
     )
     scanner_id: str = Field(
-        default=FIRST_SCANNER,
+        default=DEFAULT_SCANNER_ID,
         pattern=r"^[a-z0-9][a-z0-9-]{0,39}$",
         description="Name of this node's scanner; each scanner of a service needs its own",
     )
@@ -187,7 +187,7 @@ class Settings(BaseSettings):
         try:
             settings = cls(**{name: value for name, value in fields.items() if value is not None})
         except ValidationError as error:
-            raise invalid_input(cls, error) from error
+            raise to_invalid_input(cls, error) from error
         if settings.database_url is not None:  # one spelling for every library
             url = "postgresql" + settings.database_url[settings.database_url.index("://") :]
             settings = settings.model_copy(update={"database_url": url})
@@ -222,7 +222,7 @@ class Settings(BaseSettings):
         return self.scanner == "simulated"
 
     @property
-    def is_local(self) -> bool:
+    def listens_on_loopback(self) -> bool:
         """Whether only this machine can reach the service."""
         name = self.host.lower().removesuffix(".")
         try:
@@ -233,7 +233,7 @@ class Settings(BaseSettings):
     @property
     def needs_key(self) -> bool:
         """Whether every request requires a key."""
-        return self.require_key or not self.is_local
+        return self.require_key or not self.listens_on_loopback
 
     @property
     def origins(self) -> frozenset[str]:
@@ -241,18 +241,18 @@ class Settings(BaseSettings):
         return frozenset(name.strip().lower() for name in self.cors_origins.split(",") if name.strip())
 
     @property
-    def follows(self) -> bool:
+    def is_scanner_node(self) -> bool:
         """Whether this node's workers only run live jobs of its scanner's scans."""
         return self.role == "acquisition" and self.workers > 0
 
-    def executor(self, slot: int) -> str:
+    def worker_slot_name(self, slot: int) -> str:
         """Name of one worker."""
         return f"{self.scanner_id if self.role == 'acquisition' else self.worker_name}-{slot}"
 
     @property
     def threads_per_job(self) -> int:
         """Threads a reconstruction may use, so that all workers together fill the machine once."""
-        return max(1, cores() // max(1, self.workers))
+        return max(1, cpu_count() // max(1, self.workers))
 
     def environment(self, *, keys: bool = True) -> dict[str, str]:
         """Variables from which a child process reads these same settings; without ``keys`` no :data:`SECRETS`."""

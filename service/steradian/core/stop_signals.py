@@ -6,11 +6,11 @@ import select
 import socket
 import threading
 
-STOPPED = 130
+EXIT_INTERRUPTED = 130
 """Exit code of a command that was stopped."""
 
 
-class StopEvent(threading.Event):
+class SignalSafeEvent(threading.Event):
     """Event that can be set by a signal handler without a deadlock.
 
     A plain event takes a lock: a handler that interrupts a wait as it begins, or another handler that sets the event,

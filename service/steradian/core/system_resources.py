@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 _MINE, _GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 
 
-def installed() -> int | None:
+def total_memory() -> int | None:
     """Bytes of memory that this process could have if it were alone; None where the system does not say.
 
     What the machine has, or the limit of a control group (container, batch system) where that is less.
@@ -20,17 +20,21 @@ def installed() -> int | None:
     return min(rooms) if rooms else None
 
 
-def available() -> int | None:
+def available_memory() -> int | None:
     """Bytes that this process may still take without swapping; None where the system does not say.
 
     The least of what the machine has to spare, what the control groups of this process are still allowed (containers,
     batch systems), and the limit of its address space (``ulimit -v``).
     """
-    rooms = [room for room in (_of_machine(), *room_of_groups(_MINE, _GROUPS), _of_address_space()) if room is not None]
+    rooms = [
+        room
+        for room in (_of_machine(), *cgroup_memory_headroom(_MINE, _GROUPS), _of_address_space())
+        if room is not None
+    ]
     return max(0, min(rooms)) if rooms else None
 
 
-def cores(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
+def cpu_count(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
     """Return the number of processors available to this process, at least one: CPU affinity and control groups."""
     try:
         found: float = len(os.sched_getaffinity(0))
@@ -45,7 +49,7 @@ def cores(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
     return max(1, int(found))
 
 
-def room_of_groups(mine: Path, groups: Path) -> Iterator[int]:
+def cgroup_memory_headroom(mine: Path, groups: Path) -> Iterator[int]:
     """Memory headroom of the control groups in the file ``mine`` and of their parents; version 2 or 1."""
     for limit, taken, statistics in _limits(mine, groups):
         if taken is not None:

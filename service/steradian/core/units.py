@@ -15,7 +15,7 @@ from steradian.core.exceptions import InvalidInput
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class QuantityRange:
     """Numbers from ``low`` (excluded where ``above``) to ``high``, in ``unit``."""
 
     low: float
@@ -42,21 +42,21 @@ class Range:
         InvalidInput
             If it is none, or out of range.
         """
-        number = real(field, value, str(self))
+        number = as_finite_float(field, value, str(self))
         if number not in self:
             raise InvalidInput(field, value, str(self))
         return number
 
 
-LENGTH = Range(0, 1, "m", above=True)
+LENGTH = QuantityRange(0, 1, "m", above=True)
 """Sides of apertures, distances between sensors, depths of points of interest."""
-SAMPLING_INTERVAL = Range(1e-10, 1e-5, "s")
-SOUND_SPEED = Range(300, 6000, "m/s")
-TIME_ZERO = Range(-5e-4, 5e-4, "s")
+SAMPLING_INTERVAL = QuantityRange(1e-10, 1e-5, "s")
+SOUND_SPEED = QuantityRange(300, 6000, "m/s")
+TIME_ZERO = QuantityRange(-5e-4, 5e-4, "s")
 """From the laser pulse to the first sample: sound from three quarters of a metre of water needs no longer."""
 
 
-def real(field: str, value: Any, allowed: str) -> float:
+def as_finite_float(field: str, value: Any, allowed: str) -> float:
     """Return ``value`` as a finite number.
 
     Raises

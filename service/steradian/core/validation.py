@@ -44,7 +44,7 @@ def _no_boolean(kind: Literal["int", "float"]) -> Callable[[object], object]:
 _CHECKS = {"int": _no_boolean("int"), "float": _no_boolean("float")}
 
 
-def _refuse_booleans(schema: Any) -> None:
+def _reject_booleans(schema: Any) -> None:
     """Put a check before each number in a schema that has none yet."""
     for key, part in list(schema.items() if isinstance(schema, dict) else enumerate(schema)):
         if key in {"metadata", "serialization"} or not isinstance(part, dict | list):
@@ -53,7 +53,7 @@ def _refuse_booleans(schema: Any) -> None:
         if kind in _CHECKS:
             schema[key] = core_schema.no_info_before_validator_function(_CHECKS[kind], part)  # type: ignore[arg-type]
         elif kind != "function-before" or part["function"]["function"] not in _CHECKS.values():  # type: ignore[call-overload]
-            _refuse_booleans(part)
+            _reject_booleans(part)
 
 
 _SECRETS = re.compile(r"(?<=://)[^/]*(?=@)|(?<=\?).*")
@@ -72,7 +72,7 @@ class Value(BaseModel):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Restrict numeric fields to numbers, without strings or booleans."""
         schema = handler(source)
-        _refuse_booleans(handler.resolve_ref_schema(schema))
+        _reject_booleans(handler.resolve_ref_schema(schema))
         return schema
 
     @classmethod
@@ -87,14 +87,14 @@ class Value(BaseModel):
         try:
             return cls(**fields)
         except ValidationError as error:
-            raise invalid_input(cls, error) from error
+            raise to_invalid_input(cls, error) from error
 
     def replace(self, **changes: Any) -> Self:
         """Return a validated copy with some fields changed (``model_copy`` would keep a stale identifier)."""
         return self.create(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
-def invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInput:
+def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInput:
     """Turn the first finding of a pydantic error into an ``InvalidInput`` that names field, value and range."""
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
@@ -104,10 +104,10 @@ def invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInpu
     if isinstance(cause, InvalidInput):
         return cause
     if first["type"] == "missing":
-        return InvalidInput(field, "missing", allowed_range(info) if info else "a value")
+        return InvalidInput(field, "missing", describe_range(info) if info else "a value")
     if first["type"] == "extra_forbidden":
         return InvalidInput(field, first["input"], f"no such field; known: {', '.join(model.model_fields)}")
-    said = allowed_range(info) if info is not None and len(path) == 1 else ""
+    said = describe_range(info) if info is not None and len(path) == 1 else ""
     value = first["input"]
     if info is not None and not info.repr:
         value = "…"
@@ -116,7 +116,7 @@ def invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInpu
     return InvalidInput(field, value, said or str(cause or first["msg"]))
 
 
-def allowed_range(info: FieldInfo) -> str:
+def describe_range(info: FieldInfo) -> str:
     """Say a field's limits in words, for example ``"> 0, at most 1 (m)"``; empty when it has none."""
     words = []
     for limit in info.metadata:
@@ -138,7 +138,7 @@ def allowed_range(info: FieldInfo) -> str:
     return ", ".join(words) + (f" ({unit})" if unit else "")
 
 
-def quantity(unit: str, description: str, **limits: Any) -> Any:
+def quantity_field(unit: str, description: str, **limits: Any) -> Any:
     """Declare a field with a unit, which errors and the HTTP schema then state."""
     return Field(description=f"{description} ({unit})", json_schema_extra={"unit": unit}, **limits)
 

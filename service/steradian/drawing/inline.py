@@ -18,7 +18,7 @@ WIDTH = 640
 """Of a picture in a notebook, in pixels."""
 
 
-def card(text: str, draw: Callable[[Path], object]) -> str:
+def html_card(text: str, draw: Callable[[Path], object]) -> str:
     """Return a piece of HTML with an object's line and its picture, which ``draw`` writes into a PNG."""
     with TemporaryDirectory(prefix="steradian-") as folder:
         path = Path(folder) / "picture.png"
@@ -28,14 +28,14 @@ def card(text: str, draw: Callable[[Path], object]) -> str:
     return f'<div><code>{line}</code><br><img alt="{line}" src="data:image/png;base64,{picture}"></div>'
 
 
-def plotted(text: str, plot: Callable[[Axes], object]) -> str:
+def html_plot(text: str, plot: Callable[[Axes], object]) -> str:
     """Return the same with a picture of one plot, drawn into the axes that ``plot`` is given."""
     figure = page(WIDTH, 0.8)
     plot(figure.add_subplot())
-    return card(text, lambda path: save(figure, path))
+    return html_card(text, lambda path: save(figure, path))
 
 
-def own_axes(axes: Axes | None) -> Axes:
+def resolve_axes(axes: Axes | None) -> Axes:
     """Return the plot to draw into: the one given, or that of a new figure."""
     if axes is not None:
         return axes

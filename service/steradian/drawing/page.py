@@ -8,9 +8,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing.style import BAR_SHARE, BAR_START, FONT, INK, LABEL, LEAST, PAPER, QUIET, TICK, TITLE
+from steradian.drawing.style import (
+    BACKGROUND,
+    BAR_SHARE,
+    BAR_START,
+    FONT,
+    FOREGROUND,
+    LABEL,
+    LEAST,
+    SECONDARY,
+    TICK,
+    TITLE,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,26 +43,28 @@ def page(width: int, shape: float, least: int = LEAST) -> Figure:
     inches = max(width, least) / RESOLUTION
     dpi = width / inches
     figure = Figure(figsize=(inches, shape * inches), dpi=dpi, layout="constrained")
-    figure.set_facecolor(PAPER)
+    figure.set_facecolor(BACKGROUND)
     FigureCanvasAgg(figure)
     layout: Any = figure.get_layout_engine()
     layout.set(w_pad=0.12, h_pad=0.12, wspace=0.03, hspace=0.03)
     return figure
 
 
-def name_page(figure: Figure, title: str) -> None:
+def set_title(figure: Figure, title: str) -> None:
     """Write the title of a page."""
-    figure.suptitle(title, fontsize=points(TITLE + 2), color=INK, fontfamily=FONT)
+    figure.suptitle(title, fontsize=points(TITLE + 2), color=FOREGROUND, fontfamily=FONT)
 
 
-def dress(axes: Axes, *, title: str = "", across: str = "", up: str = "", equal: bool = False) -> None:
+def style_axes(axes: Axes, *, title: str = "", across: str = "", up: str = "", equal: bool = False) -> None:
     """Give a plot its names and the style of all pictures."""
-    axes.set_title(title, y=1.0, fontsize=points(TITLE), color=INK, fontfamily=FONT)  # there, without looking for room
-    axes.set_xlabel(across, fontsize=points(LABEL), color=INK, fontfamily=FONT)
-    axes.set_ylabel(up, fontsize=points(LABEL), color=INK, fontfamily=FONT)
-    axes.tick_params(labelsize=points(TICK), labelcolor=INK, color=INK, labelfontfamily=FONT)
+    axes.set_title(
+        title, y=1.0, fontsize=points(TITLE), color=FOREGROUND, fontfamily=FONT
+    )  # there, without looking for room
+    axes.set_xlabel(across, fontsize=points(LABEL), color=FOREGROUND, fontfamily=FONT)
+    axes.set_ylabel(up, fontsize=points(LABEL), color=FOREGROUND, fontfamily=FONT)
+    axes.tick_params(labelsize=points(TICK), labelcolor=FOREGROUND, color=FOREGROUND, labelfontfamily=FONT)
     for side in axes.spines.values():
-        side.set(color=QUIET, linewidth=0.8)
+        side.set(color=SECONDARY, linewidth=0.8)
     if equal:
         axes.set_aspect("equal")
 
@@ -60,11 +73,11 @@ def colour_bar(axes: Axes, shown: Any, label: str) -> Any:
     """Put a bar of colours beside a plot, as high as the plot is."""
     place = axes.inset_axes((1 + BAR_START, 0.0, BAR_SHARE, 1.0))
     bar = axes.figure.colorbar(shown, cax=place)
-    dress(place, up=label)
+    style_axes(place, up=label)
     return bar
 
 
-def check_ending(path: Path, field: str = "file") -> None:
+def check_suffix(path: Path, field: str = "file") -> None:
     """Refuse a file whose name's ending is of no format that pages can be written in; none at all means PNG.
 
     Raises
@@ -87,9 +100,9 @@ def save(figure: Figure, path: Path) -> None:
     InvalidInput
         When it is of no format of pictures.
     """
-    check_ending(path)
+    check_suffix(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with draft(path) as file:
+    with atomic_write(path) as file:
         figure.savefig(file, format=path.suffix.lstrip(".") or "png")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from steradian.drawing.style import GAP, INK, LABEL, PAPER, TICK, font
+from steradian.drawing.style import BACKGROUND, FOREGROUND, GAP, LABEL, TICK, font
 from steradian.drawing.ticks import Axis, NamedRows
 
 Box = tuple[float, float, float, float]
@@ -18,7 +18,7 @@ MARK = 5
 
 
 @dataclass(frozen=True)
-class Bar:
+class ColourBar:
     """Colour bar (256, 3), first colour at the axis' first value; ``beyond``: values continue above its top."""
 
     colours: NDArray[np.uint8]
@@ -27,7 +27,7 @@ class Bar:
 
 
 @dataclass
-class Pen:
+class Canvas:
     """Draws on a sheet of some width and height, and notes each label with its box."""
 
     width: int
@@ -35,7 +35,7 @@ class Pen:
     labels: list[tuple[str, Box]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.image = Image.new("RGB", (self.width, self.height), PAPER)
+        self.image = Image.new("RGB", (self.width, self.height), BACKGROUND)
         self.strokes = ImageDraw.Draw(self.image)
 
     def write(
@@ -48,11 +48,11 @@ class Pen:
         self.labels.append((text, box))
         return box
 
-    def write_upward(self, x: float, middle: float, text: str) -> None:
+    def write_vertical(self, x: float, middle: float, text: str) -> None:
         """Write a label from bottom to top, its left edge at ``x``."""
         width, height = round(font(LABEL).getlength(text)) + 2, line_height(LABEL)
-        label = Image.new("RGB", (width, height), PAPER)
-        ImageDraw.Draw(label).text((1, 0), text, INK, font(LABEL), anchor="la")
+        label = Image.new("RGB", (width, height), BACKGROUND)
+        ImageDraw.Draw(label).text((1, 0), text, FOREGROUND, font(LABEL), anchor="la")
         top = min(max(0, round(middle - width / 2)), self.height - width)
         self.image.paste(label.transpose(Image.Transpose.ROTATE_90), (round(x), top))
         self.labels.append((text, (round(x), top, round(x) + height, top + width)))
@@ -62,18 +62,20 @@ class Pen:
         bottom, tips = top + height, [left - MARK - GAP]
         for place, text in across.marks(width):
             x = left + place
-            self.strokes.line((x, bottom, x, bottom + MARK), INK)
-            self.write(x, bottom + MARK + GAP // 2, text, TICK, INK, "ma")
+            self.strokes.line((x, bottom, x, bottom + MARK), FOREGROUND)
+            self.write(x, bottom + MARK + GAP // 2, text, TICK, FOREGROUND, "ma")
         for place, text in up.marks(height, TICK):
             y = top + place
-            self.strokes.line((left - MARK, y, left, y), INK)
-            tips.append(round(self.write(left - MARK - GAP // 2, y, text, TICK, INK, "rm")[0]))
+            self.strokes.line((left - MARK, y, left, y), FOREGROUND)
+            tips.append(round(self.write(left - MARK - GAP // 2, y, text, TICK, FOREGROUND, "rm")[0]))
         below = bottom + MARK + GAP + line_height(TICK)
-        self.write(left + width / 2, below, across.name, LABEL, INK, "ma")
+        self.write(left + width / 2, below, across.name, LABEL, FOREGROUND, "ma")
         if up.name:
-            self.write_upward(min(tips) - GAP - line_height(LABEL), top + height / 2, up.name)
+            self.write_vertical(min(tips) - GAP - line_height(LABEL), top + height / 2, up.name)
 
-    def put_bar(self, bar: Bar, left: int, top: int, width: int, height: int, right: int, label: list[str]) -> None:
+    def draw_colour_bar(
+        self, bar: ColourBar, left: int, top: int, width: int, height: int, right: int, label: list[str]
+    ) -> None:
         """Draw a bar of colours with its marks; the lines of its label end before ``right``."""
         ramp = np.repeat(bar.colours[:, None], width, axis=1)
         self.image.paste(Image.fromarray(ramp).resize((width, height), Image.Resampling.BOX), (left, top))
@@ -83,19 +85,19 @@ class Pen:
         edge = left + width
         for place, text in bar.axis.marks(height, TICK):
             y = top + place
-            self.strokes.line((edge, y, edge + MARK, y), INK)
-            self.write(edge + MARK + GAP // 2, y, text, TICK, INK, "lm")
+            self.strokes.line((edge, y, edge + MARK, y), FOREGROUND)
+            self.write(edge + MARK + GAP // 2, y, text, TICK, FOREGROUND, "lm")
         for number, text in enumerate(reversed(label)):
-            self.write_upward(right - 2 * GAP - (number + 1) * line_height(LABEL), top + height / 2, text)
+            self.write_vertical(right - 2 * GAP - (number + 1) * line_height(LABEL), top + height / 2, text)
 
 
-def room_before(up: Axis | NamedRows, height: int) -> int:
+def left_margin(up: Axis | NamedRows, height: int) -> int:
     """Width in pixels of the ticks and label of a vertical axis."""
     name = line_height(LABEL) + GAP if up.name else 0
     return round(2 * GAP + name + _widest(up, height) + GAP + MARK)
 
 
-def room_behind(axis: Axis, height: int, lines: int) -> int:
+def right_margin(axis: Axis, height: int, lines: int) -> int:
     """Pixels that the marks of a bar of colours and its label of some lines need to its right."""
     return round(MARK + GAP + _widest(axis, height) + GAP + lines * line_height(LABEL) + 2 * GAP)
 

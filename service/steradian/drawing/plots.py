@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.drawing.style import ACCENT, INK, PLAIN
+from steradian.drawing.style import ACCENT, FOREGROUND, PLAIN
 from steradian.drawing.ticks import Axis, NamedRows
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Colours:
 
 
 @dataclass(frozen=True)
-class Field:
+class Heatmap:
     """Heat map of values (rows, columns), first row at the top; ``smooth``: interpolated."""
 
     values: Floats
@@ -46,7 +46,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Dots:
+class Scatter:
     """Discs at places (n, 2), coloured by values (n,)."""
 
     places: Floats
@@ -56,7 +56,7 @@ class Dots:
 
 
 @dataclass(frozen=True)
-class Way:
+class ColouredPath:
     """Straight pieces between places (n, 2), coloured by values (n - 1,)."""
 
     places: Floats
@@ -75,27 +75,27 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Upright:
+class VerticalLine:
     """A dotted line from bottom to top."""
 
     x: float
-    colour: str = INK
+    colour: str = FOREGROUND
 
 
 @dataclass(frozen=True)
-class Sign:
+class Marker:
     """A sign of some size at a place."""
 
     x: float
     y: float
     shape: Shape
     size: float
-    colour: str = INK
+    colour: str = FOREGROUND
     width: float = 2.5
 
 
 @dataclass(frozen=True)
-class Steps:
+class Histogram:
     """Histogram: counts (n,) between edges (n + 1,)."""
 
     edges: Floats
@@ -113,7 +113,7 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Remark:
+class Annotation:
     """A text whose middle lies at a place; of a colour, with another one around it so that it shows on any ground."""
 
     x: float
@@ -123,7 +123,7 @@ class Remark:
     around: str
 
 
-Part: TypeAlias = Field | Dots | Way | Curve | Upright | Sign | Steps | Bars | Remark
+Part: TypeAlias = Heatmap | Scatter | ColouredPath | Curve | VerticalLine | Marker | Histogram | Bars | Annotation
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Plot:
     @property
     def colours(self) -> Colours | None:
         """Colour scale shown by the plot's colour bar."""
-        return next((part.colours for part in self.parts if isinstance(part, Field | Dots | Way)), None)
+        return next((part.colours for part in self.parts if isinstance(part, Heatmap | Scatter | ColouredPath)), None)
 
 
 @dataclass(frozen=True)
@@ -158,13 +158,13 @@ class Page:
         return [plot for column in self.columns for plot in column]
 
 
-def cross(x: float, y: float, around: str) -> tuple[Sign, Sign]:
+def poi_marker(x: float, y: float, around: str) -> tuple[Marker, Marker]:
     """Return the sign of a point of interest, which shows on any ground."""
-    return Sign(x, y, "+", 22, around, 5), Sign(x, y, "+", 20, ACCENT)
+    return Marker(x, y, "+", 22, around, 5), Marker(x, y, "+", 20, ACCENT)
 
 
-def histogram(values: Floats, bins: int, margin: float) -> Steps:
+def histogram(values: Floats, bins: int, margin: float) -> Histogram:
     """Count values in ``bins`` equal steps from the least less the margin to the greatest with it."""
     low, high = float(values.min()) - margin, float(values.max()) + margin
     counts, edges = np.histogram(values, np.linspace(low, high, bins + 1))
-    return Steps(edges, counts.astype(float))
+    return Histogram(edges, counts.astype(float))

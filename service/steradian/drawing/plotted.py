@@ -9,10 +9,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from steradian.drawing import page as pages
-from steradian.drawing.page import colour_bar, dress, name_page, points
-from steradian.drawing.painting import paint
-from steradian.drawing.plots import Bars, Colours, Curve, Dots, Field, Page, Plot, Remark, Sign, Steps, Upright, Way
-from steradian.drawing.style import GAP, INK, TICK
+from steradian.drawing.page import colour_bar, points, set_title, style_axes
+from steradian.drawing.painting import render_page
+from steradian.drawing.plots import (
+    Annotation,
+    Bars,
+    ColouredPath,
+    Colours,
+    Curve,
+    Heatmap,
+    Histogram,
+    Marker,
+    Page,
+    Plot,
+    Scatter,
+    VerticalLine,
+)
+from steradian.drawing.style import FOREGROUND, GAP, TICK
 from steradian.drawing.ticks import Axis, LogAxis
 
 if TYPE_CHECKING:
@@ -29,24 +42,24 @@ def save(page: Page, path: Path) -> None:
         When it is of no format of pictures.
     """
     if path.suffix.lower() in ("", ".png"):
-        paint(page).save(path)
+        render_page(page).save(path)
     else:
-        pages.save(figure_of(page), path)
+        pages.save(to_figure(page), path)
 
 
-def figure_of(page: Page) -> Figure:
+def to_figure(page: Page) -> Figure:
     """Draw a page as a figure that is not saved."""
     figure = pages.page(page.width, page.shape)
     grid = figure.add_gridspec(1, len(page.columns), width_ratios=page.shares)
     for number, column in enumerate(page.columns):
         cells = grid[0, number].subgridspec(len(column), 1)
         for row, plot in enumerate(column):
-            show(plot, figure.add_subplot(cells[row, 0]))
-    name_page(figure, page.title)
+            draw_into_axes(plot, figure.add_subplot(cells[row, 0]))
+    set_title(figure, page.title)
     return figure
 
 
-def show(plot: Plot, axes: Axes) -> None:
+def draw_into_axes(plot: Plot, axes: Axes) -> None:
     """Draw a plot into axes."""
     if isinstance(plot.up, Axis):
         axes.set_yscale("log" if isinstance(plot.up, LogAxis) else "linear")
@@ -57,9 +70,9 @@ def show(plot: Plot, axes: Axes) -> None:
     axes.set_xlim(plot.across.first, plot.across.last)
     for part in plot.parts:
         drawn = _draw(part, axes)
-        if isinstance(part, Field | Dots | Way):
+        if isinstance(part, Heatmap | Scatter | ColouredPath):
             colour_bar(axes, drawn, part.colours.label)
-    dress(axes, title=plot.title, across=plot.across.name, up=plot.up.name, equal=plot.equal)
+    style_axes(axes, title=plot.title, across=plot.across.name, up=plot.up.name, equal=plot.equal)
 
 
 @singledispatch
@@ -67,22 +80,22 @@ def _draw(part: Any, axes: Axes) -> Any:
     raise TypeError(part)
 
 
-@_draw.register(Field)
-def _(part: Field, axes: Axes) -> Any:
+@_draw.register(Heatmap)
+def _(part: Heatmap, axes: Axes) -> Any:
     extent = (*axes.get_xlim(), *axes.get_ylim())
     how = "bilinear" if part.smooth else None
     return axes.imshow(part.values, extent=extent, aspect="auto", interpolation=how, **_mapped(part.colours))
 
 
-@_draw.register(Dots)
-def _(part: Dots, axes: Axes) -> Any:
+@_draw.register(Scatter)
+def _(part: Scatter, axes: Axes) -> Any:
     area = points(part.diameter) ** 2
     x, y = part.places.T
     return axes.scatter(x, y, c=part.values, s=area, linewidths=0, **_mapped(part.colours))
 
 
-@_draw.register(Way)
-def _(part: Way, axes: Axes) -> Any:
+@_draw.register(ColouredPath)
+def _(part: ColouredPath, axes: Axes) -> Any:
     from matplotlib.collections import LineCollection
 
     pieces = list(np.stack([part.places[:-1], part.places[1:]], axis=1))
@@ -96,30 +109,30 @@ def _(part: Curve, axes: Axes) -> None:
     axes.plot(*part.places.T, color=part.colour, linewidth=points(part.width))
 
 
-@_draw.register(Upright)
-def _(part: Upright, axes: Axes) -> None:
+@_draw.register(VerticalLine)
+def _(part: VerticalLine, axes: Axes) -> None:
     axes.axvline(part.x, color=part.colour, linestyle=":", linewidth=points(1.5))
 
 
-@_draw.register(Sign)
-def _(part: Sign, axes: Axes) -> None:
+@_draw.register(Marker)
+def _(part: Marker, axes: Axes) -> None:
     size, width = points(part.size), points(part.width)
     axes.plot(part.x, part.y, part.shape, color=part.colour, markersize=size, markeredgewidth=width)
 
 
-@_draw.register(Steps)
-def _(part: Steps, axes: Axes) -> None:
+@_draw.register(Histogram)
+def _(part: Histogram, axes: Axes) -> None:
     axes.stairs(part.counts, part.edges, fill=True, color=part.colour)
 
 
 @_draw.register(Bars)
 def _(part: Bars, axes: Axes) -> None:
     bars = axes.barh(range(len(part.values)), part.values, color=part.colours)
-    axes.bar_label(bars, part.texts, padding=points(GAP), fontsize=points(TICK), color=INK)
+    axes.bar_label(bars, part.texts, padding=points(GAP), fontsize=points(TICK), color=FOREGROUND)
 
 
-@_draw.register(Remark)
-def _(part: Remark, axes: Axes) -> None:
+@_draw.register(Annotation)
+def _(part: Annotation, axes: Axes) -> None:
     from matplotlib.patheffects import withStroke
 
     around = [withStroke(linewidth=points(2), foreground=part.around)]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from steradian.core.atomic_files import draft
-from steradian.drawing.pen import MARK, Bar, Box, Pen, line_height, room_before, room_behind, wrapped
-from steradian.drawing.style import GAP, INK, LABEL, PAPER, QUIET, TICK, TITLE, font
+from steradian.core.atomic_files import atomic_write
+from steradian.drawing.pen import MARK, Box, Canvas, ColourBar, left_margin, line_height, right_margin, wrapped
+from steradian.drawing.style import BACKGROUND, FOREGROUND, GAP, LABEL, SECONDARY, TICK, TITLE, font
 from steradian.drawing.ticks import Axis
 
 SHORT_SIDE = 160
@@ -26,7 +26,7 @@ ROUND_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Layout:
     """Drawn plot areas with their positions.
 
     Attributes
@@ -48,7 +48,7 @@ class Drawn:
 
 
 @dataclass
-class Sheet:
+class ImageFigure:
     """Figure of an image (height, width, 3) enlarged to ``width`` × ``height`` pixels, with axes and labels.
 
     Parameters
@@ -64,34 +64,34 @@ class Sheet:
     remark: str
     across: Axis
     up: Axis
-    bar: Bar
+    bar: ColourBar
     scale_bar: float | None = None
 
-    def save(self, path: Path) -> Drawn:
+    def save(self, path: Path) -> Layout:
         """Draw into a PNG, under a temporary name first."""
         drawn = self.draw()
-        with draft(path) as file:
+        with atomic_write(path) as file:
             # Pixels are enlarged to blocks: runs are most of what there is to find, in four fifths of the time.
             self._pen.image.save(file, format="png", compress_level=1, compress_type=zlib.Z_RLE)
         return drawn
 
-    def draw(self) -> Drawn:
+    def draw(self) -> Layout:
         """Lay out and draw."""
         room_x, room_y = max(self.width, SHORT_SIDE), max(self.height, SHORT_SIDE)
         # what is narrower than its room stands in its middle, and the left margin shrinks by what is free there
-        left = room_before(self.up, self.height) + (room_x - self.width) // 2
+        left = left_margin(self.up, self.height) + (room_x - self.width) // 2
         bar_left = left + self.width + 4 * GAP
         bar_height = max(round(0.8 * self.height), SHORT_SIDE)
         bar_label = wrapped(self.bar.axis.name, LABEL, max(room_y, bar_height))
-        right = bar_left + BAR_WIDTH + room_behind(self.bar.axis, bar_height, len(bar_label))
-        heading = [(text, TITLE, INK) for text in wrapped(self.title, TITLE, right - 4 * GAP)]
-        heading += [(text, TICK, QUIET) for text in wrapped(self.remark, TICK, right - 4 * GAP)]
+        right = bar_left + BAR_WIDTH + right_margin(self.bar.axis, bar_height, len(bar_label))
+        heading = [(text, TITLE, FOREGROUND) for text in wrapped(self.title, TITLE, right - 4 * GAP)]
+        heading += [(text, TICK, SECONDARY) for text in wrapped(self.remark, TICK, right - 4 * GAP)]
         widest = max(font(size).getlength(text) for text, size, _ in heading)
         start = min(left, max(2 * GAP, right - 2 * GAP - round(widest)))
         top = 2 * GAP + sum(line_height(size) for _, size, _ in heading) + 2 * GAP + (room_y - self.height) // 2
         foot = MARK + GAP + line_height(TICK) + line_height(LABEL) + 2 * GAP
         bottom = max(top + self.height + foot, top + (self.height + bar_height) // 2 + 2 * GAP)
-        self._pen = Pen(right, bottom)
+        self._pen = Canvas(right, bottom)
         y = 2.0 * GAP
         for text, size, colour in heading:
             self._pen.write(start, y, text, size, colour, "la")
@@ -99,12 +99,12 @@ class Sheet:
         self._put_image(left, top)
         self._pen.put_axes(left, top, self.width, self.height, self.across, self.up)
         bar_top = top + (self.height - bar_height) // 2
-        self._pen.put_bar(self.bar, bar_left, bar_top, BAR_WIDTH, bar_height, right, bar_label)
+        self._pen.draw_colour_bar(self.bar, bar_left, bar_top, BAR_WIDTH, bar_height, right, bar_label)
         if self.scale_bar != 0:
             self._put_scale_bar(left, top)
         frame = (left, top, left + self.width, top + self.height)
         highest = max(self.bar.axis.first, self.bar.axis.last)
-        return Drawn(self._pen.image.size, frame, tuple(self._pen.labels), highest)
+        return Layout(self._pen.image.size, frame, tuple(self._pen.labels), highest)
 
     def _put_image(self, left: int, top: int) -> None:
         """Put the image down: enlarged pixel by pixel, or averaged where there are more than fit."""
@@ -121,5 +121,5 @@ class Sheet:
         if wide + 2 * inset > self.width or line_height(LABEL) + thick + 3 * GAP > self.height:
             return
         x, y = left + inset + (wide - pixels) / 2, top + self.height - max(GAP, self.height // 25)
-        self._pen.strokes.rectangle((x, y - thick, x + pixels, y), PAPER, INK)
-        self._pen.write(x + pixels / 2, y - thick - GAP // 2, text, LABEL, PAPER, "md", around=INK)
+        self._pen.strokes.rectangle((x, y - thick, x + pixels, y), BACKGROUND, FOREGROUND)
+        self._pen.write(x + pixels / 2, y - thick - GAP // 2, text, LABEL, BACKGROUND, "md", around=FOREGROUND)

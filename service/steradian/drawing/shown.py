@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-class ShownValue(Value):
+class DisplayableValue(Value):
     """A mask or a plan: the same as another one when its identifier is, and known by a line and pictures."""
 
     if TYPE_CHECKING:
@@ -20,8 +20,12 @@ class ShownValue(Value):
         def id(self) -> str:
             """Identifier of the content."""
 
-        def _draw(self, axes: Axes) -> object: ...
-        def _draw_page(self, path: Path) -> object: ...
+        def draw(self, axes: Axes) -> object:
+            """Draw the value into axes."""
+
+        def draw_figure(self, path: Path) -> object:
+            """Draw the figure of the value into a file."""
+
         def _write(self, path: Path) -> object: ...
 
     def __str__(self) -> str:
@@ -34,9 +38,9 @@ class ShownValue(Value):
         return hash(self.id)
 
     def _repr_html_(self) -> str:
-        from steradian.drawing.inline import plotted
+        from steradian.drawing.inline import html_plot
 
-        return plotted(repr(self), self.plot)
+        return html_plot(repr(self), self.plot)
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Plot a mask's sensors, coloured by weight, or the scan path of a plan.
@@ -46,10 +50,10 @@ class ShownValue(Value):
         axes
             A matplotlib plot to draw into; None: a new one. :meth:`save` draws a whole page.
         """
-        from steradian.drawing.inline import own_axes
+        from steradian.drawing.inline import resolve_axes
 
-        axes = own_axes(axes)
-        self._draw(axes)
+        axes = resolve_axes(axes)
+        self.draw(axes)
         return axes
 
     def save(self, path: str | Path) -> None:
@@ -67,6 +71,6 @@ class ShownValue(Value):
 
         path = Path(path)
         if path.suffix.lower() in PICTURES:
-            self._draw_page(path)
+            self.draw_figure(path)
         else:
             self._write(path)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from PIL import ImageFont
 
-PAPER, INK, QUIET = "#ffffff", "#222222", "#6b6b6b"
+BACKGROUND, FOREGROUND, SECONDARY = "#ffffff", "#222222", "#6b6b6b"
 ACCENT, PLAIN = "#d1495b", "#30638e"
 """What stands out (points of interest, what limits) and what does not."""
 TITLE, LABEL, TICK = 15, 14, 12
@@ -81,6 +81,6 @@ def depth_colours() -> NDArray[np.uint8]:
     return np.array(255 * coded.T + 0.5, np.uint8)
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Write a number as axes do, with a true minus."""
     return f"{value:g}".replace("-", "−")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import ceil, floor, log10
 
-from steradian.drawing.style import GAP, TICK, font, number
+from steradian.drawing.style import GAP, TICK, font, format_number
 
 MOST = 8
 
@@ -34,7 +34,7 @@ class Axis:
     def marks(self, pixels: int, room: int | None = None) -> list[tuple[float, str]]:
         """Places in pixels and texts of the marks; as many as have room side by side, or of ``room`` pixels each."""
         for most in range(MOST, 0, -1):
-            found = sorted((self.share(value) * pixels, number(value)) for value in self.ticks(most))
+            found = sorted((self.share(value) * pixels, format_number(value)) for value in self.ticks(most))
             sizes = [room or font(TICK).getlength(text) for _, text in found]
             steps = zip(found, found[1:], sizes, sizes[1:], strict=False)
             if all(b[0] - a[0] >= (left + right) / 2 + GAP for a, b, left, right in steps):

@@ -4,26 +4,26 @@ Traces (M, N_t) and positions (M, 2) in; a :class:`Volume` indexed [x, y, z] out
 """
 
 from steradian.imaging._reconstruct import reconstruct
-from steradian.imaging.film_response import Correction, ElasticFilm, FilmResponse, MeasuredFilm
+from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter, MeasuredFilm
 from steradian.imaging.geometry.sensor_areas import voronoi_weights
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.reference import direct_spectrum, spectrum_of
 from steradian.imaging.signal.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.transforms.windows import Window, kaiser_bessel
-from steradian.imaging.volume import Axes, Volume
+from steradian.imaging.volume import Volume, VoxelAxes
 
 __all__ = [
-    "Axes",
     "Conditioning",
-    "Correction",
     "Display",
     "ElasticFilm",
     "FilmResponse",
+    "InverseFilter",
     "Iterative",
     "MeasuredFilm",
     "ReconstructionPlan",
     "Volume",
+    "VoxelAxes",
     "Window",
     "direct_spectrum",
     "kaiser_bessel",

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.imaging.engines.array_namespace import in_memory, on_gpu
-from steradian.imaging.film_response import Correction
+from steradian.core.progress import CancelCheck, Progress
+from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
+from steradian.imaging.film_response import InverseFilter
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.parameters import Device, Method, Parameters
 from steradian.imaging.plan import ReconstructionPlan
-from steradian.imaging.signal.bandwidth import upper_limit
+from steradian.imaging.signal.bandwidth import resolve_upper_frequency
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import Volume
@@ -45,7 +45,7 @@ def reconstruct(
     wrap: bool = False,
     highest_frequency: float | Literal["signal"] | None = None,
     depth_step: float | None = None,
-    correction: Correction | None = None,
+    correction: InverseFilter | None = None,
     iterative: Iterative | None = None,
     on_fit: Callable[[IterativeResult], None] | None = None,
     scale: float = 1.0,
@@ -55,7 +55,7 @@ def reconstruct(
     device: Device = "cpu",
     device_memory: int | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Volume:
     """Reconstruct initial pressure from A-lines recorded at points of a plane (3-D) or of a line (2-D).
 
@@ -80,7 +80,7 @@ def reconstruct(
         h_m in m² (m in 2-D), shape (M,): areas of the sensors' cells, whose sum is the *sensed* area (the disc that an
         equi-steradian mask covers, N·pitch along an axis of a grid), not the aperture's. With it the image has the
         object's amplitude as far as that area lets it be seen. None: the mask's, else, as for "voronoi", found from the
-        positions, see :func:`steradian.imaging.geometry.sensor_areas.sensed_outline` (0.6 s for fifty thousand
+        positions, see :func:`steradian.imaging.geometry.sensor_areas.sensed_region` (0.6 s for fifty thousand
         scattered sensors). Sensors at the same place are allowed, their contributions add up. None may be negative, and
         a sum that cannot be that of areas is refused.
     upsampling
@@ -161,10 +161,12 @@ def reconstruct(
         highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, iterative=iterative,
         dtype=dtype, memory_limit=memory_limit, threads=threads, device=device, device_memory=device_memory,
     )  # fmt: skip
-    return image_by(chosen, traces, positions, on_fit=on_fit, scale=scale, progress=progress, cancelled=cancelled)
+    return reconstruct_with(
+        chosen, traces, positions, on_fit=on_fit, scale=scale, progress=progress, cancelled=cancelled
+    )
 
 
-def image_by(
+def reconstruct_with(
     chosen: Parameters,
     traces: ArrayLike,
     positions: ArrayLike | Sensors,
@@ -172,23 +174,23 @@ def image_by(
     on_fit: Callable[[IterativeResult], None] | None = None,
     scale: float = 1.0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Volume:
     """Do the same with parameters that are one value; raises as :func:`reconstruct`."""
-    data: Any = traces if on_gpu(traces) else np.asarray(traces)
+    data: Any = traces if is_gpu_array(traces) else np.asarray(traces)
     if data.ndim != 2:
         raise InvalidInput("traces", f"an array of shape {tuple(data.shape)}", "shape (M, N_t): one row a sensor")
     if chosen.method == "iterative":
-        from steradian.imaging.iterative.solve import fit
+        from steradian.imaging.iterative.solve import solve
 
-        found = fit(data, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
+        found = solve(data, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
         if on_fit is not None:
             on_fit(found)
         return found.volume
     limit = chosen.highest_frequency
     if limit == "signal":
-        limit = upper_limit(limit, in_memory(data), chosen.sampling_interval)
-    plan = ReconstructionPlan.of(positions, data.shape[1], replace(chosen, highest_frequency=limit))
+        limit = resolve_upper_frequency(limit, to_numpy(data), chosen.sampling_interval)
+    plan = ReconstructionPlan.from_parameters(positions, data.shape[1], replace(chosen, highest_frequency=limit))
     volume = plan.run(data, scale=scale, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101
     return volume

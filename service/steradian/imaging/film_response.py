@@ -1,7 +1,7 @@
 """Film transfer function over frequency and angle, and its regularised inverse.
 
 In the spectrum of the A-lines over the film the angle is known: a lateral mode j at the frequency κ is a plane wave
-from sin θ = |j|/κ. So the response is one number at each (j, κ), which :class:`Correction` divides out with a bound on
+from sin θ = |j|/κ. So the response is one number at each (j, κ), which :class:`InverseFilter` divides out with a bound on
 the noise, and which the forward model of the iterative reconstruction holds as it is.
 
 Signs: S multiplies e^{+2πift}, as in ``numpy.fft.rfft``. θ is the angle to the film's normal in the coupling medium.
@@ -21,13 +21,13 @@ ComplexArray = NDArray[np.complex128]
 RealTable = NDArray[np.float64]
 
 MAX_GAIN = 10.0
-"""Amplification of a :class:`Correction`, if nothing else is asked for."""
+"""Amplification of a :class:`InverseFilter`, if nothing else is asked for."""
 
 
 class FilmResponse(Protocol):
     """Anything that knows its response."""
 
-    def at(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
+    def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
         """S, shape (F, S), at frequencies (F,) in Hz and sines (S,) of the angle; speed of sound outside in m/s."""
 
 
@@ -71,8 +71,8 @@ class ElasticFilm:
                     name, pair, "longitudinal and shear speed in m/s, the latter below 0.866 of the former"
                 )
 
-    def at(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.at`."""
+    def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
+        """As :meth:`FilmResponse.evaluate`."""
         frequencies, sines = np.asarray(frequencies, np.float64), np.asarray(sines, np.float64)
         still = frequencies.max(initial=1.0) * 1e-6
         omega = 2 * np.pi * np.maximum(frequencies, still)[:, None]
@@ -172,8 +172,8 @@ class MeasuredFilm:
         if g.shape != (f.size, a.size) or not np.isfinite(g).all():
             raise InvalidInput("gains", f"an array of shape {g.shape}", f"finite numbers of shape ({f.size}, {a.size})")
 
-    def at(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.at`."""
+    def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
+        """As :meth:`FilmResponse.evaluate`."""
         gains = np.asarray(self.gains, np.complex128)
         angles = np.arcsin(np.clip(sines, 0.0, 1.0))
         across = np.stack([np.interp(angles, np.asarray(self.angles, np.float64), row) for row in gains])
@@ -182,7 +182,7 @@ class MeasuredFilm:
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
+class InverseFilter:
     """The regularised inverse of a response: conj(S)/(|S|² + ε), ε = 1/(4·max_gain²).
 
     No wave is amplified more than ``max_gain`` times, and so is no noise; what the film passes with |S| ≥ 1.5/max_gain
@@ -203,13 +203,13 @@ class Correction:
         if not (np.isfinite(self.max_gain) and self.max_gain >= 1):
             raise InvalidInput("max_gain", self.max_gain, "a factor from 1")
 
-    def at(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.at`, of the filter."""
-        s = self.response.at(frequencies, sines, sound_speed)
+    def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
+        """As :meth:`FilmResponse.evaluate`, of the filter."""
+        s = self.response.evaluate(frequencies, sines, sound_speed)
         return np.asarray(np.conj(s) / (np.abs(s) ** 2 + 0.25 / self.max_gain**2))
 
 
-def tabulated(
+def tabulate(
     response: FilmResponse | None, *, nyquist: float, bandwidth: float, sound_speed: float
 ) -> tuple[RealTable, RealTable]:
     """Table for the kernels, (2, F, S), amplitude and phase in turns; and rows a unit of κ, columns a unit of sine.
@@ -228,7 +228,7 @@ def tabulated(
     if response is None:
         return np.ones((2, 1, 1)), np.ones(2)
     frequencies, sines = np.linspace(0, nyquist, _FREQUENCIES), np.linspace(0, 1, _SINES)
-    values = response.at(frequencies, sines, sound_speed)
+    values = response.evaluate(frequencies, sines, sound_speed)
     if values.shape != (_FREQUENCIES, _SINES) or not np.isfinite(values).all():
         raise InvalidInput("response", f"values of shape {values.shape}", "a finite number at each frequency and angle")
     turns = np.unwrap(np.angle(values), axis=0) / (2 * np.pi)

@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.imaging.engines import Watch
+from steradian.core.progress import CancelCheck, Progress
+from steradian.imaging.engines import ProgressMonitor
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import Volume
 
 _NEIGHBOURS = 8
 """Sensors among which the area of a missing one is divided."""
-_MOST = 2.0
+MAX_WEIGHT_RATIO = 2.0
 """Most that a sensor stands for, in what it stood for if the plan were thinned out evenly."""
-_HARDLY = 0.05
+WEIGHT_CHANGE_THRESHOLD = 0.05
 """Relative change of a weight that is left for later."""
 
 
-class GrowingReconstruction:
+class IncrementalReconstruction:
     """The image of the sensors measured so far, for a plan whose A-lines arrive one after another.
 
     Weights fitted to the sensors so far: each stands for its own area h of the whole plan; the area of a missing one is
@@ -70,7 +70,7 @@ class GrowingReconstruction:
         self._sum: Any = None  # modes over time, of the plan's engine
 
     @property
-    def share(self) -> float:
+    def covered_fraction(self) -> float:
         """Σ h of the sensors so far over Σ h of all, the share of the aperture they stand for."""
         weights = self.plan.geometry.weights
         return float(weights[self.measured].sum() / weights.sum())
@@ -89,7 +89,7 @@ class GrowingReconstruction:
         traces: ArrayLike,
         *,
         progress: Progress | None = None,
-        cancelled: IsCancelled | None = None,
+        cancelled: CancelCheck | None = None,
     ) -> None:
         """Add the A-lines of some sensors to the sum.
 
@@ -117,11 +117,11 @@ class GrowingReconstruction:
         difference = self._wanted() - self._factors
         if self._neighbours is not None:
             self._traces[which] = data
-            least = 0.0 if self.measured.all() else _HARDLY * self._factors
+            least = 0.0 if self.measured.all() else WEIGHT_CHANGE_THRESHOLD * self._factors
             which = np.flatnonzero(np.abs(difference) > least)
             data = self._traces[which]
         data = data * difference[which, None].astype(data.dtype)
-        self._sum = self.plan.engine.lateral(data, Watch(progress, cancelled), sensors=which, onto=self._sum)
+        self._sum = self.plan.engine.lateral(data, ProgressMonitor(progress, cancelled), sensors=which, onto=self._sum)
         self._factors[which] += difference[which]
 
     def clear(self) -> None:
@@ -130,7 +130,7 @@ class GrowingReconstruction:
         self._factors[:] = 0
         self.measured[:] = False
 
-    def volume(self, *, progress: Progress | None = None, cancelled: IsCancelled | None = None) -> Volume:
+    def volume(self, *, progress: Progress | None = None, cancelled: CancelCheck | None = None) -> Volume:
         """Image of the sensors so far; the sum stays as it is.
 
         Returns
@@ -149,7 +149,7 @@ class GrowingReconstruction:
         part_of_sum = float((weights * self._factors).sum() / weights.sum())
         if part_of_sum == 0:
             raise InvalidInput("sensors", "none with a weight", "at least one A-line added before")
-        plan, watch = self.plan, Watch(progress, cancelled)
+        plan, watch = self.plan, ProgressMonitor(progress, cancelled)
         values = plan.engine.to_image(plan.engine.to_depth(self._sum, watch, kept=True), watch)
         values *= values.dtype.type(1.0 / part_of_sum)
         return Volume(values, plan.geometry.axes(), plan.geometry.spacing, plan.geometry.sound_speed)
@@ -168,7 +168,7 @@ class GrowingReconstruction:
             found[~self.measured] = 0.0
             measured = float(weights[self.measured].sum())
             if measured > 0:
-                np.minimum(found, max(1.0, _MOST * float(weights.sum()) / measured), out=found)
+                np.minimum(found, max(1.0, MAX_WEIGHT_RATIO * float(weights.sum()) / measured), out=found)
         return found
 
     def _checked(self, sensors: ArrayLike, traces: ArrayLike) -> tuple[NDArray[np.int64], NDArray[Any]]:
@@ -186,7 +186,7 @@ class GrowingReconstruction:
         data = data.astype(self.plan.dtype, copy=False)
         if not np.isfinite(data).all():
             raise InvalidInput("traces", "a sample that is not finite", "finite numbers")
-        return which, self.plan.decimated(data)
+        return which, self.plan.decimate(data)
 
 
 def _neighbours(positions: NDArray[np.float64]) -> NDArray[np.int64]:

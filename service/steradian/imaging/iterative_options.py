@@ -70,7 +70,7 @@ class Iterative:
         if not 0 <= self.change < 1:
             raise InvalidInput("change", self.change, "a share from 0, below 1")
 
-    def weight(self) -> float:
+    def lambda_(self) -> float:
         """λ in the units described under ``strength``."""
         if self.strength is not None:
             return float(self.strength)

@@ -8,7 +8,7 @@ with the lateral padding, L depth frequencies, and κ(j, l) = √(l² + Σ(L·Δ
 with the discrete Fourier transform f̂ of the volume, zero around it. It is the exact solution of the wave equation
 for the band-limited function through the voxels' values, periodic over X and, together with its mirror image at the
 film, over L·Δz. L is chosen such that no copy along the depth is heard within the record; the lateral padding does
-the same sideways (:func:`quiet_padding`). Lateral modes at the Nyquist frequency of an even N, and all κ beyond the
+the same sideways (:func:`artefact_free_padding`). Lateral modes at the Nyquist frequency of an even N, and all κ beyond the
 Nyquist frequency of time or beyond ``highest_frequency``, are left out. S is the film's response (:mod:`.response`),
 or 1.
 
@@ -27,33 +27,33 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import validation as checks
 from steradian.imaging.compute import memory_limit as memory
-from steradian.imaging.engines import Watch, image_of, traces_of
-from steradian.imaging.engines.array_namespace import in_memory, on_gpu
-from steradian.imaging.engines.chosen import AnyEngine, Chosen
+from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
+from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
+from steradian.imaging.engines.chosen import AnyEngine, EngineSelector
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import least_bytes
-from steradian.imaging.film_response import Correction, FilmResponse
+from steradian.imaging.engines.numba.room import min_bytes
+from steradian.imaging.film_response import FilmResponse, InverseFilter
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.geometry.reconstruction import Geometry, geometry
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, geometry
 from steradian.imaging.parameters import Device, Parameters
-from steradian.imaging.tables import Tables, model_tables
+from steradian.imaging.tables import TransformTables, forward_tables
 from steradian.imaging.transforms.sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import RealArray
 
 if TYPE_CHECKING:
-    _Base = LinearOperator[Any]
+    _LinearOperator = LinearOperator[Any]
 else:
-    _Base = LinearOperator
+    _LinearOperator = LinearOperator
 
-MOST_PADDING = 16.0
+MAX_PADDING = 16.0
 
 
-class ForwardOperator(_Base):
+class ForwardOperator(_LinearOperator):
     """A-lines of a volume as a linear operator, shape (M·N_t, voxels).
 
     ``operator @ volume.ravel()`` and ``operator.T @ traces.ravel()`` as for any
@@ -67,7 +67,7 @@ class ForwardOperator(_Base):
         As in :func:`steradian.imaging._reconstruct`; volumes have the shape of its image.
     lateral_padding
         Factor by which the aperture is extended sideways. None: as much as keeps the periodic copies of the volume out
-        of the record (:func:`quiet_padding`), about (aperture + c·duration)/aperture; transforms and memory grow by it
+        of the record (:func:`artefact_free_padding`), about (aperture + c·duration)/aperture; transforms and memory grow by it
         along each axis. With less, copies are heard: 1 is exact for a medium that repeats.
     response
         The film's response inside the model; None: an ideal sensor.
@@ -118,7 +118,7 @@ class ForwardOperator(_Base):
             sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
             depth_range=depth_range, tolerance=tolerance, window=window, time_zero=time_zero,
             lateral_padding=lateral_padding, wrap=wrap, highest_frequency=highest_frequency,
-            correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
+            correction=None if response is None else InverseFilter(response), dtype=dtype, memory_limit=memory_limit,
             threads=threads, device=device, device_memory=device_memory,
         )  # fmt: skip
         self.tables, self.chosen = _made(positions, samples, chosen)
@@ -129,7 +129,7 @@ class ForwardOperator(_Base):
         """Make an operator of parameters that are one value already, with the response that they correct for."""
         operator = object.__new__(cls)
         operator.tables, operator.chosen = _made(positions, samples, parameters)
-        _Base.__init__(operator, *_size(operator.tables))  # type: ignore[call-arg]
+        _LinearOperator.__init__(operator, *_size(operator.tables))  # type: ignore[call-arg]
         return operator
 
     @property
@@ -148,7 +148,7 @@ class ForwardOperator(_Base):
         return len(self.geometry.positions), self.geometry.samples
 
     @property
-    def geometry(self) -> Geometry:
+    def geometry(self) -> ReconstructionGeometry:
         """The checked geometry."""
         return self.tables.geometry
 
@@ -163,7 +163,7 @@ class ForwardOperator(_Base):
         return self.engine.room.memory_bytes
 
     def forward(
-        self, volume: ArrayLike, *, progress: Progress | None = None, cancelled: IsCancelled | None = None
+        self, volume: ArrayLike, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
     ) -> RealArray:
         """A-lines, shape (M, N_t), of initial pressure [x, y, z] ([x, z] in 2-D).
 
@@ -174,13 +174,13 @@ class ForwardOperator(_Base):
         Cancelled
             If ``cancelled`` said so.
         """
-        return self._product(traces_of, "volume", volume, self.volume_shape, Watch(progress, cancelled))
+        return self._product(run_forward, "volume", volume, self.volume_shape, ProgressMonitor(progress, cancelled))
 
     def backward(
-        self, traces: ArrayLike, *, progress: Progress | None = None, cancelled: IsCancelled | None = None
+        self, traces: ArrayLike, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
     ) -> RealArray:
         """Apply the adjoint to traces of shape (M, N_t) and return a volume; errors as for :meth:`forward`."""
-        return self._product(image_of, "traces", traces, self.trace_shape, Watch(progress, cancelled))
+        return self._product(run_inverse, "traces", traces, self.trace_shape, ProgressMonitor(progress, cancelled))
 
     def _matvec(self, x: NDArray[Any]) -> NDArray[Any]:
         return self.forward(np.asarray(x).reshape(self.volume_shape)).ravel()
@@ -189,35 +189,35 @@ class ForwardOperator(_Base):
         return self.backward(np.asarray(x).reshape(self.trace_shape)).ravel()
 
     def _product(
-        self, make: Callable[..., Any], name: str, values: Any, shape: tuple[int, ...], watch: Watch
+        self, make: Callable[..., Any], name: str, values: Any, shape: tuple[int, ...], watch: ProgressMonitor
     ) -> RealArray:
-        array = self.chosen.taken(name, values)
+        array = self.chosen.as_engine_array(name, values)
         if array.shape != shape:
             raise InvalidInput(name, f"an array of shape {array.shape}", f"shape {shape}")
 
         def work(engine: AnyEngine) -> Any:
             if isinstance(engine, NumbaEngine):
-                return make(engine, np.ascontiguousarray(in_memory(array), self.tables.dtype), watch)
+                return make(engine, np.ascontiguousarray(to_numpy(array), self.tables.dtype), watch)
             return make(engine, array, watch)
 
-        found: RealArray = self.chosen.run(work, keep=on_gpu(values))
+        found: RealArray = self.chosen.run_with_fallback(work, keep=is_gpu_array(values))
         return found
 
 
-def _size(tables: Tables) -> tuple[np.dtype[Any], tuple[int, int]]:
+def _size(tables: TransformTables) -> tuple[np.dtype[Any], tuple[int, int]]:
     g = tables.geometry
     return np.dtype(tables.dtype), (len(g.positions) * g.samples, int(np.prod(g.shape)))
 
 
-def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, Chosen]:
-    positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
-    positions = checks.places(positions)
+def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[TransformTables, EngineSelector]:
+    positions, _, aperture = checks.resolve_sensors(positions, None, chosen.aperture)
+    positions = checks.check_positions(positions)
     aperture = checks.apertures(aperture, positions.shape[1])
-    samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+    samples = checks.check_integer("samples", samples, 4, checks.MAX_SAMPLES)
     found = geometry(positions, samples, _for_model(chosen, positions, aperture, samples))
-    memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
-    tables = model_tables(found, chosen)
-    return tables, Chosen(tables, chosen)
+    memory.check_memory(min_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
+    tables = forward_tables(found, chosen)
+    return tables, EngineSelector(tables, chosen)
 
 
 def _for_model(
@@ -231,16 +231,16 @@ def _for_model(
     lateral = chosen.lateral_padding
     if lateral is None:
         duration = samples * chosen.sampling_interval + max(0.0, chosen.time_zero)
-        lateral = quiet_padding(
+        lateral = artefact_free_padding(
             positions, aperture=aperture, duration=duration, sound_speed=chosen.sound_speed, depth=depth_range[0]
         )
     deepest = int(np.floor(depth_range[1] / step + 1e-6)) + 1
     # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
     record = fast_size(deepest + samples + extent.ahead)
     padding = (record - extent.ahead) / samples
-    if padding > MOST_PADDING:
-        latest = (MOST_PADDING - 2) * samples * chosen.sampling_interval
-        allowed = f"at most about {latest:.3g} (s), {MOST_PADDING - 2:g} times the record's length, for a model"
+    if padding > MAX_PADDING:
+        latest = (MAX_PADDING - 2) * samples * chosen.sampling_interval
+        allowed = f"at most about {latest:.3g} (s), {MAX_PADDING - 2:g} times the record's length, for a model"
         raise InvalidInput("time_zero", chosen.time_zero, allowed)
     return replace(
         chosen,
@@ -253,7 +253,7 @@ def _for_model(
     )
 
 
-def quiet_padding(
+def artefact_free_padding(
     positions: ArrayLike, *, aperture: float | Sequence[float], duration: float, sound_speed: float, depth: float = 0.0
 ) -> float:
     """Lateral padding with which no sensor hears a periodic copy of the volume within the record.
@@ -282,7 +282,7 @@ def quiet_padding(
     heard = np.sqrt(max(0.0, (sound_speed * duration) ** 2 - depth**2))
     needed = (np.abs(x).max(axis=0) + sides / 2 + heard) / sides
     padding = float(max(1.0, needed.max()))
-    if padding > MOST_PADDING:
-        allowed = f"at most {MOST_PADDING:g}: a shorter record, a wider aperture or modes, or a padding of your own"
+    if padding > MAX_PADDING:
+        allowed = f"at most {MAX_PADDING:g}: a shorter record, a wider aperture or modes, or a padding of your own"
         raise InvalidInput("lateral_padding", f"{padding:.3g}, needed against periodic copies", allowed)
     return padding

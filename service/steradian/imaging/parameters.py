@@ -9,9 +9,9 @@ from typing import Any, Literal, TypeAlias, get_args
 from numpy.typing import ArrayLike, DTypeLike
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, real
+from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, as_finite_float
 from steradian.imaging import validation as checks
-from steradian.imaging.film_response import MAX_GAIN, Correction
+from steradian.imaging.film_response import MAX_GAIN, InverseFilter
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.transforms.windows import Shape, Window
 
@@ -52,7 +52,7 @@ class Parameters:
     wrap: bool = False
     highest_frequency: float | Literal["signal"] | None = None
     depth_step: float | None = None
-    correction: Correction | None = None
+    correction: InverseFilter | None = None
     iterative: Iterative | None = None
     dtype: DTypeLike | None = None
     memory_limit: int | None = None
@@ -61,7 +61,7 @@ class Parameters:
     device_memory: int | None = None
 
     def __post_init__(self) -> None:
-        for name, check in _CHECKS.items():
+        for name, check in FIELD_VALIDATORS.items():
             object.__setattr__(self, name, check(name, getattr(self, name)))
         checks.working_precision(self.dtype, self.tolerance)
         if self.method != "iterative":
@@ -83,14 +83,14 @@ class Parameters:
         return checks.working_precision(self.dtype, self.tolerance)
 
     @property
-    def most_threads(self) -> int:
+    def max_threads(self) -> int:
         """Threads to use at most."""
         return checks.thread_count(self.threads)
 
 
 def _one_of(names: tuple[str, ...], more: str = "") -> Callable[[str, Any], Any]:
     def check(field: str, value: Any) -> Any:
-        checks.choice(field, value, names, more)
+        checks.check_choice(field, value, names, more)
         return value
 
     return check
@@ -110,7 +110,7 @@ def _window(field: str, value: Any) -> Any:
 
 
 def _padding(field: str, value: Any) -> float:
-    return checks.within(field, value, 1, 16, "a factor")
+    return checks.check_range(field, value, 1, 16, "a factor")
 
 
 def _highest(field: str, value: Any) -> Any:
@@ -119,7 +119,7 @@ def _highest(field: str, value: Any) -> Any:
         if value not in ("signal", None):
             raise InvalidInput(field, value, allowed)
         return value
-    number = real(field, value, allowed)
+    number = as_finite_float(field, value, allowed)
     if number <= 0:
         raise InvalidInput(field, value, allowed)
     return number
@@ -127,20 +127,20 @@ def _highest(field: str, value: Any) -> Any:
 
 def _limit(field: str, value: Any) -> Any:
     if value is not None:
-        real(field, value, "bytes, or None")
+        as_finite_float(field, value, "bytes, or None")
     return value
 
 
-_CHECKS: dict[str, Callable[[str, Any], Any]] = {
+FIELD_VALIDATORS: dict[str, Callable[[str, Any], Any]] = {
     "method": _one_of(METHODS),
     "window": _window,
-    "correction": _instance(Correction, "a Correction"),
+    "correction": _instance(InverseFilter, "a Correction"),
     "iterative": _instance(Iterative, "steradian.imaging.Iterative(…)"),
-    "tolerance": lambda field, value: checks.within(field, value, 1e-12, 0.1, "a relative error"),
+    "tolerance": lambda field, value: checks.check_range(field, value, 1e-12, 0.1, "a relative error"),
     "threads": lambda field, value: value if value is None else checks.thread_count(value),
     "sampling_interval": SAMPLING_INTERVAL.check,
     "sound_speed": SOUND_SPEED.check,
-    "upsampling": lambda field, value: checks.whole(field, value, 1, 16),
+    "upsampling": lambda field, value: checks.check_integer(field, value, 1, 16),
     "time_zero": TIME_ZERO.check,
     "time_padding": _padding,
     "lateral_padding": lambda field, value: value if value is None else _padding(field, value),

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.core.units import real
+from steradian.core.progress import CancelCheck, Progress
+from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.compute import memory_limit as memory
-from steradian.imaging.engines import NOBODY, Watch, image_of
-from steradian.imaging.engines.array_namespace import in_memory, on_gpu
-from steradian.imaging.engines.chosen import AnyEngine, Chosen
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor, run_inverse
+from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
+from steradian.imaging.engines.chosen import AnyEngine, EngineSelector
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import least_bytes
-from steradian.imaging.film_response import Correction
-from steradian.imaging.geometry.reconstruction import Geometry, geometry
+from steradian.imaging.engines.numba.room import min_bytes
+from steradian.imaging.film_response import InverseFilter
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, geometry
 from steradian.imaging.parameters import Device, DirectMethod, Method, Parameters
-from steradian.imaging.tables import Tables, direct_tables
+from steradian.imaging.tables import TransformTables, inverse_tables
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import Volume
@@ -77,7 +77,7 @@ class ReconstructionPlan:
         wrap: bool = False,
         highest_frequency: float | None = None,
         depth_step: float | None = None,
-        correction: Correction | None = None,
+        correction: InverseFilter | None = None,
         dtype: DTypeLike | None = None,
         memory_limit: int | None = None,
         threads: int | None = None,
@@ -91,14 +91,14 @@ class ReconstructionPlan:
             highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, dtype=dtype,
             memory_limit=memory_limit, threads=threads, device=device, device_memory=device_memory,
         )  # fmt: skip
-        self.tables, self.chosen = _made(positions, samples, self.parameters)
+        self.tables, self.chosen = _build(positions, samples, self.parameters)
 
     @classmethod
-    def of(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
+    def from_parameters(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
         """Create a plan from parameters as one value."""
         plan = cls.__new__(cls)
         plan.parameters = parameters
-        plan.tables, plan.chosen = _made(positions, samples, parameters)
+        plan.tables, plan.chosen = _build(positions, samples, parameters)
         return plan
 
     @property
@@ -107,7 +107,7 @@ class ReconstructionPlan:
         return self.chosen.engine
 
     @property
-    def geometry(self) -> Geometry:
+    def geometry(self) -> ReconstructionGeometry:
         """The checked geometry."""
         return self.tables.geometry
 
@@ -142,7 +142,7 @@ class ReconstructionPlan:
         *,
         scale: float = 1.0,
         progress: Progress | None = None,
-        cancelled: IsCancelled | None = None,
+        cancelled: CancelCheck | None = None,
     ) -> Volume | list[Volume]:
         """Reconstruct one set of traces, or several with the same sensors.
 
@@ -169,7 +169,7 @@ class ReconstructionPlan:
             If ``cancelled`` said so.
         """
         g = self.geometry
-        data = self.chosen.taken("traces", traces)
+        data = self.chosen.as_engine_array("traces", traces)
         if data.dtype.kind not in "iuf":
             raise InvalidInput("traces", f"an array of {data.dtype}", "integers or floating numbers")
         sensors = len(g.positions)
@@ -178,16 +178,16 @@ class ReconstructionPlan:
             if data.ndim > 1 and data.shape[-1] == sensors != data.shape[-2]:
                 wanted = f"one row for each of the {sensors} sensors; this has a column for each: transpose it"
             raise InvalidInput("traces", f"an array of shape {data.shape}", wanted)
-        scale = real("scale", scale, "a finite factor")
+        scale = as_finite_float("scale", scale, "a finite factor")
         images = len(data) if data.ndim == 3 else 1
         needed = self.memory_bytes + max(0, images - 1) * self.engine.room.kept_bytes
-        memory.require(needed, self.parameters.memory_limit, g.shape, images)
-        watch = Watch(progress, cancelled)
+        memory.check_memory(needed, self.parameters.memory_limit, g.shape, images)
+        watch = ProgressMonitor(progress, cancelled)
         if data.ndim == 3:
-            return [self._one(frame, scale, watch, on_gpu(traces)) for frame in data]
-        return self._one(data, scale, watch, on_gpu(traces))
+            return [self._one(frame, scale, watch, is_gpu_array(traces)) for frame in data]
+        return self._one(data, scale, watch, is_gpu_array(traces))
 
-    def decimated(self, traces: NDArray[Any], watch: Watch = NOBODY) -> NDArray[Any]:
+    def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
         """Return A-lines (K, N_t) with the samples that the engine takes: fewer where ``highest_frequency`` allows.
 
         Raises
@@ -200,26 +200,26 @@ class ReconstructionPlan:
             return traces
         result = fewer.apply(traces, self.dtype, threads=self.threads, **watch._asdict())
         if not np.isfinite(result).all():
-            raise InvalidInput("traces", checks.first_bad(traces), "finite numbers")
+            raise InvalidInput("traces", checks.describe_non_finite(traces), "finite numbers")
         return result
 
-    def _one(self, data: Any, scale: float, watch: Watch, keep: bool) -> Volume:
+    def _one(self, data: Any, scale: float, watch: ProgressMonitor, keep: bool) -> Volume:
         def work(engine: AnyEngine) -> Any:
             if not isinstance(engine, NumbaEngine):  # it decimates by itself
-                return image_of(engine, data, watch, scale=scale)
-            traces = self.decimated(in_memory(data), watch)
+                return run_inverse(engine, data, watch, scale=scale)
+            traces = self.decimate(to_numpy(data), watch)
             if traces.dtype not in (np.float32, np.float64, np.int16, np.int32):
                 small = traces.dtype.kind in "iu" and traces.dtype.itemsize < 4
                 traces = traces.astype(np.int32 if small else np.float64)
-            return image_of(engine, traces, watch, scale=scale)
+            return run_inverse(engine, traces, watch, scale=scale)
 
         g = self.geometry
-        return Volume(self.chosen.run(work, keep=keep), g.axes(), g.spacing, g.sound_speed)
+        return Volume(self.chosen.run_with_fallback(work, keep=keep), g.axes(), g.spacing, g.sound_speed)
 
 
-def _made(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[Tables, Chosen]:
-    checks.choice("method", chosen.method, get_args(DirectMethod), "; iterative is for reconstruct()")
+def _build(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[TransformTables, EngineSelector]:
+    checks.check_choice("method", chosen.method, get_args(DirectMethod), "; iterative is for reconstruct()")
     found = geometry(positions, samples, chosen)
-    memory.require(least_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
-    tables = direct_tables(found, chosen)
-    return tables, Chosen(tables, chosen)
+    memory.check_memory(min_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
+    tables = inverse_tables(found, chosen)
+    return tables, EngineSelector(tables, chosen)

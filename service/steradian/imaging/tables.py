@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import real
+from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
-from steradian.imaging.film_response import FilmResponse, tabulated
-from steradian.imaging.geometry.reconstruction import Geometry
+from steradian.imaging.film_response import FilmResponse, tabulate
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.parameters import Method, Parameters, Precision
-from steradian.imaging.transforms.decimation import Decimation, decimation
-from steradian.imaging.transforms.depth import Interpolation, KappaRule, exact, simple
-from steradian.imaging.transforms.lateral import Lateral, filled, grid_of, gridded, non_uniform
+from steradian.imaging.transforms.decimation import Decimation, plan_decimation
+from steradian.imaging.transforms.depth import KappaMap, TimeInterpolation, nearest_or_linear, window_interpolation
+from steradian.imaging.transforms.lateral import LateralTransform, detect_grid, linearly_gridded, non_uniform, on_grid
 from steradian.imaging.transforms.sizes import lateral_grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tables:
+class TransformTables:
     """Precomputed tables of a geometry, used by engines (:mod:`steradian.imaging.engines`).
 
     Parameters
@@ -44,12 +44,12 @@ class Tables:
         What is done to A-lines first, if anything.
     """
 
-    geometry: Geometry
+    geometry: ReconstructionGeometry
     method: Method
     dtype: Precision
-    lateral: Lateral
-    time: Interpolation
-    rule: KappaRule
+    lateral: LateralTransform
+    time: TimeInterpolation
+    rule: KappaMap
     decimation: Decimation | None = None
 
     @property
@@ -64,7 +64,7 @@ class Tables:
         return nx * (up if nx > 1 else 1), ny * up
 
     @property
-    def shown(self) -> tuple[tuple[int, int], tuple[int, int]]:
+    def visible_region(self) -> tuple[tuple[int, int], tuple[int, int]]:
         """First point and number of points along x and y that the image shows of the padded one; (0, 1) in 2-D."""
         g = self.geometry
         skipped = [(p // 2 - n // 2) * g.upsampling for p, n in zip(g.padded_modes, g.modes, strict=True)]
@@ -72,7 +72,7 @@ class Tables:
         return (pairs[0], pairs[1]) if len(pairs) == 2 else ((0, 1), pairs[0])
 
 
-def direct_tables(geometry: Geometry, chosen: Parameters) -> Tables:
+def inverse_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> TransformTables:
     """Tables of the inversion (paper, equation 7).
 
     Raises
@@ -83,102 +83,102 @@ def direct_tables(geometry: Geometry, chosen: Parameters) -> Tables:
     method, tolerance, window = chosen.method, chosen.tolerance, chosen.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
-    grid = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry))
+    grid = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry))
     if method == "ner" and grid is None:
         raise InvalidInput("method", method, "nedner: the sensors are not on a grid that divides the aperture")
     if method == "interpolated":
         grid = grid or [(n, 0.0) for n in modes]
         cell = float(np.prod(geometry.period)) / (grid[0][0] * grid[1][0])
-        lateral = filled(places, cell / point, modes, grid)
+        lateral = linearly_gridded(places, cell / point, modes, grid)
     elif grid is not None:
-        lateral = gridded(places, geometry.weights / point, modes, grid)
+        lateral = on_grid(places, geometry.weights / point, modes, grid)
     else:
         sizes, found = lateral_grid(modes, len(places), window, share)
         lateral = non_uniform(places, geometry.weights / point, modes, found, sizes)
     if method in ("linear", "nearest"):
         fewer = None  # these interpolate between the frequencies of the record as it is
-        time = simple(geometry.samples, geometry.record, method == "nearest")
+        time = nearest_or_linear(geometry.samples, geometry.record, method == "nearest")
     else:
-        fewer = decimation(geometry.samples, geometry.band / geometry.record, 0.2 * tolerance)
+        fewer = plan_decimation(geometry.samples, geometry.band / geometry.record, 0.2 * tolerance)
         samples, record = geometry.samples, float(geometry.record)
         if fewer is not None:
             samples, record = fewer.samples, geometry.record / fewer.every
-        time = exact(samples, record, window, share, 0.05 * tolerance)
+        time = window_interpolation(samples, record, window, share, 0.05 * tolerance)
     used: Method = "ner" if method == "nedner" and grid is not None else method
-    rule = _rule(geometry, time, geometry.band, "rising", chosen.correction, fewer)
-    return Tables(geometry, used, chosen.precision, lateral, time, rule, fewer)
+    rule = _kappa_map(geometry, time, geometry.band, "rising", chosen.correction, fewer)
+    return TransformTables(geometry, used, chosen.precision, lateral, time, rule, fewer)
 
 
-def model_tables(geometry: Geometry, chosen: Parameters) -> Tables:
+def forward_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> TransformTables:
     """Tables of the wave equation's solution and its transpose (:mod:`steradian.imaging.operators`).
 
     Sensors' weights play no part, and the lateral spectrum is never one that repeats.
     """
     tolerance, window = chosen.tolerance, chosen.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
-    grid, ones = grid_of(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
+    grid, ones = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
     if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
-        lateral = gridded(places, ones, modes, [(n, 0.0) for n in modes])
+        lateral = on_grid(places, ones, modes, [(n, 0.0) for n in modes])
     else:
         sizes, found = lateral_grid(modes, len(places), window, share)
         lateral = non_uniform(places, ones, modes, found, sizes)
-    time = exact(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
+    time = window_interpolation(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
     band = 0.5 * geometry.record
     if chosen.highest_frequency is not None:
         allowed = 'a frequency above 0 Hz, or None; "signal" is for reconstruct()'
-        highest = real("highest_frequency", chosen.highest_frequency, allowed)
+        highest = as_finite_float("highest_frequency", chosen.highest_frequency, allowed)
         band = min(band, highest * geometry.sampling_interval * geometry.record)
-    rule = _rule(geometry, time, band, "both", chosen.correction and _Turned(chosen.correction.response))
-    return Tables(geometry, "nedner", chosen.precision, lateral, time, rule)
+    rule = _kappa_map(geometry, time, band, "both", chosen.correction and _Conjugated(chosen.correction.response))
+    return TransformTables(geometry, "nedner", chosen.precision, lateral, time, rule)
 
 
 @dataclass(frozen=True, slots=True)
-class _Turned:
+class _Conjugated:
     """The complex conjugate of a response, as its transpose has it."""
 
     response: FilmResponse
 
-    def at(
+    def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        return np.conj(self.response.at(frequencies, sines, sound_speed))
+        return np.conj(self.response.evaluate(frequencies, sines, sound_speed))
 
 
-def _rule(
-    g: Geometry,
-    time: Interpolation,
+def _kappa_map(
+    g: ReconstructionGeometry,
+    time: TimeInterpolation,
     band: float,
     waves: Literal["rising", "both"],
     response: FilmResponse | None,
     fewer: Decimation | None = None,
-) -> KappaRule:
-    table, steps = tabulated(
+) -> KappaMap:
+    table, steps = tabulate(
         response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
     )
     scales = [g.record * g.sound_speed * g.sampling_interval / X for X in g.period]
     first = g.time_zero / g.sampling_interval + (0.0 if fewer is None else fewer.first)
     turns = time.centre / time.record + first / g.record
-    return KappaRule((0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]), turns, band, waves, table, steps)
+    return KappaMap((0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]), turns, band, waves, table, steps)
 
 
-def _modes(g: Geometry) -> tuple[int, int]:
+def _modes(g: ReconstructionGeometry) -> tuple[int, int]:
     n: Sequence[int] = g.padded_modes
     return (1, n[0]) if len(n) == 1 else (n[0], n[1])
 
 
-def _places(g: Geometry) -> NDArray[np.float64]:
+def _places(g: ReconstructionGeometry) -> NDArray[np.float64]:
     """Places (M, 2) in periods; 0 along the axis that 2-D does not have."""
-    places = g.places()
+    places = g.normalised_positions()
     return places if places.shape[1] == 2 else np.concatenate([np.zeros_like(places), places], axis=1)
 
 
-def _rounding(g: Geometry) -> float:
+def _rounding(g: ReconstructionGeometry) -> float:
     """Find the rounding of positions, in periods, if all are float32 numbers: a grid stored so still is one."""
     if not np.array_equal(g.positions, g.positions.astype(np.float32)):
         return 0.0
     return checks.ROUNDING * float(np.max(np.abs(g.positions) / np.array(g.period)))
 
 
-def _share(g: Geometry, tolerance: float) -> float:
+def _share(g: ReconstructionGeometry, tolerance: float) -> float:
     """Error that each of the lateral axes and time may have."""
     return 0.4 * tolerance / sqrt(len(g.modes) + 1)

@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH, real
+from steradian.core.units import LENGTH, as_finite_float
 from steradian.imaging.compute import thread_pool as workers
 
 Floats: TypeAlias = NDArray[np.float64]
 
-SINGLE_FLOOR = 5e-6
+MIN_FLOAT32_TOLERANCE = 5e-6
 """Tolerance below which float32 does not suffice."""
 ROUNDING = 2.0**-23
 """Relative rounding of positions that once were float32; sensors that far beyond the aperture are on its edge."""
-SUMMABLE = {"float32": 80, "float64": 960}
+MAX_EXPONENT = {"float32": 80, "float64": 960}
 """Exponent of two from which sums of so large samples may overflow."""
-MOST_SAMPLES, MOST_THREADS = 1 << 24, 1024
-LEAST_APERTURE = 1e-6
+MAX_SAMPLES, MAX_THREADS = 1 << 24, 1024
+MIN_APERTURE = 1e-6
 """Metres: far below the wavelength of any sound that a film hears."""
-LEAST_AREA, MOST_AREA = 1e-7, 4.0
+MIN_AREA_RATIO, MAX_AREA_RATIO = 1e-7, 4.0
 """What weights may sum to, in areas of the aperture. Sensors may cover a small part of it, and the cells of a coarse
 grid reach beyond an aperture that ends at the outermost sensors; millimetres for metres are a factor of 1000 at
 least."""
@@ -47,7 +47,7 @@ class Sensors(Protocol):
         """Side length in metres."""
 
 
-def of_mask(
+def resolve_sensors(
     positions: ArrayLike | Sensors, weights: Any, aperture: float | Sequence[float] | None
 ) -> tuple[ArrayLike, Any, Any]:
     """Return positions, weights and aperture; missing arguments are taken from a mask."""
@@ -61,25 +61,25 @@ def of_mask(
     return positions, weights, aperture
 
 
-def whole(field: str, value: object, low: int, high: int | None = None) -> int:
+def check_integer(field: str, value: object, low: int, high: int | None = None) -> int:
     """Return a whole number from ``low`` (to ``high``), in an integer or a float."""
     allowed = f"a whole number from {low}" + ("" if high is None else f" to {high:,}")
-    number = real(field, value, allowed)
+    number = as_finite_float(field, value, allowed)
     if number != int(number) or number < low or (high is not None and number > high):
         raise InvalidInput(field, value, allowed)
     return int(number)
 
 
-def within(field: str, value: object, low: float, high: float, what: str) -> float:
+def check_range(field: str, value: object, low: float, high: float, what: str) -> float:
     """Return a number if it lies from ``low`` to ``high``; ``what`` is its name in the error."""
     allowed = f"{what} from {low:g} to {high:g}"
-    number = real(field, value, allowed)
+    number = as_finite_float(field, value, allowed)
     if not low <= number <= high:
         raise InvalidInput(field, value, allowed)
     return number
 
 
-def choice(field: str, value: object, allowed: Iterable[str], more: str = "") -> None:
+def check_choice(field: str, value: object, allowed: Iterable[str], more: str = "") -> None:
     """Refuse anything but one of the names."""
     names = tuple(allowed)
     if not (isinstance(value, str) and value in names):
@@ -101,7 +101,7 @@ def depths(depth_range: Any, end: float) -> tuple[float, float]:
     allowed = f"two depths in metres, rising, within 0 … {end:.6g}"
     if np.shape(depth_range) != (2,):
         raise InvalidInput("depth_range", depth_range, allowed)
-    low, high = (real("depth_range", depth, allowed) for depth in depth_range)
+    low, high = (as_finite_float("depth_range", depth, allowed) for depth in depth_range)
     if not -1e-9 * end <= low <= high <= end * (1 + 1e-9):
         raise InvalidInput("depth_range", depth_range, allowed)
     return low, high
@@ -110,15 +110,15 @@ def depths(depth_range: Any, end: float) -> tuple[float, float]:
 def apertures(value: object, axes: int) -> tuple[float, ...]:
     """Return the side lengths in metres."""
     sides = tuple(LENGTH.check("aperture", side) for side in per_axis("aperture", value, axes))
-    if min(sides) < LEAST_APERTURE:
-        raise InvalidInput("aperture", min(sides), f"{LEAST_APERTURE:g} to {LENGTH.high:g} m")
+    if min(sides) < MIN_APERTURE:
+        raise InvalidInput("aperture", min(sides), f"{MIN_APERTURE:g} to {LENGTH.high:g} m")
     return sides
 
 
 def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:
     """Return the working precision: the requested one, or the one that the tolerance requires."""
     if dtype is None:
-        return "float32" if tolerance >= SINGLE_FLOOR else "float64"
+        return "float32" if tolerance >= MIN_FLOAT32_TOLERANCE else "float64"
     try:
         name = np.dtype(dtype).name
     except TypeError:
@@ -127,19 +127,19 @@ def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["flo
         return "float64"
     if name != "float32":
         raise InvalidInput("dtype", dtype, "float32, float64 or None")
-    if tolerance < SINGLE_FLOOR:
-        raise InvalidInput("dtype", name, f"float64 or None for a tolerance below {SINGLE_FLOOR:g}")
+    if tolerance < MIN_FLOAT32_TOLERANCE:
+        raise InvalidInput("dtype", name, f"float64 or None for a tolerance below {MIN_FLOAT32_TOLERANCE:g}")
     return "float32"
 
 
 def thread_count(threads: object) -> int:
     """Return how many threads to use at most."""
-    return workers.available() if threads is None else whole("threads", threads, 1, MOST_THREADS)
+    return workers.available_threads() if threads is None else check_integer("threads", threads, 1, MAX_THREADS)
 
 
-def places(positions: ArrayLike) -> Floats:
+def check_positions(positions: ArrayLike) -> Floats:
     """Return positions (M, d−1) in metres, finite and no further from the middle than an aperture reaches."""
-    x = numbers("positions", positions, "shape (M, 2), or (M,) in 2-D, in metres; M ≥ 1")
+    x = as_float64("positions", positions, "shape (M, 2), or (M,) in 2-D, in metres; M ≥ 1")
     shape = x.shape
     x = x[:, None] if x.ndim == 1 else x
     if x.ndim != 2 or x.shape[1] not in (1, 2) or len(x) == 0:
@@ -154,7 +154,7 @@ def places(positions: ArrayLike) -> Floats:
     return x
 
 
-def areas(h: Floats, x: Floats, aperture: tuple[float, ...]) -> Floats:
+def check_weights(h: Floats, x: Floats, aperture: tuple[float, ...]) -> Floats:
     """Check weights (M,) of sensors (M, d−1): areas in m² (lengths in m), none negative, with a plausible sum."""
     count = len(x)
     unit = "m²" if len(aperture) == 2 else "m"
@@ -167,13 +167,14 @@ def areas(h: Floats, x: Floats, aperture: tuple[float, ...]) -> Floats:
         raise InvalidInput(f"weights[{int(h.argmin())}]", f"{h.min():.6g}", f"an area, at least 0 ({unit})")
     area, total = prod(aperture), float(h.sum())
     reached = prod(np.maximum(aperture, 2 * np.abs(x).max(axis=0)).tolist())  # more only where sensors wrap around
-    if not LEAST_AREA * area <= total <= MOST_AREA * reached:
-        allowed = f"areas in {unit} that sum to {LEAST_AREA:g} to {MOST_AREA:g} times the aperture's {area:.6g} {unit}"
+    if not MIN_AREA_RATIO * area <= total <= MAX_AREA_RATIO * reached:
+        ratios = f"{MIN_AREA_RATIO:g} to {MAX_AREA_RATIO:g}"
+        allowed = f"areas in {unit} that sum to {ratios} times the aperture's {area:.6g} {unit}"
         raise InvalidInput("weights", f"a sum of {total:.6g}", allowed)
     return h
 
 
-def numbers(field: str, values: ArrayLike, allowed: str) -> Floats:
+def as_float64(field: str, values: ArrayLike, allowed: str) -> Floats:
     """Return a new float64 array."""
     try:
         array = np.asarray(values)
@@ -184,7 +185,7 @@ def numbers(field: str, values: ArrayLike, allowed: str) -> Floats:
         raise InvalidInput(field, _kind(values), allowed) from None
 
 
-def first_bad(traces: NDArray[Any]) -> str:
+def describe_non_finite(traces: NDArray[Any]) -> str:
     """Return the reason why A-lines (M, N_t) cannot be reconstructed."""
     for m, row in enumerate(traces):
         bad = np.flatnonzero(~np.isfinite(row))

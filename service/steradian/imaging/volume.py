@@ -21,7 +21,7 @@ RealArray: TypeAlias = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Axes:
+class VoxelAxes:
     """Coordinates of the voxel centres in metres.
 
     Parameters
@@ -54,7 +54,7 @@ class Volume:
     """
 
     values: RealArray
-    axes: Axes
+    axes: VoxelAxes
     spacing: tuple[float, ...]
     sound_speed: float | None = None
 

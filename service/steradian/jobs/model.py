@@ -161,7 +161,7 @@ class Succeeded:
     """Success of a job's process; ``announce`` commits its results in the transaction that records the success."""
 
     result: dict[str, Any]
-    announce: Callable[[Session], object] | None = None
+    on_commit: Callable[[Session], object] | None = None
 
 
 @dataclass(frozen=True)
@@ -173,17 +173,17 @@ class Failed:
 
 
 @dataclass(frozen=True)
-class Died:
+class Crashed:
     """A job's process ended without a word: killed, out of memory, crashed."""
 
     message: str
 
 
 @dataclass(frozen=True)
-class Interrupted:
+class Requeued:
     """Failure of a job's environment, not of the job: it is requeued, and the attempt does not count."""
 
     message: str
 
 
-Outcome: TypeAlias = Succeeded | Failed | Died | Interrupted
+Outcome: TypeAlias = Succeeded | Failed | Crashed | Requeued

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from steradian.core.json_encoding import plain
+from steradian.core.json_encoding import to_jsonable
 from steradian.jobs import request_versions as forms
 from steradian.jobs import requests
 from steradian.jobs.tasks import handlers as tasks
-from steradian.jobs.tasks.context import Work
+from steradian.jobs.tasks.context import JobContext
 
-LIVE: Final = "live"
+LIVE_KIND: Final = "live"
 
 
 @dataclass(frozen=True)
-class JobKind:
+class JobType:
     """One kind.
 
     Attributes
@@ -34,39 +34,39 @@ class JobKind:
         on a job's time begins anew with each report of the stage.
     """
 
-    request: type[requests.Request]
-    work: Callable[[Work, Any], dict[str, Any]]
+    request: type[requests.JobRequestBase]
+    work: Callable[[JobContext, Any], dict[str, Any]]
     resource: Literal["reconstruction", "job"] = "job"
     follows: str | None = None
 
-    def run(self, work: Work, request: Mapping[str, Any]) -> dict[str, Any]:
+    def run(self, work: JobContext, request: Mapping[str, Any]) -> dict[str, Any]:
         """Check the request, do it and return plain JSON.
 
         Raises :class:`InvalidInput`, :class:`Conflict` for a request of a newer version, and what the work raises.
         """
-        report: dict[str, Any] = plain(self.work(work, self.request.create(**forms.today(request))))
+        report: dict[str, Any] = to_jsonable(self.work(work, self.request.create(**forms.today(request))))
         return report
 
 
-KINDS: Final[Mapping[str, JobKind]] = MappingProxyType(
+JOB_TYPES: Final[Mapping[str, JobType]] = MappingProxyType(
     {
-        "reconstruction": JobKind(requests.ReconstructionRequest, tasks.reconstruct, "reconstruction"),
-        LIVE: JobKind(requests.ReconstructionRequest, tasks.follow, "reconstruction", follows="A-lines"),
-        "what-if": JobKind(requests.ReconstructionRequest, tasks.look_through, "reconstruction"),
-        "sound-speed": JobKind(requests.SoundSpeedRequest, tasks.scan_speeds),
-        "quality": JobKind(requests.QualityRequest, tasks.compare_volumes),
-        "width": JobKind(requests.WidthRequest, tasks.measure_object),
-        "export": JobKind(requests.ExportRequest, tasks.export),
-        "import": JobKind(requests.ImportRequest, tasks.import_recording),
+        "reconstruction": JobType(requests.ReconstructionRequest, tasks.reconstruct, "reconstruction"),
+        LIVE_KIND: JobType(requests.ReconstructionRequest, tasks.reconstruct_live, "reconstruction", follows="A-lines"),
+        "what-if": JobType(requests.ReconstructionRequest, tasks.reconstruct_subset, "reconstruction"),
+        "sound-speed": JobType(requests.SoundSpeedRequest, tasks.scan_sound_speed),
+        "quality": JobType(requests.QualityRequest, tasks.compare_volumes),
+        "width": JobType(requests.WidthRequest, tasks.measure_object),
+        "export": JobType(requests.ExportRequest, tasks.export),
+        "import": JobType(requests.ImportRequest, tasks.import_recording),
     }
 )
 """Each kind by the name under which it is queued."""
 
 
-FOLLOWING: Final = tuple(name for name, kind in KINDS.items() if kind.follows)
+LIVE_KINDS: Final = tuple(name for name, kind in JOB_TYPES.items() if kind.follows)
 """Kinds that follow a scan."""
 
 
 def resource_of(kind: str) -> str:
     """Name the resource as which a job of a kind is known."""
-    return KINDS[kind].resource if kind in KINDS else "job"
+    return JOB_TYPES[kind].resource if kind in JOB_TYPES else "job"

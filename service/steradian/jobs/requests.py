@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH, SOUND_SPEED
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.jobs.request_versions import stored
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -72,7 +72,7 @@ class Required(Value):
     cores: int | None = Field(default=None, ge=1, le=4096, description="Threads that its jobs may use, at least")
 
 
-class Request(Value):
+class JobRequestBase(Value):
     """Fields common to all job requests: priority, limits and requirements."""
 
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
@@ -89,7 +89,7 @@ class Through(Value):
     )
 
 
-class OfFrames(Request):
+class OfFrames(JobRequestBase):
     """Choice of a scan's frames."""
 
     frame: int | None = Field(
@@ -97,7 +97,7 @@ class OfFrames(Request):
         ge=0,
         description="Which frame of a scan that has several; by default the first, with a note",
     )
-    wavelength: float | None = quantity(
+    wavelength: float | None = quantity_field(
         "m", "Of the excitation: its first frame, or with average the mean of its frames", default=None, gt=0, le=1e-5
     )
     average: bool = Field(
@@ -120,7 +120,7 @@ class ReconstructionRequest(OfFrames):
     follow: bool = Field(
         default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
     )
-    interval: float = quantity("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
+    interval: float = quantity_field("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
     through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
 
     @model_validator(mode="after")
@@ -142,16 +142,16 @@ class ReconstructionRequest(OfFrames):
         return "live" if self.follow else "reconstruction" if self.through is None else "what-if"
 
 
-class SoundSpeedRequest(Request):
+class SoundSpeedRequest(JobRequestBase):
     """Find the speed of sound at which a scan's image is sharpest."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["sound-speed"]]})
 
     kind: Literal["sound-speed"] = "sound-speed"
     scan_id: Identifier = Field(description="Identifier of the scan")
-    first: float = quantity("m/s", "Lowest speed tried", **SOUND_SPEED.limits)
-    last: float = quantity("m/s", "Highest speed tried", **SOUND_SPEED.limits)
-    steps: int = quantity("speeds", "How many are tried, evenly spaced", ge=3, le=200, default=21)
+    first: float = quantity_field("m/s", "Lowest speed tried", **SOUND_SPEED.limits)
+    last: float = quantity_field("m/s", "Highest speed tried", **SOUND_SPEED.limits)
+    steps: int = quantity_field("speeds", "How many are tried, evenly spaced", ge=3, le=200, default=21)
     parameters: ReconstructionParameters = ReconstructionParameters()
 
     @model_validator(mode="after")
@@ -161,7 +161,7 @@ class SoundSpeedRequest(Request):
         return self
 
 
-class QualityRequest(Request):
+class QualityRequest(JobRequestBase):
     """Compare a reconstruction with another one."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["quality"]]})
@@ -169,10 +169,10 @@ class QualityRequest(Request):
     kind: Literal["quality"] = "quality"
     reconstruction_id: Identifier = Field(description="Identifier of the reconstruction that is judged")
     reference_id: Identifier = Field(description="Identifier of the one it is compared with, of the same voxels")
-    diameter: float | None = quantity(
+    diameter: float | None = quantity_field(
         "m", "Of the disc around the axis that counts; none: everything", default=None, **LENGTH.limits
     )
-    threshold: float = quantity(
+    threshold: float = quantity_field(
         "share", "Of the reference's maximum, from which a voxel is of interest", ge=0, lt=1, default=0.04
     )
 
@@ -199,7 +199,7 @@ class WidthRequest(OfFrames):
         return self
 
 
-class ExportRequest(Request):
+class ExportRequest(JobRequestBase):
     """Write a reconstruction or scan for other programs."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["export"]]})
@@ -220,7 +220,7 @@ class ExportRequest(Request):
         return self
 
 
-class ImportRequest(Request):
+class ImportRequest(JobRequestBase):
     """Make a scan of an uploaded file."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["import"]]})
@@ -251,7 +251,7 @@ WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | WidthRequest | Exp
 """What may be asked for as a job of its own; reconstructions are resources of their own."""
 
 
-def job_of(
+def to_job_request(
     job_id: str,
     request: ReconstructionRequest | WorkRequest,
     *,

@@ -6,9 +6,9 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from steradian.masks.beams import beams_mask
+from steradian.masks.beams import multi_beam_mask
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
-from steradian.masks.counted import Counted, aimed, counted_mask, nearest_square
+from steradian.masks.counted import Counted, mask_by_count, nearest_square, with_point_of_interest
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
 from steradian.masks.files import read_mask
@@ -19,7 +19,7 @@ from steradian.masks.points import Points, custom_mask
 from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.snapping import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
-from steradian.masks.weights import Weighting, reweighted, voronoi_areas
+from steradian.masks.weights import Weighting, voronoi_areas, with_weights
 from steradian.masks.writing import write_mask
 
 Arrangement: TypeAlias = Annotated[
@@ -45,25 +45,25 @@ __all__ = [
     "ScannerGrid",
     "Subset",
     "Weighting",
-    "aimed",
-    "beams_mask",
     "combined_mask",
     "convenient_counts",
-    "counted_mask",
     "custom_mask",
     "equi_steradian_mask",
     "equiangular_mask",
     "grid_mask",
     "hexagonal_interval",
     "hexagonal_mask",
+    "mask_by_count",
+    "multi_beam_mask",
     "nearest_points",
     "nearest_square",
     "poisson_disc_mask",
     "poisson_spacing",
     "random_mask",
     "read_mask",
-    "reweighted",
     "subset_mask",
     "voronoi_areas",
+    "with_point_of_interest",
+    "with_weights",
     "write_mask",
 ]

@@ -8,20 +8,20 @@ from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 
-MOST_POINTS = 1_000_000
-COUNT = {"ge": 1, "le": MOST_POINTS}
+MAX_POINTS = 1_000_000
+COUNT_FIELD = {"ge": 1, "le": MAX_POINTS}
 """Limits of a number of points."""
-AIM = {"depth", "offset"}
+POINT_OF_INTEREST_FIELDS = {"depth", "offset"}
 """Fields that a mask keeps itself, beside its arrangement's parameters."""
 
 
-class Aimed(Value):
+class ArrangementBase(Value):
     """An arrangement whose points do not depend on the point of interest that its mask is judged for."""
 
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
-    depth: float | None = quantity(
+    aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
+    depth: float | None = quantity_field(
         "m", "Distance of the point of interest from the plane", default=None, **LENGTH.limits
     )
     offset: tuple[float, float] = Field(
@@ -37,7 +37,7 @@ class Aimed(Value):
 
     def _fields_of_mask(self) -> dict[str, Any]:
         """Point of interest and parameters, as a mask keeps them."""
-        arrangement = self.model_dump(mode="json", exclude=AIM, exclude_none=True)
+        arrangement = self.model_dump(mode="json", exclude=POINT_OF_INTEREST_FIELDS, exclude_none=True)
         return {"depth": self.depth, "offset": self.offset, "arrangement": arrangement}
 
 
@@ -47,18 +47,18 @@ def check_offset(offset: tuple[float, float], aperture: float) -> None:
         raise InvalidInput("offset", offset, f"over the aperture, ±{aperture / 2:g} (m) on each axis")
 
 
-def check_either(**given: object) -> None:
+def require_exactly_one(**given: object) -> None:
     """Refuse both or neither of two fields."""
     (first, one), (second, other) = given.items()
     if (one is None) == (other is None):
         raise InvalidInput(first, f"both or neither of {first} and {second}", "one of them")
 
 
-def along(aperture: float, spacing: float) -> float:
+def count_along_side(aperture: float, spacing: float) -> float:
     """Return how often a spacing fits into the aperture's side, limited to the maximum number of points."""
-    return min(aperture / spacing, float(MOST_POINTS))
+    return min(aperture / spacing, float(MAX_POINTS))
 
 
-def nearness(found: int, wanted: int) -> tuple[int, int]:
+def closeness_key(found: int, wanted: int) -> tuple[int, int]:
     """Order numbers of points: the nearest first, of two equally near the larger."""
     return abs(found - wanted), -found

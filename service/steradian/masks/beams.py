@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.imaging.geometry.voronoi import cell_areas
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 from steradian.masks.mask import Mask
-from steradian.masks.weights import outline_of
+from steradian.masks.weights import resolve_outline
 
 MOST_BEAMS = 64
 """Most interrogation beams of a scanner."""
@@ -30,10 +30,10 @@ NANOMETRE = 1e-9
 """Scanners are told places in whole nanometres."""
 SAMPLES = 32
 """Samples of the plane for each point, at which cells are taken; within the next limits in all."""
-FEWEST, MOST = 5_000, 200_000
+MIN_ITERATIONS, MAX_ITERATIONS = 5_000, 200_000
 ROUNDS = 400
 MOMENTUM = 0.8
-SHAKEN, STILL = 0.12, 0.8
+PERTURBATION, CONVERGENCE = 0.12, 0.8
 """Iterations; of each move what the next one keeps; by how many spacings of points places are shaken at first (standard
 deviation), which falls to nothing after that share of the iterations: settled at once, places stay far from even."""
 
@@ -78,7 +78,7 @@ def _read_csv(path: Path) -> tuple[tuple[float, float], ...]:
     return tuple((float(x), float(y)) for x, y in check_beams(places - places[:1]))
 
 
-def beams_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Mask:
+def multi_beam_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Mask:
     """Return the mask measured by a pattern of interrogation beams in place of another mask.
 
     Its points are those that beams really sense: point n is that of beam n mod B at place ⌊n / B⌋. Their density is
@@ -104,12 +104,12 @@ def beams_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Ma
     count = ceil(mask.count / len(pattern)) if places is None else places
     if not 1 <= count <= mask.count:
         raise InvalidInput("places", count, f"1 to {mask.count}")
-    outline = outline_of(mask)
+    outline = resolve_outline(mask)
     normals, limits = _within(outline, pattern, mask.aperture)
-    plane, weights = _wanted(mask, outline)
-    where = _settle(mask, pattern, count, normals, limits, plane, weights)
+    plane, weights = _target_density(mask, outline)
+    where = _relax(mask, pattern, count, normals, limits, plane, weights)
     positions = _points(where, pattern)
-    held = outlines.holds(outlines.widened(outline, NANOMETRE), positions).all()
+    held = outlines.contains(outlines.buffered_hull(outline, NANOMETRE), positions).all()
     if not held or np.abs(positions).max() > mask.aperture / 2:
         width, height = 1e3 * np.ptp(pattern, axis=0)
         wide, high = 1e3 * np.ptp(np.clip(outline, -mask.aperture / 2, mask.aperture / 2), axis=0)
@@ -121,7 +121,7 @@ def beams_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Ma
     off = _distance(mask.positions, positions)
     return mask.replace(
         positions=positions,
-        weights=cell_areas(positions, outline),
+        weights=voronoi_cell_areas(positions, outline),
         outline=outline,
         arrangement={
             "arrangement": "beams",
@@ -162,20 +162,20 @@ def _within(outline: Outline, pattern: Array, aperture: float) -> tuple[Array, A
     return normals, farthest - reach - NANOMETRE
 
 
-def _wanted(mask: Mask, outline: Outline) -> tuple[Array, Array]:
+def _target_density(mask: Mask, outline: Outline) -> tuple[Array, Array]:
     """Return samples of the plane (G, 2) within the outline, and the square of the mask's density there (G,)."""
     from scipy.spatial import KDTree
 
     low, high = outline.min(axis=0), outline.max(axis=0)
-    side = np.sqrt(np.prod(high - low) / np.clip(SAMPLES * mask.count, FEWEST, MOST))
+    side = np.sqrt(np.prod(high - low) / np.clip(SAMPLES * mask.count, MIN_ITERATIONS, MAX_ITERATIONS))
     axes = [np.arange(a + side / 2, b, side) for a, b in zip(low, high, strict=True)]
     plane = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    plane = plane[outlines.holds(outline, plane)]
-    cells = cell_areas(mask.positions, outline)
+    plane = plane[outlines.contains(outline, plane)]
+    cells = voronoi_cell_areas(mask.positions, outline)
     return plane, cells[KDTree(mask.positions).query(plane)[1]] ** -2.0
 
 
-def _settle(
+def _relax(
     mask: Mask, pattern: Array, count: int, normals: Array, limits: Array, plane: Array, weights: Array
 ) -> Array:
     """Return the places (S, 2) of the evenest cover met."""
@@ -183,10 +183,10 @@ def _settle(
 
     random = np.random.default_rng(0)
     drawn = random.choice(mask.count, count, replace=False)
-    where = _moved_in(mask.positions[drawn] - pattern.mean(axis=0), normals, limits)
+    where = _project_to_constraints(mask.positions[drawn] - pattern.mean(axis=0), normals, limits)
     spacing = np.sqrt(np.ptp(plane, axis=0).prod() / (count * len(pattern)))
     best, least, move = where, np.inf, np.zeros_like(where)
-    for shaking in SHAKEN * spacing * np.maximum(1 - np.arange(ROUNDS) / (STILL * ROUNDS), 0):
+    for shaking in PERTURBATION * spacing * np.maximum(1 - np.arange(ROUNDS) / (CONVERGENCE * ROUNDS), 0):
         points = _points(where, pattern)
         far, nearest = KDTree(points).query(plane, workers=-1)
         uneven = float((weights * far**2).sum())
@@ -197,11 +197,11 @@ def _settle(
         pull = (sums - mass[:, None] * points).reshape(count, -1, 2).sum(axis=1)
         pull /= np.maximum(mass.reshape(count, -1).sum(axis=1), np.finfo(float).tiny)[:, None]
         move = MOMENTUM * move + pull
-        where = _moved_in(where + move + shaking * random.normal(size=where.shape), normals, limits)
+        where = _project_to_constraints(where + move + shaking * random.normal(size=where.shape), normals, limits)
     return best
 
 
-def _moved_in(places: Array, normals: Array, limits: Array) -> Array:
+def _project_to_constraints(places: Array, normals: Array, limits: Array) -> Array:
     """Move places (S, 2) to where they satisfy all half-planes, the one that is broken most first."""
     for _ in range(64):
         beyond = places @ normals.T - limits

@@ -11,22 +11,24 @@ from pydantic import Field
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.equi_steradian import EquiSteradian, Pattern
+from steradian.masks.equi_steradian import EquiSteradian, EquiSteradianPattern
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, covering, weights_for
+from steradian.masks.weights import Weighting, expand_outline, weights_for
 
-CLOSEST = 0.6
+MIN_SPACING_RATIO = 0.6
 """Where two patterns meet, points closer than this part of the expected spacing are thinned."""
 
 
 class PointOfInterest(Value):
     """Point of interest of a mask, and the number of points for it."""
 
-    depth: float = quantity("m", "Distance r0 from the sensor plane", **LENGTH.limits)
-    count: int = quantity("points", "Points that an equi-steradian mask for it alone would have", ge=5, le=1_000_000)
+    depth: float = quantity_field("m", "Distance r0 from the sensor plane", **LENGTH.limits)
+    count: int = quantity_field(
+        "points", "Points that an equi-steradian mask for it alone would have", ge=5, le=1_000_000
+    )
     offset: tuple[float, float] = Field(default=(0.0, 0.0), description="x and y, centred on the aperture (m)")
 
 
@@ -37,7 +39,7 @@ class Combined(Value):
     """
 
     arrangement: Literal["combined"] = "combined"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
     points_of_interest: tuple[PointOfInterest, ...] = Field(
         min_length=1, max_length=64, description="1 to 64 points of interest"
     )
@@ -59,11 +61,13 @@ class Combined(Value):
         """
         wanted = [self._around(number) for number in range(len(self.points_of_interest))]
         patterns = [each.pattern() for each in wanted]
-        positions = _thinned(np.concatenate([_own_part(patterns, index) for index in range(len(patterns))]), patterns)
+        positions = _remove_close_points(
+            np.concatenate([_dominant_region(patterns, index) for index in range(len(patterns))]), patterns
+        )
         weights = _spacing(positions, patterns) ** 2
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
-        outline = covering(outlines.hull(np.concatenate([each.outline() for each in wanted])), positions)
+        outline = expand_outline(outlines.convex_hull(np.concatenate([each.outline() for each in wanted])), positions)
         first = self.points_of_interest[0]
         return Mask.create(
             aperture=self.aperture,
@@ -83,13 +87,13 @@ class Combined(Value):
             raise InvalidInput(f"points_of_interest.{number}.{error.field}", error.value, error.allowed) from error
 
 
-def _spacing(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:
+def _spacing(positions: NDArray[np.float64], patterns: Sequence[EquiSteradianPattern]) -> NDArray[np.float64]:
     """Return the expected distance between neighbours: that of the densest pattern at each place."""
     found: NDArray[np.float64] = np.min([pattern.spacing(positions) for pattern in patterns], axis=0)
     return found
 
 
-def _own_part(patterns: Sequence[Pattern], index: int) -> NDArray[np.float64]:
+def _dominant_region(patterns: Sequence[EquiSteradianPattern], index: int) -> NDArray[np.float64]:
     """Return the points of one pattern where it is the densest."""
     positions = patterns[index].positions
     spacings = [pattern.spacing(positions) for pattern in patterns]
@@ -97,13 +101,15 @@ def _own_part(patterns: Sequence[Pattern], index: int) -> NDArray[np.float64]:
     return own
 
 
-def _thinned(positions: NDArray[np.float64], patterns: Sequence[Pattern]) -> NDArray[np.float64]:
+def _remove_close_points(
+    positions: NDArray[np.float64], patterns: Sequence[EquiSteradianPattern]
+) -> NDArray[np.float64]:
     """Drop the later of any two points that are too close; within one pattern there are none."""
     from scipy.spatial import KDTree
 
     if len(patterns) == 1:
         return positions
-    spacing = CLOSEST * _spacing(positions, patterns)
+    spacing = MIN_SPACING_RATIO * _spacing(positions, patterns)
     pairs = KDTree(positions).query_pairs(float(spacing.max()), output_type="ndarray")
     apart = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
     kept = np.ones(len(positions), bool)

@@ -9,7 +9,7 @@ from math import floor, sqrt
 from typing import Literal, TypeAlias, get_args
 
 from steradian.core.exceptions import InvalidInput
-from steradian.masks.aim import MOST_POINTS, check_offset
+from steradian.masks.aim import MAX_POINTS, check_offset
 from steradian.masks.equi_steradian import equi_steradian_mask
 from steradian.masks.grid import grid_mask
 from steradian.masks.hexagonal import hexagonal_mask
@@ -20,7 +20,7 @@ Counted: TypeAlias = Literal["equi-steradian", "grid", "hexagonal", "poisson-dis
 """Arrangements of a plane that a number of points and perhaps a depth describe."""
 
 
-def counted_mask(
+def mask_by_count(
     arrangement: Counted,
     aperture: float,
     count: int,
@@ -55,8 +55,8 @@ def counted_mask(
     >>> [counted_mask(name, 13.56e-3, 2000, depth=3.6e-3).count for name in ("equi-steradian", "grid", "random")]
     [2053, 2025, 2000]
     """
-    if count < 1 or count > MOST_POINTS:
-        raise InvalidInput("count", count, f"1 to {MOST_POINTS} (points)")
+    if count < 1 or count > MAX_POINTS:
+        raise InvalidInput("count", count, f"1 to {MAX_POINTS} (points)")
     match arrangement:
         case "equi-steradian":
             if depth is None:
@@ -75,7 +75,7 @@ def counted_mask(
             raise InvalidInput("arrangement", arrangement, ", ".join(get_args(Counted)))
 
 
-def aimed(mask: Mask, depth: float, offset: tuple[float, float] = (0.0, 0.0)) -> Mask:
+def with_point_of_interest(mask: Mask, depth: float, offset: tuple[float, float] = (0.0, 0.0)) -> Mask:
     """Give a mask a point of interest, for which its promises are worked out; its points stay where they are.
 
     Raises

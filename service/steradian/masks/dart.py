@@ -7,16 +7,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
-exact = partial(compiled, fast=False)
+exact = partial(jit, fast=False)
 """Compile a loop that keeps to the order of sums, so that results are the same everywhere."""
 
 TRIES = 30
 """Darts thrown around a point before it is given up."""
 
 
-def throw_darts(spacing: float, seed: int) -> NDArray[np.float64]:
+def sample_poisson_disc(spacing: float, seed: int) -> NDArray[np.float64]:
     """Fill the unit square with points at least ``spacing`` apart.
 
     Returns
@@ -60,7 +60,7 @@ def _fill(spacing: float, seed: int) -> NDArray[np.float64]:
             angle = 2 * np.pi * _uniform(state)
             x = points[origin, 0] + distance * np.cos(angle)
             y = points[origin, 1] + distance * np.sin(angle)
-            if 0 <= x < 1 and 0 <= y < 1 and _is_free(x, y, spacing, cells, grid, points):
+            if 0 <= x < 1 and 0 <= y < 1 and _is_valid(x, y, spacing, cells, grid, points):
                 points[count, 0], points[count, 1] = x, y
                 grid[int(x * cells), int(y * cells)] = count
                 active[waiting] = count
@@ -73,7 +73,7 @@ def _fill(spacing: float, seed: int) -> NDArray[np.float64]:
 
 
 @exact
-def _is_free(
+def _is_valid(
     x: float, y: float, spacing: float, cells: int, grid: NDArray[np.int32], points: NDArray[np.float64]
 ) -> bool:
     column, row = int(x * cells), int(y * cells)

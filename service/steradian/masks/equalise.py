@@ -28,13 +28,13 @@ INNER = 36
 ROUNDS = 12
 RIM_SHARE = 0.4
 """Weight of the slice before the last, whose cells often reach beyond the rim."""
-STAY = 0.1
+DAMPING = 0.1
 """Cost of moving a slice by its distance from the one before, in units of the cells' variance."""
-ENOUGH = 0.02
+TOLERANCE = 0.02
 """Stop when a round betters the whole by less than this part."""
 DIRECTIONS = 96
 """Rays by which the outline of a cell is sampled; its area is then right to about 1e-4."""
-REACH = 2
+NEIGHBOUR_RADIUS = 2
 """A cell's neighbours lie at most so many slices away …"""
 WINDOW = 9
 """… and are among so many of the points nearest in azimuth."""
@@ -42,7 +42,7 @@ SAMPLES = 4
 """Cells of a slice that are looked at: its points differ a little in how they face the slices around."""
 
 
-def equalise(slices: Slices, rim: float) -> Slices:
+def equalise_solid_angles(slices: Slices, rim: float) -> Slices:
     """Move the slices until the cells within the rim cover equal solid angles.
 
     Parameters
@@ -55,12 +55,12 @@ def equalise(slices: Slices, rim: float) -> Slices:
     Notes
     -----
     Least squares by Levenberg and Marquardt over the polar angles. A slice moves only the cells of the slices within
-    :data:`REACH`, so every fifth column of the Jacobian comes from one evaluation.
+    :data:`NEIGHBOUR_RADIUS`, so every fifth column of the Jacobian comes from one evaluation.
     """
     counts = np.array(slices.counts)
-    angles = _up_to_the_rim(slices.counts, rim)
+    angles = _initial_slices(slices.counts, rim)
     free = min(len(counts) - 2, INNER)
-    cells = _Cells.around(slices, min(len(counts), free + 2 * REACH))
+    cells = _Cells.around(slices, min(len(counts), free + 2 * NEIGHBOUR_RADIUS))
     share = counts[: free + 1] * 1.0
     if free == len(counts) - 2:
         share[-1] *= RIM_SHARE
@@ -72,7 +72,7 @@ def equalise(slices: Slices, rim: float) -> Slices:
         return found
 
     start, gaps = angles, np.diff(angles)[:free]
-    stay = np.sqrt(STAY * share[1:])
+    stay = np.sqrt(DAMPING * share[1:])
 
     def cost(angles: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.concatenate([unevenness(angles), stay * (angles - start)[1 : free + 1] / gaps])
@@ -90,7 +90,7 @@ def equalise(slices: Slices, rim: float) -> Slices:
                 angles, now, damping = moved, after, damping / 5
                 break
             damping *= 5
-        if now @ now > (1 - ENOUGH) * before:
+        if now @ now > (1 - TOLERANCE) * before:
             break
     return replace(slices, angles=tuple(float(angle) for angle in angles))
 
@@ -103,14 +103,14 @@ def _jacobian(
 ) -> NDArray[np.float64]:
     """Return the derivatives (free + 1, free) of the cells' unevenness by the angles of slices 1 … free."""
     slope = np.zeros((free + 1, free))
-    for first in range(1, min(2 * REACH + 1, free) + 1):
-        moved = np.arange(first, free + 1, 2 * REACH + 1)
+    for first in range(1, min(2 * NEIGHBOUR_RADIUS + 1, free) + 1):
+        moved = np.arange(first, free + 1, 2 * NEIGHBOUR_RADIUS + 1)
         step = 1e-3 * np.diff(angles)[moved - 1]
         changed = angles.copy()
         changed[moved] += step
         change = unevenness(changed) - now
         for slice_, size in zip(moved, step, strict=True):
-            rows = slice(max(0, slice_ - REACH), slice_ + REACH + 1)
+            rows = slice(max(0, slice_ - NEIGHBOUR_RADIUS), slice_ + NEIGHBOUR_RADIUS + 1)
             slope[rows, slice_ - 1] = change[rows] / size
     return slope
 
@@ -129,7 +129,7 @@ def unit_angle(counts: Sequence[int], rim: float) -> float:
     return 2 * pi * (1 - cos(rim)) / (sum(counts) - OVERHANG * counts[-1])
 
 
-def _up_to_the_rim(counts: Sequence[int], rim: float) -> NDArray[np.float64]:
+def _initial_slices(counts: Sequence[int], rim: float) -> NDArray[np.float64]:
     """Cut equal units so that the last slice overhangs the rim; mid angles of the slices."""
     units = np.concatenate([[0], np.cumsum(counts)])
     border = np.arccos(np.maximum(1 - unit_angle(counts, rim) / (2 * pi) * units, -1.0))
@@ -159,18 +159,18 @@ class _Cells:
     @classmethod
     def around(cls, slices: Slices, size: int) -> _Cells:
         """Collect the neighbours of cells of the first ``size`` slices."""
-        width = 2 * REACH + 1
+        width = 2 * NEIGHBOUR_RADIUS + 1
         near = np.zeros((size, width, WINDOW), np.int64)
         turn = np.zeros((size, width, WINDOW, SAMPLES))
         known = np.zeros((size, width, WINDOW), bool)
         azimuths = slices.azimuths(size)
         for k, own in enumerate(azimuths):
             samples = own[np.arange(SAMPLES) % len(own)]
-            for step in range(max(-REACH, -k), min(REACH, size - 1 - k) + 1):
+            for step in range(max(-NEIGHBOUR_RADIUS, -k), min(NEIGHBOUR_RADIUS, size - 1 - k) + 1):
                 points = azimuths[k + step]
                 closest = np.rint((samples - points[0]) / (2 * pi) * len(points)).astype(int)
                 around = np.arange(min(WINDOW, len(points))) - WINDOW // 2
-                place = (k, step + REACH, slice(len(around)))
+                place = (k, step + NEIGHBOUR_RADIUS, slice(len(around)))
                 near[place], known[place] = k + step, True
                 turn[place] = points[(closest + around[:, None]) % len(points)] - samples
         flat = (size, width * WINDOW)

@@ -11,24 +11,24 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.core.units import LENGTH
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
 from steradian.masks.aim import check_offset
-from steradian.masks.equalise import equalise, unit_angle
+from steradian.masks.equalise import equalise_solid_angles, unit_angle
 from steradian.masks.mask import Mask
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, covering, weights_for
+from steradian.masks.weights import Weighting, expand_outline, weights_for
 
 
 class EquiSteradian(Value):
     """Parameters of an equi-steradian mask around a point of interest anywhere over the aperture."""
 
     arrangement: Literal["equi-steradian"] = "equi-steradian"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
-    depth: float = quantity("m", "Distance r0 of the point of interest from the sensor plane", **LENGTH.limits)
-    count: int = quantity(
+    aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
+    depth: float = quantity_field("m", "Distance r0 of the point of interest from the sensor plane", **LENGTH.limits)
+    count: int = quantity_field(
         "points", "Wanted number of points; the nearest is taken whose last slice ends on the rim", ge=5, le=1_000_000
     )
     offset: tuple[float, float] = Field(
@@ -59,7 +59,7 @@ class EquiSteradian(Value):
         positions, weights = pattern.positions, pattern.distances**3  # paper, section 4.2: h ∝ r³
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
-        outline = covering(self.outline(), positions)
+        outline = expand_outline(self.outline(), positions)
         return Mask.create(
             aperture=self.aperture,
             depth=self.depth,
@@ -70,7 +70,7 @@ class EquiSteradian(Value):
             arrangement=self.model_dump(mode="json") | {"slices": list(pattern.slices.counts)},
         )
 
-    def pattern(self) -> Pattern:
+    def pattern(self) -> EquiSteradianPattern:
         """Points before they are snapped: the convenient pattern whose number is nearest to ``count``."""
         above, below = self._at_least(), self._below()
         if below is not None and self.count - self._kept(below) < self._kept(above) - self.count:
@@ -94,9 +94,9 @@ class EquiSteradian(Value):
         """Outline of the sensed area: the disc around the foot of the point of interest, clipped to the aperture."""
         half = np.full(2, self.aperture / 2)
         disc = outlines.disc(self.offset, self.depth * tan(self._rim))
-        return outlines.common(disc, outlines.rectangle(-half, half))
+        return outlines.intersection(disc, outlines.rectangle(-half, half))
 
-    def counts_around(self) -> tuple[int | None, int]:
+    def neighbouring_counts(self) -> tuple[int | None, int]:
         """Numbers of points around ``count``: the largest below it, if there is one, and the next."""
         below = self._below()
         return None if below is None else self._kept(below), self._kept(self._at_least())
@@ -122,17 +122,17 @@ class EquiSteradian(Value):
     def _kept(self, slices: Slices) -> int:
         return self._pattern(slices).count if self._is_offset else slices.total
 
-    def _pattern(self, slices: Slices) -> Pattern:
-        positions = equalise(slices, self._rim).project(self.depth)
+    def _pattern(self, slices: Slices) -> EquiSteradianPattern:
+        positions = equalise_solid_angles(slices, self._rim).project(self.depth)
         unit = unit_angle(slices.counts, self._rim)
         if self._is_offset:
             positions = positions + np.asarray(self.offset)
             positions = positions[np.abs(positions).max(axis=1) <= self.aperture / 2]
-        return Pattern(positions, np.array([*self.offset, self.depth]), unit, slices)
+        return EquiSteradianPattern(positions, np.array([*self.offset, self.depth]), unit, slices)
 
 
 @dataclass(frozen=True)
-class Pattern:
+class EquiSteradianPattern:
     """Pattern of points of equal solid angle.
 
     Attributes
@@ -239,4 +239,4 @@ def convenient_counts(
     The second is ``count`` itself where that is convenient.
     """
     wanted = EquiSteradian.create(aperture=aperture, depth=depth, count=count, offset=offset)
-    return wanted.counts_around()
+    return wanted.neighbouring_counts()

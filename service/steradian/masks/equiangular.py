@@ -9,21 +9,21 @@ import numpy as np
 from pydantic import Field
 
 from steradian.core.units import LENGTH
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.aim import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.snapping import ScannerGrid
-from steradian.masks.weights import Weighting, covering, weights_for
+from steradian.masks.weights import Weighting, expand_outline, weights_for
 
 
 class Equiangular(Value):
     """Parameters of a line of sensors at equal angles seen from the point of interest."""
 
     arrangement: Literal["equiangular"] = "equiangular"
-    aperture: float = quantity("m", "Length X of the line", **LENGTH.limits)
-    depth: float = quantity("m", "Distance r0 of the point of interest from the line", **LENGTH.limits)
-    count: int = quantity("points", "Number of sensors", ge=2, le=1_000_000)
+    aperture: float = quantity_field("m", "Length X of the line", **LENGTH.limits)
+    depth: float = quantity_field("m", "Distance r0 of the point of interest from the line", **LENGTH.limits)
+    count: int = quantity_field("points", "Number of sensors", ge=2, le=1_000_000)
     offset: float = Field(default=0.0, description="x of the point of interest, centred on the line (m)")
     grid: ScannerGrid | None = Field(default=None, description="Places where the scanner can stop, if not anywhere")
     weighting: Weighting = "voronoi"
@@ -49,7 +49,7 @@ class Equiangular(Value):
         weights = (positions[:, 0] - self.offset) ** 2 + self.depth**2  # paper, section 4.2: h ∝ r²
         if self.grid is not None:
             positions, weights = self.grid.snap(positions, weights)
-        outline = covering(outlines.rectangle((-half,), (half,)), positions)
+        outline = expand_outline(outlines.rectangle((-half,), (half,)), positions)
         return Mask.create(
             aperture=self.aperture,
             depth=self.depth,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.core.validation import invalid_input
+from steradian.core.validation import to_invalid_input
 from steradian.masks.mask import Mask
 from steradian.masks.points import area_of_weights, custom_mask
 
@@ -63,7 +63,7 @@ def _read_json(path: Path) -> Mask:
     except ValidationError as error:
         if error.errors(include_url=False)[0]["type"] == "json_invalid":
             raise DamagedFile(f"{path} is not JSON: {error.errors()[0]['msg']}") from error
-        raise invalid_input(Mask, error) from error
+        raise to_invalid_input(Mask, error) from error
 
 
 def _read_csv(path: Path) -> Points:

@@ -8,21 +8,21 @@ import numpy as np
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import quantity
+from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.aim import Aimed
+from steradian.masks.aim import ArrangementBase
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 
 PER_AXIS = "Points on each axis; the mask has their square, which is what --count of the command line means"
 
 
-class Grid(Aimed):
+class Grid(ArrangementBase):
     """Parameters of a square grid of points."""
 
     arrangement: Literal["grid"] = "grid"
-    count: int = quantity("points", PER_AXIS, ge=1, le=4096)
-    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
+    count: int = quantity_field("points", PER_AXIS, ge=1, le=4096)
+    interval: float = quantity_field("m", "Distance between neighbours", **LENGTH.limits)
     centred: bool = False
     """Whether an even grid is symmetric to the centre too; else it lies on −n/2 … n/2−1 intervals, like FFT modes."""
     weighting: Weighting = "analytic"

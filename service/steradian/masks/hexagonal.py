@@ -12,10 +12,10 @@ from pydantic import model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import quantity
+from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.aim import COUNT, Aimed, along, check_either, nearness
+from steradian.masks.aim import COUNT_FIELD, ArrangementBase, closeness_key, count_along_side, require_exactly_one
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 
@@ -23,25 +23,25 @@ MOST_BUILT = 4096**2
 """Points, as many as the largest grid has."""
 
 
-class Hexagonal(Aimed):
+class Hexagonal(ArrangementBase):
     """Parameters of a lattice of equilateral triangles that fills the aperture, with a point at the centre."""
 
     arrangement: Literal["hexagonal"] = "hexagonal"
-    interval: float | None = quantity("m", "Distance between neighbours", default=None, **LENGTH.limits)
-    count: int | None = quantity(
-        "points", "Wanted number of points instead of the interval; the nearest is taken", default=None, **COUNT
+    interval: float | None = quantity_field("m", "Distance between neighbours", default=None, **LENGTH.limits)
+    count: int | None = quantity_field(
+        "points", "Wanted number of points instead of the interval; the nearest is taken", default=None, **COUNT_FIELD
     )
     weighting: Weighting = "analytic"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        check_either(count=self.count, interval=self.interval)
+        require_exactly_one(count=self.count, interval=self.interval)
         return self
 
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have."""
-        return self.count or round(along(self.aperture, self.lattice) ** 2 * 2 / sqrt(3)) + 1
+        return self.count or round(count_along_side(self.aperture, self.lattice) ** 2 * 2 / sqrt(3)) + 1
 
     @property
     def lattice(self) -> float:
@@ -133,7 +133,7 @@ def hexagonal_interval(aperture: float, count: int) -> float:
     changes = {aperture / n for n in columns} | {aperture / (n * sqrt(3)) for n in columns}
     places = sorted({value for value in changes if 0.5 * guess <= value} | {0.5 * guess, 3 * max(guess, aperture)})
     middles = [(low + high) / 2 for low, high in pairwise(places) if high > low * (1 + 1e-9)]
-    return min(middles, key=lambda interval: (*nearness(_lattice_count(aperture, interval), count), -interval))
+    return min(middles, key=lambda interval: (*closeness_key(_lattice_count(aperture, interval), count), -interval))
 
 
 def _lattice_count(aperture: float, interval: float) -> int:

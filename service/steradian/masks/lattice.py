@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.geometry.sensor_areas import find_lattice
+from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 
 USUAL = 60e-6, 0.5e-3
 """Pitches in m that suggest no voxel of their own: lattices of Fabry–Pérot scanners resolve more than their pitch, as
@@ -35,7 +35,7 @@ def lattice_modes(positions: NDArray[np.float64], aperture: float) -> int | None
         Of a lattice with two pitches by the smaller. At most two fifths of a lattice's places may be gaps. ``None`` for
         a usual pitch (``USUAL``), and where the aperture is no whole number of pitches of at least two.
     """
-    lattice = find_lattice(positions, filled=FILLED)
+    lattice = detect_sensor_grid(positions, filled=FILLED)
     if lattice is None:
         return None
     pitch = float(lattice.pitch.min())

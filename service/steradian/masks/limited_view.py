@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.weights import outline_of
+from steradian.masks.weights import resolve_outline
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask
@@ -76,7 +76,7 @@ def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: 
     cut = float(mask.offset[1]) if y is None else y
     x = (np.arange(pixels) + 0.5) / pixels * mask.aperture - mask.aperture / 2
     z = (np.arange(pixels) + 0.5) / pixels * deepest
-    outline = outline_of(mask)
+    outline = resolve_outline(mask)
     low, high = (float(outline[0, 0]), float(outline[1, 0])) if mask.is_line else _chord(outline, cut)
     left = np.arctan((x[:, None] - low) / z)
     right = np.arctan((high - x[:, None]) / z)
@@ -88,9 +88,9 @@ def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: 
     return LimitedView(x, z, cut, (low, high), left, right, share, np.repeat(within[:, None], pixels, axis=1))
 
 
-def visible_share(mask: Mask, point: tuple[float, float, float]) -> float:
+def visible_fraction(mask: Mask, point: tuple[float, float, float]) -> float:
     """Return the visible fraction of all orientations of an edge at ``point`` (x, y, z in metres), 0 to 1."""
-    outline = outline_of(mask)
+    outline = resolve_outline(mask)
     x, y, z = np.asarray(point, np.float64)
     if mask.is_line:
         low, high = outline[:, 0]

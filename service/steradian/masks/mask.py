@@ -12,10 +12,10 @@ from pydantic import Field, computed_field, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import FloatArray, content_hash, quantity
-from steradian.drawing.shown import ShownValue
+from steradian.core.validation import FloatArray, content_hash, quantity_field
+from steradian.drawing.shown import DisplayableValue
 from steradian.imaging.geometry import polygons as outlines
-from steradian.imaging.validation import MOST_AREA
+from steradian.imaging.validation import MAX_AREA_RATIO
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ AREA_TOLERANCE = 1e-9
 """Relative deviation of Σ weights from the outline's area that is still rounding."""
 
 
-class Mask(ShownValue):
+class Mask(DisplayableValue):
     """Sensor positions with weights; immutable and identified by its content.
 
     The plane is z = 0 and the aperture the square [−X/2, X/2]² around the origin; the object lies at z > 0. A line of
@@ -35,7 +35,7 @@ class Mask(ShownValue):
     outlines were kept, senses what its weights sum to; then that was the aperture's area whatever the points cover.
     """
 
-    aperture: float = quantity(
+    aperture: float = quantity_field(
         "m", "Side X of the square aperture, the lateral period of a reconstruction", **LENGTH.limits
     )
     positions: FloatArray = Field(
@@ -47,7 +47,7 @@ class Mask(ShownValue):
         description="(V, 2) corners of the convex polygon that is sensed, anticlockwise, in metres; (2, 1) for a line; "
         "null: not known",
     )
-    depth: float | None = quantity(
+    depth: float | None = quantity_field(
         "m", "Distance r0 of the point of interest from the plane", default=None, **LENGTH.limits
     )
     offset: tuple[float, float] = Field(
@@ -57,7 +57,7 @@ class Mask(ShownValue):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_what_follows(cls, fields: Any) -> Any:
+    def _drop_derived_fields(cls, fields: Any) -> Any:
         """Remove the derived sensed area from a mask's JSON."""
         if isinstance(fields, dict) and "sensed_area" in fields:
             return {name: value for name, value in fields.items() if name != "sensed_area"}
@@ -82,11 +82,11 @@ class Mask(ShownValue):
         return self
 
     def _check_area(self) -> None:
-        if self.sensed_area > MOST_AREA * self.area:
+        if self.sensed_area > MAX_AREA_RATIO * self.area:
             raise InvalidInput(
                 "weights",
                 f"a sum of {self.sensed_area:g}",
-                f"areas, at most {MOST_AREA:g} apertures of {self.area:g} m²",
+                f"areas, at most {MAX_AREA_RATIO:g} apertures of {self.area:g} m²",
             )
         if self.outline is None:
             return
@@ -172,10 +172,10 @@ class Mask(ShownValue):
         return f"<Mask: {name.lower()}, {rest}>"
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.plotted import show
+        from steradian.drawing.plotted import draw_into_axes
         from steradian.masks.picture import points_plot
 
-        show(points_plot(self), axes)
+        draw_into_axes(points_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
         from steradian.masks.picture import draw_mask

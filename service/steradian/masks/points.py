@@ -10,9 +10,9 @@ from pydantic import Field
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import FloatArray, Value, quantity
-from steradian.imaging.geometry.sensor_areas import sensed_outline
-from steradian.imaging.validation import MOST_AREA
+from steradian.core.validation import FloatArray, Value, quantity_field
+from steradian.imaging.geometry.sensor_areas import sensed_region
+from steradian.imaging.validation import MAX_AREA_RATIO
 from steradian.masks.mask import Mask, check_shape
 from steradian.masks.weights import Weighting, weights_for
 
@@ -24,14 +24,14 @@ class Points(Value):
     """
 
     arrangement: Literal["points"] = "points"
-    aperture: float = quantity("m", "Side X of the square aperture", **LENGTH.limits)
+    aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
     positions: FloatArray = Field(
         description="(M, 2) sensor positions x, y in metres, centred on the aperture; (M, 1) for a line"
     )
     weights: FloatArray | None = Field(
         default=None, description="(M,) areas of any scale, scaled to the sensed area; none: those of the points' cells"
     )
-    sensed_area: float | None = quantity(
+    sensed_area: float | None = quantity_field(
         "m^2, m for a line", "What the weights sum to; none: found from the points", gt=0, le=4, default=None
     )
     weighting: Weighting = Field(
@@ -66,14 +66,14 @@ class Points(Value):
         given = self.weighting == "analytic" and self.weights is not None
         if given and self.sensed_area is not None:
             return bare.replace(weights=relative * (self.sensed_area / relative.sum()))
-        outline = sensed_outline(self.positions, self.aperture)
+        outline = sensed_region(self.positions, self.aperture)
         rule = "voronoi" if self.weighting == "analytic" and not given else self.weighting
         return bare.replace(weights=weights_for(rule, self.positions, outline, relative), outline=outline)
 
 
 def area_of_weights(total: float | None, aperture: float, axes: int) -> float | None:
     """Return the sum of weights in m² (m for one axis) if that can be an area, else ``None``: they are relative."""
-    return total if total is not None and 0 < total <= MOST_AREA * aperture**axes else None
+    return total if total is not None and 0 < total <= MAX_AREA_RATIO * aperture**axes else None
 
 
 def custom_mask(
@@ -99,7 +99,7 @@ def custom_mask(
         shares.
     sensed_area
         What ``weights`` sum to in m² (m for a line): their own sum where they are areas. ``None``: the area found from
-        the points (:func:`steradian.imaging.geometry.sensor_areas.sensed_outline`): that of a grid's cells, or all
+        the points (:func:`steradian.imaging.geometry.sensor_areas.sensed_region`): that of a grid's cells, or all
         within half a mean spacing of the points' hull, no wider than the aperture.
 
     Raises

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging.geometry.voronoi import cell_areas
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 from steradian.masks.sensor import attenuation_db
-from steradian.masks.weights import outline_of
+from steradian.masks.weights import resolve_outline
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask
 
 
 @dataclass(frozen=True)
-class Promises:
+class MaskMetrics:
     """Figures of a mask for one point of interest.
 
     Attributes
@@ -56,7 +56,7 @@ class Promises:
     attenuation_db: float | None = None
 
 
-def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = None) -> Promises:
+def evaluate_mask(mask: Mask, point_of_interest: tuple[float, float, float] | None = None) -> MaskMetrics:
     """Compute the metrics of a mask.
 
     Parameters
@@ -71,32 +71,32 @@ def promises(mask: Mask, point_of_interest: tuple[float, float, float] | None = 
     InvalidInput
         When the point of interest is not above the plane.
     """
-    spacing = spacing_of(mask)
+    spacing = nearest_neighbour_spacing(mask)
     own = mask.points_of_interest
     if point_of_interest is None and len(own):
         point_of_interest = (float(own[0, 0]), float(own[0, 1]), float(own[0, 2]))
     basic = (point_of_interest, spacing, float(spacing.min()), float(spacing.max()), mask.weight_ratio)
     if point_of_interest is None:
-        return Promises(*basic)
+        return MaskMetrics(*basic)
     if point_of_interest[2] <= 0:
         raise InvalidInput("point_of_interest", point_of_interest, "z > 0 (m)")
     across = mask.film_positions - np.array(point_of_interest[:2])
     distance = np.hypot(np.linalg.norm(across, axis=1), point_of_interest[2])
-    areas = cell_areas(mask.positions, outline_of(mask))
+    areas = voronoi_cell_areas(mask.positions, resolve_outline(mask))
     angles = areas * point_of_interest[2] / distance ** (2 if mask.is_line else 3)
     largest = float(np.arccos(point_of_interest[2] / distance.max()))
-    inner = _inner(mask)
-    return Promises(
+    inner = _interior_points(mask)
+    return MaskMetrics(
         *basic,
         solid_angles=angles,
         evenness=float(angles[inner].std() / angles[inner].mean()) if inner.sum() > 1 else None,
         largest_angle=largest,
-        opening_angle=_opening(across, point_of_interest[2]),
+        opening_angle=_opening_angle(across, point_of_interest[2]),
         attenuation_db=attenuation_db(largest, 1e6),
     )
 
 
-def spacing_of(mask: Mask) -> NDArray[np.float64]:
+def nearest_neighbour_spacing(mask: Mask) -> NDArray[np.float64]:
     """(M,) distance in metres from each sensor to its nearest neighbour; the aperture of a single one."""
     from scipy.spatial import KDTree
 
@@ -130,7 +130,7 @@ def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
 
 
 def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
-    """Map of the spacing over the aperture: at each place that of the nearest sensor (:attr:`Promises.spacing`).
+    """Map of the spacing over the aperture: at each place that of the nearest sensor (:attr:`MaskMetrics.spacing`).
 
     Returns
     -------
@@ -142,7 +142,7 @@ def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
     InvalidInput
         For a line.
     """
-    found: NDArray[np.float64] = spacing_of(mask)[_nearest(mask, pixels)]
+    found: NDArray[np.float64] = nearest_neighbour_spacing(mask)[_nearest(mask, pixels)]
     return found
 
 
@@ -158,7 +158,7 @@ def _nearest(mask: Mask, pixels: int) -> NDArray[np.int64]:
     return np.asarray(nearest, np.int64).reshape(pixels, pixels)
 
 
-def _opening(across: NDArray[np.float64], depth: float) -> float:
+def _opening_angle(across: NDArray[np.float64], depth: float) -> float:
     """Widest of the full angles in 36 planes through the point of interest, perpendicular to the film."""
     turn = np.arange(36) * (np.pi / 36)
     along = across @ np.vstack([np.cos(turn), np.sin(turn)])
@@ -166,7 +166,7 @@ def _opening(across: NDArray[np.float64], depth: float) -> float:
     return float(angles.max())
 
 
-def _inner(mask: Mask) -> NDArray[np.bool_]:
+def _interior_points(mask: Mask) -> NDArray[np.bool_]:
     """Return the sensors that are neither on the convex hull nor adjacent to it."""
     from scipy.spatial import KDTree
 

@@ -10,10 +10,17 @@ from pydantic import model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
-from steradian.core.validation import quantity
+from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.aim import COUNT, MOST_POINTS, Aimed, along, check_either, nearness
+from steradian.masks.aim import (
+    COUNT_FIELD,
+    MAX_POINTS,
+    ArrangementBase,
+    closeness_key,
+    count_along_side,
+    require_exactly_one,
+)
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 
@@ -21,12 +28,12 @@ TRIES = 24
 """Spacings tried for a number of Poisson-disc points, after halving."""
 
 
-class Random(Aimed):
+class Random(ArrangementBase):
     """Parameters of independent, uniformly distributed points."""
 
     arrangement: Literal["random"] = "random"
-    count: int = quantity("points", "Number of points", **COUNT)
-    seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
+    count: int = quantity_field("points", "Number of points", **COUNT_FIELD)
+    seed: int = quantity_field("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "voronoi"
 
     @property
@@ -46,29 +53,29 @@ class Random(Aimed):
         )
 
 
-class PoissonDisc(Aimed):
+class PoissonDisc(ArrangementBase):
     """Parameters of points by chance of which no two are closer than ``spacing`` and no gap takes another."""
 
     arrangement: Literal["poisson-disc"] = "poisson-disc"
-    spacing: float | None = quantity("m", "Least distance between two points", default=None, **LENGTH.limits)
-    count: int | None = quantity(
+    spacing: float | None = quantity_field("m", "Least distance between two points", default=None, **LENGTH.limits)
+    count: int | None = quantity_field(
         "points",
         "Wanted number of points instead of the spacing; as near to it as a search comes",
         default=None,
-        **COUNT,
+        **COUNT_FIELD,
     )
-    seed: int = quantity("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
+    seed: int = quantity_field("any", "The same seed gives the same points", ge=0, lt=2**63, default=0)
     weighting: Weighting = "voronoi"
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        check_either(count=self.count, spacing=self.spacing)
+        require_exactly_one(count=self.count, spacing=self.spacing)
         return self
 
     @property
     def expected_count(self) -> int:
         """About how many points the mask will have: discs of the spacing's diameter cover 55 % of the plane."""
-        return self.count or round(0.7 * along(self.aperture, self.spacing or self.aperture) ** 2) + 1
+        return self.count or round(0.7 * count_along_side(self.aperture, self.spacing or self.aperture) ** 2) + 1
 
     def build(self) -> Mask:
         """Place the points.
@@ -78,15 +85,15 @@ class PoissonDisc(Aimed):
         InvalidInput
             When the spacing would give more than a million points.
         """
-        from steradian.masks.dart import throw_darts
+        from steradian.masks.dart import sample_poisson_disc
 
         if self.spacing is None:
             least = poisson_spacing(self.aperture, self.count or 1, self.seed)
             return self.replace(spacing=least, count=None).build()
-        least = self.aperture * (0.7 / MOST_POINTS) ** 0.5
+        least = self.aperture * (0.7 / MAX_POINTS) ** 0.5
         if self.spacing < least:
             raise InvalidInput("spacing", self.spacing, f"at least {least:.3g} (m), a million points")
-        positions = (throw_darts(self.spacing / self.aperture, self.seed) - 0.5) * self.aperture
+        positions = (sample_poisson_disc(self.spacing / self.aperture, self.seed) - 0.5) * self.aperture
         return Mask.create(
             aperture=self.aperture,
             positions=positions,
@@ -177,5 +184,5 @@ def poisson_spacing(aperture: float, count: int, seed: int = 0) -> float:
         if count in tried.values():
             break
         number(centre * (1 + (-1) ** step * 0.0007 * (step // 2 + 1)))
-    best = min(tried, key=lambda share: nearness(tried[share], count))
+    best = min(tried, key=lambda share: closeness_key(tried[share], count))
     return aperture * best / sqrt(count)

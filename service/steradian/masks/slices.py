@@ -8,7 +8,7 @@ from math import acos, cos, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-SPREAD = 1.8
+SPIRAL_OFFSET = 1.8
 """A slice's number of points doubles while its chord exceeds this times the distance to the slice before."""
 
 
@@ -71,7 +71,7 @@ def slice_cap(rim: float, count: int) -> Slices:
         while True:
             outer = max(cosine - unit * number, -1.0)
             angle = (acos(cosine) + acos(outer)) / 2
-            if _chord(angle, number) <= SPREAD * _nearest(angle, angles[-1], number):
+            if _chord(angle, number) <= SPIRAL_OFFSET * _nearest(angle, angles[-1], number):
                 break
             number *= 2
         angles.append(angle)

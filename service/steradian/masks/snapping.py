@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.units import LENGTH
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 
 
 class ScannerGrid(Value):
     """The places where a scanner can stop: a square grid on −n/2 … n/2−1 intervals (symmetric for odd n)."""
 
-    count: int = quantity("points", "Places on each axis", ge=1, le=65_536)
-    interval: float = quantity("m", "Distance between neighbours", **LENGTH.limits)
+    count: int = quantity_field("points", "Places on each axis", ge=1, le=65_536)
+    interval: float = quantity_field("m", "Distance between neighbours", **LENGTH.limits)
 
     def snap(
         self, positions: NDArray[np.float64], weights: NDArray[np.float64]

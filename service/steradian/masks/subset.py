@@ -11,9 +11,9 @@ from pydantic import Field
 from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import Value
 from steradian.imaging.geometry import polygons as outlines
-from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, outline_of, weights_for
+from steradian.masks.weights import Weighting, resolve_outline, weights_for
 
 
 class Subset(Value):
@@ -45,7 +45,7 @@ class Subset(Value):
             raise InvalidInput("indices", "a number that occurs twice", "each number once")
         positions = self.mask.positions[picked]
         # what the points that are left cover, as far as the mask did
-        outline = outlines.common(sensed_outline(positions, self.mask.aperture), outline_of(self.mask))
+        outline = outlines.intersection(sensed_region(positions, self.mask.aperture), resolve_outline(self.mask))
         return self.mask.replace(
             positions=positions,
             weights=weights_for(self.weighting, positions, outline, self.mask.weights[picked]),

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.imaging.geometry.sensor_areas import sensed_outline
-from steradian.imaging.geometry.voronoi import cell_areas
+from steradian.imaging.geometry.sensor_areas import sensed_region
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask
@@ -36,14 +36,14 @@ def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np
         (M,) areas in m² (lengths in m); their sum is X² (X). Points at the same place share a cell equally.
     """
     half = np.full(positions.shape[1], aperture / 2)
-    return cell_areas(positions, outlines.rectangle(-half, half))
+    return voronoi_cell_areas(positions, outlines.rectangle(-half, half))
 
 
-def covering(outline: Outline, positions: NDArray[np.float64]) -> Outline:
+def expand_outline(outline: Outline, positions: NDArray[np.float64]) -> Outline:
     """Extend an outline to nearby points, such as those moved onto a scanner's grid."""
-    if outline.shape[1] == 2 and outlines.holds(outline, positions).all():
+    if outline.shape[1] == 2 and outlines.contains(outline, positions).all():
         return outline
-    return outlines.hull(np.concatenate([outline, positions]))
+    return outlines.convex_hull(np.concatenate([outline, positions]))
 
 
 def weights_for(
@@ -71,19 +71,19 @@ def weights_for(
         case "analytic":
             relative = analytic
         case "voronoi":
-            relative = cell_areas(positions, outline)
+            relative = voronoi_cell_areas(positions, outline)
         case "uniform":
             relative = np.ones(len(positions))
     scaled: NDArray[np.float64] = relative * (outlines.area(outline) / relative.sum())
     return scaled
 
 
-def outline_of(mask: Mask) -> Outline:
+def resolve_outline(mask: Mask) -> Outline:
     """Outline of the sensed area of a mask, computed from its points if the mask has none."""
-    return sensed_outline(mask.positions, mask.aperture) if mask.outline is None else mask.outline
+    return sensed_region(mask.positions, mask.aperture) if mask.outline is None else mask.outline
 
 
-def reweighted(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
+def with_weights(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
     """Make the same points' mask with other weights.
 
     Examples
@@ -92,7 +92,7 @@ def reweighted(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
     >>> round(reweighted(equi_steradian_mask(13.56e-3, 3.6e-3, 100), "uniform").weight_ratio, 9)
     1.0
     """
-    outline = outline_of(mask)
+    outline = resolve_outline(mask)
     weights = weights_for(weighting, mask.positions, outline, mask.weights)
     arrangement = mask.arrangement | {"weighting": weighting}
     return mask.replace(weights=weights, outline=outline, arrangement=arrangement)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def write_mask(mask: Mask, path: Path) -> None:
                 ".json, .csv or .npy; or .png, .pdf or .svg for a picture",
             )
     path.parent.mkdir(parents=True, exist_ok=True)
-    with draft(path) as file:
+    with atomic_write(path) as file:
         file.write_bytes(data)
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.volume import Volume
 
 _LINES, _STEPS = 16, 256
 
 
-def line_pressure(
+def propagate_2d(
     image: Volume,
     *,
     samples: int,
@@ -25,7 +25,7 @@ def line_pressure(
     sound_speed: float,
     threads: int | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float32]:
     """Return the pressure on the line z = 0 at the columns of an image.
 
@@ -93,12 +93,12 @@ def line_pressure(
             oscillate(turns[some], real[some], imaginary[some], own, block)
             sums[start : start + len(block), some] = block
 
-    workers.run(
+    workers.parallel_for(
         "waves",
         len(pieces),
         lambda: None,
         work,
-        threads=threads or workers.available(),
+        threads=threads or workers.available_threads(),
         progress=progress,
         cancelled=cancelled,
     )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fabry_perot.simulator.phantoms import WINDOW, Balls, Directivity, initial_pressure
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.volume import Volume
 
@@ -29,7 +29,7 @@ def pressure(
     directivity: Directivity | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float32]:
     """Return the A-lines that balls cause at sensors on the plane z = 0.
 
@@ -83,19 +83,19 @@ def pressure(
         start = sound_speed * time_zero
         add_balls(where[rows], centres, sigmas, amplitudes, start, step, WINDOW, table, line, traces[rows])
 
-    workers.run(
+    workers.parallel_for(
         "pressure",
         -(-len(where) // _ROWS),
         lambda: np.empty(samples),
         work,
-        threads=threads or workers.available(),
+        threads=threads or workers.available_threads(),
         progress=progress,
         cancelled=cancelled,
     )
     return traces
 
 
-def sampled(balls: Balls, like: Volume) -> Volume:
+def rasterise(balls: Balls, like: Volume) -> Volume:
     """Return the initial pressure of Gaussian balls at the voxels of a reconstruction: its ground truth.
 
     Raises

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def _add_balls(
             traces[m, n] += line[n]
 
 
-add_balls: Any = compiled(_add_balls)
+add_balls: Any = jit(_add_balls)
 
 
 def _oscillate(turns: Array, real: Array, imaginary: Array, state: Array, sums: NDArray[np.complex128]) -> None:
@@ -82,4 +82,4 @@ def _oscillate(turns: Array, real: Array, imaginary: Array, state: Array, sums: 
             sums[n, x] = complex(a, b)
 
 
-oscillate: Any = compiled(_oscillate)
+oscillate: Any = jit(_oscillate)

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
 
-Convention = Literal["peak", "rms"]
+SnrConvention = Literal["peak", "rms"]
 
 
 def add_noise(
-    traces: ArrayLike, decibels: float, *, convention: Convention = "peak", seed: int = 0
+    traces: ArrayLike, decibels: float, *, convention: SnrConvention = "peak", seed: int = 0
 ) -> NDArray[np.float32]:
     """Add white Gaussian noise to A-lines.
 
@@ -41,8 +41,8 @@ def add_noise(
         When the convention is unknown.
     """
     clean = np.asarray(traces, dtype=np.float32)
-    if convention not in get_args(Convention):
-        raise InvalidInput("convention", convention, ", ".join(get_args(Convention)))
+    if convention not in get_args(SnrConvention):
+        raise InvalidInput("convention", convention, ", ".join(get_args(SnrConvention)))
     square = np.square(clean, dtype=np.float64)
     signal = float(np.sqrt(square.max() if convention == "peak" else square.mean()))
     noise = np.random.default_rng(seed).standard_normal(clean.shape, dtype=np.float32)

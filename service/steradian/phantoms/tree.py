@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.volume import Axes, Volume
+from steradian.imaging.volume import Volume, VoxelAxes
 
 Array = NDArray[np.float64]
 Segment = tuple[Array, Array, float]
@@ -52,7 +52,9 @@ def tree(
     image = np.zeros(shape, np.float32)
     for start, end, width in segments:
         _draw(image, x, z, start, end, width, unit)
-    axes = Axes(spacing * (np.arange(nx, dtype=np.float64) - nx // 2), None, spacing * np.arange(nz, dtype=np.float64))
+    axes = VoxelAxes(
+        spacing * (np.arange(nx, dtype=np.float64) - nx // 2), None, spacing * np.arange(nz, dtype=np.float64)
+    )
     return Volume(image, axes, (spacing, spacing))
 
 

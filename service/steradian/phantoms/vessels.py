@@ -50,18 +50,20 @@ def vessels(
         following = []
         for origin, direction in front:
             length = radius * 0.62 * 0.82**generation * random.uniform(0.8, 1.2)
-            path, end = _bent(random, origin, direction, length, s)
+            path, end = _curved_path(random, origin, direction, length, s)
             inside = ((path / region) ** 2).sum(axis=1) <= 1.05
             paths.append(path[inside])
             sigmas.append(np.full(int(inside.sum()), s))
             if inside[-1]:
-                following += [(path[-1], _turned(random, end, side * random.uniform(0.35, 0.75))) for side in (-1, 1)]
+                following += [(path[-1], _rotated(random, end, side * random.uniform(0.35, 0.75))) for side in (-1, 1)]
         front = following
     widths = np.concatenate(sigmas)
     return Balls(np.concatenate(paths) + np.asarray(centre), widths, np.full(len(widths), _STEP / np.sqrt(2 * np.pi)))
 
 
-def _bent(random: np.random.Generator, origin: Array, direction: Array, length: float, s: float) -> tuple[Array, Array]:
+def _curved_path(
+    random: np.random.Generator, origin: Array, direction: Array, length: float, s: float
+) -> tuple[Array, Array]:
     """Return a gently curved path of points one s apart, and the direction at its end."""
     count = max(2, int(length / (_STEP * s)))
     bend = random.normal(size=3) * np.array([0.5, 0.5, 0.3]) / length
@@ -74,7 +76,7 @@ def _bent(random: np.random.Generator, origin: Array, direction: Array, length: 
     return np.array(points), heading
 
 
-def _turned(random: np.random.Generator, direction: Array, angle: float) -> Array:
+def _rotated(random: np.random.Generator, direction: Array, angle: float) -> Array:
     """Return the direction turned about the depth axis, with some tilt."""
     c, s = np.cos(angle), np.sin(angle)
     turned = np.array(

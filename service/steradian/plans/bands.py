@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from steradian.plans.curves import hilbert
 from steradian.plans.fringe import Fringe
-from steradian.plans.pace import Pace
+from steradian.plans.pace import MotionTiming
 
 CELLS = 64
 """Optima are put into cells of a 64th of the widest band before bands are chosen; limits hold for each point."""
-EVEN = 1.005
+UNIFORM_TOLERANCE = 1.005
 """Ways so little longer than the shortest count as even: the one that loses less sensitivity is taken."""
-HOPEFUL = 1.5
+MAX_RATIO = 1.5
 """The shortest way is searched where a curve through all points is at most so many times slower than the bands."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
+class TunedOrder:
     """An order of interrogation with the wavelengths that are set.
 
     Attributes
@@ -43,7 +43,7 @@ class Tuned:
     bias: Array
 
 
-def cut(optima: Array, reach: tuple[float, float], fringe: Fringe) -> Array:
+def partition_bands(optima: Array, reach: tuple[float, float], fringe: Fringe) -> Array:
     """Choose the fewest bands, and among those choices one with a low loss.
 
     Dynamic programming over the sorted optima: the fewest bands first, then the least sum of squared distances from
@@ -101,10 +101,10 @@ def _middle(optima: Array, reach: tuple[float, float], fringe: Fringe) -> float:
     tried = np.linspace(from_, to, 65)
     tried = np.append(tried, np.clip(optima.mean(), from_, to))
     levels = np.quantile(optima, np.linspace(0, 1, 101)) if len(optima) > 101 else optima
-    return float(tried[np.argmin(fringe.loss(tried[:, None] - levels).mean(axis=1))])
+    return float(tried[np.argmin(fringe.sensitivity_loss(tried[:, None] - levels).mean(axis=1))])
 
 
-def held(optima: Array, reach: tuple[float, float]) -> Array:
+def hold_wavelength(optima: Array, reach: tuple[float, float]) -> Array:
     """Return the wavelengths of points visited in turn, of which each keeps the last one where that is within reach.
 
     Parameters
@@ -123,7 +123,7 @@ def held(optima: Array, reach: tuple[float, float]) -> Array:
     return np.array(bias)
 
 
-def banded(positions: Array, optima: Array, fringe: Fringe, loss: float, pace: Pace) -> Tuned:
+def order_by_bands(positions: Array, optima: Array, fringe: Fringe, loss: float, pace: MotionTiming) -> TunedOrder:
     """Order points so that moving and tuning together take little time.
 
     Compared are bands of wavelength, each on a short way of its own; one short way through all points that retunes
@@ -141,29 +141,29 @@ def banded(positions: Array, optima: Array, fringe: Fringe, loss: float, pace: P
     pace
         Tells how long a way takes.
     """
-    from steradian.plans.tour import group_by_group, shortest
+    from steradian.plans.tour import short_tour, tour_by_group
 
-    tolerance, allowed = pace.tuning.tolerance, fringe.reach(loss)
+    tolerance, allowed = pace.tuning.tolerance, fringe.wavelength_tolerance(loss)
     reaches = [(min(tolerance, allowed[0]), min(tolerance, allowed[1])), allowed] if loss else [(tolerance, tolerance)]
 
-    def seconds(one: Tuned) -> float:
+    def seconds(one: TunedOrder) -> float:
         return pace.seconds(positions[one.visit], one.bias[one.visit])
 
     curve = hilbert(positions)  # nearly as short as the shortest way, at once
     outlook = min(seconds(_on_the_way(curve, optima, reach)) for reach in reaches)
-    found: list[Tuned] = []
-    if len(reaches) > 1 and outlook > EVEN * len(optima) / pace.pulse_rate:
-        bias = cut(optima, reaches[1], fringe)
-        found.append(Tuned(group_by_group(positions, bias), bias))
-    if not found or outlook < HOPEFUL * seconds(found[0]):
-        visit = shortest(positions)
+    found: list[TunedOrder] = []
+    if len(reaches) > 1 and outlook > UNIFORM_TOLERANCE * len(optima) / pace.pulse_rate:
+        bias = partition_bands(optima, reaches[1], fringe)
+        found.append(TunedOrder(tour_by_group(positions, bias), bias))
+    if not found or outlook < MAX_RATIO * seconds(found[0]):
+        visit = short_tour(positions)
         found += [_on_the_way(visit, optima, reach) for reach in reaches]
     quickest = min(map(seconds, found))
-    even = [one for one in found if seconds(one) <= EVEN * quickest]
-    return min(even, key=lambda one: float(fringe.loss(one.bias - optima).mean()))
+    even = [one for one in found if seconds(one) <= UNIFORM_TOLERANCE * quickest]
+    return min(even, key=lambda one: float(fringe.sensitivity_loss(one.bias - optima).mean()))
 
 
-def _on_the_way(visit: NDArray[np.int64], optima: Array, reach: tuple[float, float]) -> Tuned:
+def _on_the_way(visit: NDArray[np.int64], optima: Array, reach: tuple[float, float]) -> TunedOrder:
     bias = np.empty(len(optima))
-    bias[visit] = held(optima[visit], reach)
-    return Tuned(visit, bias)
+    bias[visit] = hold_wavelength(optima[visit], reach)
+    return TunedOrder(visit, bias)

@@ -11,7 +11,7 @@ HILBERT_LEVELS = 16
 """The curve passes 2¹⁶ cells an axis: 0.2 µm on a film of 13 mm."""
 
 
-def snake(positions: NDArray[np.float64]) -> NDArray[np.int64]:
+def boustrophedon(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the boustrophedon order of points (M, 2) in strips along y."""
     x, y = positions.T
     width = float(np.ptp(x))

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
-exact = partial(compiled, fast=False)
+exact = partial(jit, fast=False)
 """Compile a loop that keeps to the order of sums, so that results are the same everywhere."""
 
 
 @exact
-def eliminate(
+def eliminate_samples(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], crowding: NDArray[np.float64], wanted: int
 ) -> NDArray[np.bool_]:
     """Eliminate points until ``count`` are left (weighted sample elimination).

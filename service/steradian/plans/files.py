@@ -8,14 +8,14 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, NotFound
-from steradian.core.validation import Value, invalid_input
+from steradian.core.validation import Value, to_invalid_input
 
-Kind = TypeVar("Kind", bound=Value)
+ModelT = TypeVar("ModelT", bound=Value)
 
 
-def read_value(kind: type[Kind], path: Path) -> Kind:
+def read_json(kind: type[ModelT], path: Path) -> ModelT:
     """Read a mask or a plan from a JSON file.
 
     Raises
@@ -36,11 +36,11 @@ def read_value(kind: type[Kind], path: Path) -> Kind:
     try:
         return kind.model_validate(text)
     except ValidationError as error:
-        raise invalid_input(kind, error) from error
+        raise to_invalid_input(kind, error) from error
 
 
-def write_value(value: Value, path: Path) -> None:
+def write_json(value: Value, path: Path) -> None:
     """Write a mask or a plan under a temporary name and rename it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with draft(path) as file:
+    with atomic_write(path) as file:
         file.write_text(value.model_dump_json() + "\n", encoding="utf-8")

@@ -18,7 +18,7 @@ DISK_MARGIN = 1.2
 
 
 @dataclass(frozen=True)
-class Finding:
+class PlanIssue:
     """One remark about a plan: an error refuses the scan, a warning does not.
 
     Attributes
@@ -39,53 +39,53 @@ class Finding:
     allowed: str = ""
 
 
-def find(
+def validate_plan(
     plan: ScanPlan, *, alines_per_second: float, bytes_: int, free: int | None, resolution: float | None
-) -> tuple[Finding, ...]:
+) -> tuple[PlanIssue, ...]:
     """Check a plan against scanner, link, records, lateral spacing and disk; errors first."""
     found = [
         *_limits(plan),
         *_link(plan, alines_per_second),
-        *_reach(plan),
+        *_check_record_length(plan),
         *_spacing(plan, resolution),
         *_disk(bytes_, free),
     ]
     return tuple(sorted(found, key=lambda finding: finding.severity != "error"))
 
 
-def _limits(plan: ScanPlan) -> Iterator[Finding]:
+def _limits(plan: ScanPlan) -> Iterator[PlanIssue]:
     """Compare every figure with the scanner's range."""
     limits = plan.scanner
     for axis, name in enumerate("xy"):
-        places = plan.places[:, axis]
+        places = plan.beam_positions[:, axis]
         low, high = getattr(limits, name)
         beyond = (places < low - 1e-12) | (places > high + 1e-12)
         if beyond.any():
             worst = places[np.argmax(np.abs(places - (low + high) / 2))]
             message = f"{int(beyond.sum())} points lie out of the scanner's field, as far as {name} = {_mm(worst)}"
-            yield Finding("error", "mask.positions", message, f"{name} from {_mm(low)} to {_mm(high)}")
+            yield PlanIssue("error", "mask.positions", message, f"{name} from {_mm(low)} to {_mm(high)}")
     for name, unit in (("pulse_rate", " Hz"), ("averages", ""), ("samples", ""), ("sampling_interval", " s")):
         low, high = getattr(limits, name)
         value = getattr(plan, name)
         if not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
-            yield Finding("error", name, f"the scanner cannot do {value:g}{unit}", f"{low:g} to {high:g}{unit}")
+            yield PlanIssue("error", name, f"the scanner cannot do {value:g}{unit}", f"{low:g} to {high:g}{unit}")
     if plan.bias is not None:
         low, high = limits.wavelength
         if plan.bias.min() < low or plan.bias.max() > high:
             span = f"{1e9 * plan.bias.min():.3f} to {1e9 * plan.bias.max():.3f} nm"
-            yield Finding(
+            yield PlanIssue(
                 "error", "wavelengths", f"the laser does not reach {span}", f"{1e9 * low:g} to {1e9 * high:g} nm"
             )
 
 
-def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[Finding]:
+def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[PlanIssue]:
     """Compare the rate of A-lines with the capacity of the link."""
     carried = plan.link.alines_per_second(plan.samples)
     if alines_per_second <= carried:
         return
-    baud = plan.link.baud_for(alines_per_second, plan.samples)
+    baud = plan.link.required_baud(alines_per_second, plan.samples)
     rate = plan.pulse_rate * carried / alines_per_second
-    yield Finding(
+    yield PlanIssue(
         "error",
         "pulse_rate",
         f"the scan makes {alines_per_second:.1f} A-lines a second of {plan.samples} samples, the link carries"
@@ -94,14 +94,14 @@ def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[Finding]:
     )
 
 
-def _reach(plan: ScanPlan) -> Iterator[Finding]:
+def _check_record_length(plan: ScanPlan) -> Iterator[PlanIssue]:
     """Check that the records last until the point of interest is heard, near and far."""
     reach = plan.recording_depth
     for x, y, depth in plan.mask.points_of_interest:
         if depth > reach:
             need = _samples_for(plan, depth)
             message = f"the point of interest at {_mm(depth)} lies deeper than the records reach, {_mm(reach)}"
-            yield Finding("error", "samples", message, f"at least {need}")
+            yield PlanIssue("error", "samples", message, f"at least {need}")
             continue
         across = np.linalg.norm(plan.mask.film_positions - [x, y], axis=1).max()
         farthest = float(np.hypot(across, depth))
@@ -111,14 +111,14 @@ def _reach(plan: ScanPlan) -> Iterator[Finding]:
                 f"{plan.samples} samples end before the farthest sensor, {_mm(farthest)} away, hears the point of"
                 f" interest; at least {need}"
             )
-            yield Finding("warning", "samples", message, f"at least {need}")
+            yield PlanIssue("warning", "samples", message, f"at least {need}")
 
 
 def _samples_for(plan: ScanPlan, distance: float) -> int:
     return ceil(distance / plan.sound_speed / plan.sampling_interval) + 1
 
 
-def _spacing(plan: ScanPlan, resolution: float | None) -> Iterator[Finding]:
+def _spacing(plan: ScanPlan, resolution: float | None) -> Iterator[PlanIssue]:
     """Compare the spacing where the mask is densest with half the wanted resolution (Nyquist)."""
     if resolution is None:
         return
@@ -128,16 +128,16 @@ def _spacing(plan: ScanPlan, resolution: float | None) -> Iterator[Finding]:
         message = f"sensors {1e6 * spacing:.4g} µm apart at the densest alias structures of {wanted}"
         factor = (2 * spacing / resolution) ** plan.mask.positions.shape[1]
         allowed = f"a spacing of at most {5e5 * resolution:.4g} µm, about {ceil(plan.mask.count * factor):,} points"
-        yield Finding("warning", "mask", message, allowed)
+        yield PlanIssue("warning", "mask", message, allowed)
 
 
-def _disk(need: int, free: int | None) -> Iterator[Finding]:
+def _disk(need: int, free: int | None) -> Iterator[PlanIssue]:
     """Refuse below the hard need, warn below a margin."""
     if free is None or free >= DISK_MARGIN * need:
         return
     severity: Literal["error", "warning"] = "error" if free < need else "warning"
     message = f"the scan needs {need / 1e6:.1f} MB, the disk has {free / 1e6:.1f} MB"
-    yield Finding(severity, "disk", message, f"at least {need / 1e6:.1f} MB free")
+    yield PlanIssue(severity, "disk", message, f"at least {need / 1e6:.1f} MB free")
 
 
 def _mm(length: float) -> str:

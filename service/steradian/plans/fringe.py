@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 """Mean over a normal distribution, exact for polynomials up to the 17th degree."""
@@ -23,8 +23,8 @@ class Fringe(Value):
     function :math:`1 - V/(1 + F \sin^2(π(λ - λ_0)/λ_\mathrm{FSR}))`, which a free spectral range asks for.
     """
 
-    linewidth: float = quantity("m", "Full width at half depth, w", gt=0, le=1e-7, default=500e-12)
-    free_spectral_range: float | None = quantity(
+    linewidth: float = quantity_field("m", "Full width at half depth, w", gt=0, le=1e-7, default=500e-12)
+    free_spectral_range: float | None = quantity_field(
         "m", "Distance of fringes of an Airy function; none: a Lorentzian", gt=0, le=1e-6, default=None
     )
     flank: Literal["above", "below"] = "above"
@@ -62,7 +62,7 @@ class Fringe(Value):
         )
         return float(found.x)
 
-    def loss(self, detuning: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sensitivity_loss(self, detuning: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the share of the sensitivity that is lost at ``detuning`` (m) above the best wavelength.
 
         0 at the best wavelength, 1 on top of the resonance, more than 1 beyond it, where the signal's sign turns.
@@ -73,16 +73,16 @@ class Fringe(Value):
 
     def expected_loss(self, detuning: NDArray[np.float64], uncertainty: float) -> NDArray[np.float64]:
         """Return the mean loss where the best wavelength is known to ± ``uncertainty`` (one standard deviation, m)."""
-        lost = self.loss(np.asarray(detuning)[..., None] + uncertainty * NODES)
+        lost = self.sensitivity_loss(np.asarray(detuning)[..., None] + uncertainty * NODES)
         mean: NDArray[np.float64] = lost @ WEIGHTS / WEIGHTS.sum()
         return mean
 
-    def reach(self, loss: float) -> tuple[float, float]:
+    def wavelength_tolerance(self, loss: float) -> tuple[float, float]:
         """Return how far below and above the best wavelength (m, both ≥ 0) no more than ``loss`` of it is lost."""
         from scipy.optimize import brentq
 
         def beyond(away: float) -> float:
-            return float(self.loss(np.array(away if self.flank == "above" else -away))) - loss
+            return float(self.sensitivity_loss(np.array(away if self.flank == "above" else -away))) - loss
 
         if not loss > 0:
             return 0.0, 0.0

@@ -11,14 +11,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
-exact = partial(compiled, fast=False)
+exact = partial(jit, fast=False)
 """Compile a loop that keeps to the order of sums, so that results are the same everywhere."""
 
 
 @exact
-def apart(positions: NDArray[np.float64], a: int, b: int) -> float:
+def distance(positions: NDArray[np.float64], a: int, b: int) -> float:
     """Return the distance of two points."""
     return float(np.hypot(positions[a, 0] - positions[b, 0], positions[a, 1] - positions[b, 1]))
 
@@ -28,7 +28,7 @@ def length(positions: NDArray[np.float64], a: int, b: int) -> float:
     """Return the distance of two nodes; the helper node after the last point is close to all."""
     if a == len(positions) or b == len(positions):
         return 0.0
-    return float(apart(positions, a, b))
+    return float(distance(positions, a, b))
 
 
 @exact
@@ -71,7 +71,7 @@ def two_opt(
         b = tour[(place[a] + direction) % size]
         old = length(positions, a, b)
         for c in neighbours[a]:
-            first = apart(positions, a, c)
+            first = distance(positions, a, c)
             if first >= old:
                 break
             d = tour[(place[c] + direction) % size]
@@ -110,7 +110,7 @@ def or_opt(
             if removed <= 1e-12:
                 continue
             for c in neighbours[a]:
-                near = apart(positions, a, c)
+                near = distance(positions, a, c)
                 if near >= removed:
                     break
                 ahead = (direction * (place[c] - place[a])) % size  # places from a to c, going away from the piece
@@ -123,7 +123,7 @@ def or_opt(
                     gain = removed + length(positions, c, e) - near - length(positions, z, e)
                     if gain <= 1e-12:
                         continue
-                    steps = move_piece(tour, place, log, z, a, n, p, c, e, direction, side, longest)
+                    steps = move_segment(tour, place, log, z, a, n, p, c, e, direction, side, longest)
                     if steps:
                         gained[0] += gain
                         return int(steps)
@@ -131,7 +131,7 @@ def or_opt(
 
 
 @exact
-def move_piece(
+def move_segment(
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
     log: NDArray[np.int64],
@@ -158,20 +158,20 @@ def move_piece(
         return 0
     if ahead <= behind:
         # turn round z … near, then n … near (now first) back
-        turn(tour, place, log, z, near, direction)
-        turn(tour, place, log, near, n, direction)
+        reverse_segment(tour, place, log, z, near, direction)
+        reverse_segment(tour, place, log, near, n, direction)
         if side == -1:  # the piece must lie z…a before c, and it lies a…z
-            turn(tour, place, log, a, z, direction)
+            reverse_segment(tour, place, log, a, z, direction)
         return 1 + 2 * int(ahead)
-    turn(tour, place, log, far, a, direction)
-    turn(tour, place, log, p, far, direction)
+    reverse_segment(tour, place, log, far, a, direction)
+    reverse_segment(tour, place, log, p, far, direction)
     if side == -1:
-        turn(tour, place, log, a, z, direction)
+        reverse_segment(tour, place, log, a, z, direction)
     return 1 + 2 * int(behind)
 
 
 @exact
-def turn(
+def reverse_segment(
     tour: NDArray[np.int64], place: NDArray[np.int64], log: NDArray[np.int64], first: int, last: int, direction: int
 ) -> None:
     """Turn round the part from point ``first`` to point ``last``, as seen in ``direction``."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask
-from steradian.plans.curves import hilbert, snake
+from steradian.plans.curves import boustrophedon, hilbert
 from steradian.plans.progressive import progressive
 
 
@@ -69,13 +69,13 @@ def visit_order(
         case VisitOrder.GIVEN:
             return np.arange(len(positions))
         case VisitOrder.SNAKE:
-            return snake(positions)
+            return boustrophedon(positions)
         case VisitOrder.HILBERT:
             return hilbert(positions)
         case VisitOrder.SHORTEST:
-            from steradian.plans.tour import shortest
+            from steradian.plans.tour import short_tour
 
-            return shortest(positions)
+            return short_tour(positions)
         case VisitOrder.WAVELENGTH:
             if wavelengths is None:
                 raise InvalidInput("order", "wavelength", "an order without wavelengths; this plan has no wavelengths")
@@ -88,14 +88,14 @@ def visit_order(
 
 def by_wavelength(positions: NDArray[np.float64], wavelengths: NDArray[np.float64], step: float) -> NDArray[np.int64]:
     """Visit all points of one wavelength before the next, upwards; ``step`` is the width of a group in metres."""
-    from steradian.plans.tour import group_by_group
+    from steradian.plans.tour import tour_by_group
 
     group = np.unique(wavelengths, return_inverse=True)[1].reshape(-1)
     if step > 0:
         group = np.floor((wavelengths - wavelengths.min()) / step).astype(np.int64)
-    return group_by_group(positions, group)
+    return tour_by_group(positions, group)
 
 
-def travel(positions: NDArray[np.float64], visit: NDArray[np.int64]) -> float:
+def path_length(positions: NDArray[np.float64], visit: NDArray[np.int64]) -> float:
     """Return the length in metres of the path through the points in the order ``visit``."""
     return float(np.linalg.norm(np.diff(positions[visit], axis=0), axis=1).sum())

@@ -12,14 +12,14 @@ from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED
-from steradian.core.validation import FloatArray, content_hash, quantity
-from steradian.drawing.shown import ShownValue
+from steradian.core.validation import FloatArray, content_hash, quantity_field
+from steradian.drawing.shown import DisplayableValue
 from steradian.masks import Mask, subset_mask
 from steradian.masks.beams import MOST_BEAMS, NANOMETRE, check_beams
-from steradian.plans.bands import Tuned, banded, held
+from steradian.plans.bands import TunedOrder, hold_wavelength, order_by_bands
 from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, visit_order
-from steradian.plans.pace import Pace
+from steradian.plans.pace import MotionTiming
 from steradian.plans.progressive import progressive
 from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
 
@@ -34,21 +34,23 @@ _LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "g
 """Fields that plans were without: one that has them as they are by default is named as it was."""
 
 
-class ScanPlan(ShownValue):
+class ScanPlan(DisplayableValue):
     """Scan plan: the instructions for a scanner to measure a mask; immutable and identified by its content."""
 
     mask: Mask
-    pulse_rate: float = quantity("Hz", "Laser pulses per second", ge=0.1, le=10_000, default=50.0)
-    averages: int = quantity("pulses", "Pulses averaged into one A-line", ge=1, le=65_535, default=1)
-    samples: int = quantity("samples", "Samples of an A-line, N_t", ge=16, le=65_536, default=1024)
-    sampling_interval: float = quantity("s", "Time between samples, dt", default=8e-9, **SAMPLING_INTERVAL.limits)
-    sound_speed: float = quantity("m/s", "Assumed speed of sound", default=1500.0, **SOUND_SPEED.limits)
+    pulse_rate: float = quantity_field("Hz", "Laser pulses per second", ge=0.1, le=10_000, default=50.0)
+    averages: int = quantity_field("pulses", "Pulses averaged into one A-line", ge=1, le=65_535, default=1)
+    samples: int = quantity_field("samples", "Samples of an A-line, N_t", ge=16, le=65_536, default=1024)
+    sampling_interval: float = quantity_field("s", "Time between samples, dt", default=8e-9, **SAMPLING_INTERVAL.limits)
+    sound_speed: float = quantity_field("m/s", "Assumed speed of sound", default=1500.0, **SOUND_SPEED.limits)
     order: VisitOrder = VisitOrder.SNAKE
     wavelengths: FloatArray | None = Field(
         default=None, description="(M,) best bias wavelength of each point of the mask (m); none: one for all"
     )
-    wavelength_uncertainty: float = quantity("m", "Standard deviation of these wavelengths", ge=0, le=1e-8, default=0.0)
-    max_sensitivity_loss: float = quantity(
+    wavelength_uncertainty: float = quantity_field(
+        "m", "Standard deviation of these wavelengths", ge=0, le=1e-8, default=0.0
+    )
+    max_sensitivity_loss: float = quantity_field(
         "share", "Sensitivity a point may lose to save a retuning", ge=0, le=0.9, default=0.0
     )
     fringe: Fringe = Fringe()
@@ -58,7 +60,7 @@ class ScanPlan(ShownValue):
         description="Where each interrogation beam is beside the first one, (0, 0), in m; none: one beam. The mask's"
         " points are those of the beams, place by place",
     )
-    frames: int = quantity(
+    frames: int = quantity_field(
         "frames", "How often the mask is measured, at each excitation wavelength", ge=1, le=10_000, default=1
     )
     excitation: tuple[float, ...] = Field(
@@ -69,7 +71,7 @@ class ScanPlan(ShownValue):
     gate: Literal["none", "frame", "point"] = Field(
         default="none", description="What waits for an edge at the scanner's gate input: a heart, a breath, a stimulus"
     )
-    gate_rate: float = quantity("Hz", "Expected edges a second, for the preview", gt=0, le=10_000, default=1.0)
+    gate_rate: float = quantity_field("Hz", "Expected edges a second, for the preview", gt=0, le=10_000, default=1.0)
     scanner: ScannerLimits = ScannerLimits()
     motion: Motion = Motion()
     tuning: Tuning = Tuning()
@@ -99,7 +101,7 @@ class ScanPlan(ShownValue):
     def _check_beams(self) -> None:
         pattern, points = check_beams(self.beams), self.mask.film_positions
         if len(points) % len(pattern) or not np.allclose(
-            points.reshape(-1, len(pattern), 2) - self.places[:, None], pattern, rtol=0, atol=2 * NANOMETRE
+            points.reshape(-1, len(pattern), 2) - self.beam_positions[:, None], pattern, rtol=0, atol=2 * NANOMETRE
         ):
             raise InvalidInput("mask", "points elsewhere", "the points of these beams, as beams_mask() makes them")
         if self.order is VisitOrder.PROGRESSIVE and len(pattern) > 1:
@@ -142,19 +144,19 @@ class ScanPlan(ShownValue):
         return max(1, len(self.beams))
 
     @property
-    def places(self) -> NDArray[np.float64]:
+    def beam_positions(self) -> NDArray[np.float64]:
         """(M/B, 2) where the first beam goes, in m: the mask's points, with one beam."""
         return self.mask.film_positions[:: self.beam_count]
 
     @property
-    def way(self) -> NDArray[np.float64]:
+    def path(self) -> NDArray[np.float64]:
         """(M/B, 2) positions in the order of interrogation, in m."""
         return self.mask.film_positions[self.visit[:: self.beam_count]]
 
     @cached_property
     def visit(self) -> NDArray[np.int64]:
         """(M,) indices into the mask's positions, in the order of interrogation; a place's beams in theirs."""
-        return self.tuned.visit
+        return self.tuned_order.visit
 
     @property
     def bias(self) -> NDArray[np.float64] | None:
@@ -163,38 +165,42 @@ class ScanPlan(ShownValue):
         It is the point's best one, or one near enough that was set before: as near as the tuning's tolerance says, or
         as :attr:`max_sensitivity_loss` allows.
         """
-        return None if self.wavelengths is None else self.tuned.bias
+        return None if self.wavelengths is None else self.tuned_order.bias
 
     @cached_property
-    def tuned(self) -> Tuned:
+    def tuned_order(self) -> TunedOrder:
         """The order of interrogation together with the wavelengths that are set."""
         if len(self.beams) > 1:
             return self._tuned_together()
         points, optima = self.mask.film_positions, self.wavelengths
         return self._tuned(points, optima)
 
-    def _tuned_together(self) -> Tuned:
+    def _tuned_together(self) -> TunedOrder:
         """All beams of a place are read at one wavelength, the mean of their best ones."""
         count = self.beam_count
         optima = None if self.wavelengths is None else self.wavelengths.reshape(-1, count).mean(axis=1)
-        found = self._tuned(self.places, optima)
-        return Tuned((found.visit[:, None] * count + np.arange(count)).ravel(), np.repeat(found.bias, count))
+        found = self._tuned(self.beam_positions, optima)
+        return TunedOrder((found.visit[:, None] * count + np.arange(count)).ravel(), np.repeat(found.bias, count))
 
-    def _tuned(self, points: NDArray[np.float64], optima: NDArray[np.float64] | None) -> Tuned:
+    def _tuned(self, points: NDArray[np.float64], optima: NDArray[np.float64] | None) -> TunedOrder:
         if self.order is VisitOrder.BANDS and optima is not None:
-            return banded(points, optima, self.fringe, self.max_sensitivity_loss, self.pace)
+            return order_by_bands(points, optima, self.fringe, self.max_sensitivity_loss, self.pace)
         step = self.tuning.tolerance
         visit = visit_order(points, self.order, mask=self.mask, wavelengths=optima, wavelength_step=step)
         bias = np.zeros(len(visit))
         if optima is not None:
-            reach = self.fringe.reach(self.max_sensitivity_loss) if self.max_sensitivity_loss else (step, step)
-            bias[visit] = held(optima[visit], reach)
-        return Tuned(visit, bias)
+            reach = (
+                self.fringe.wavelength_tolerance(self.max_sensitivity_loss)
+                if self.max_sensitivity_loss
+                else (step, step)
+            )
+            bias[visit] = hold_wavelength(optima[visit], reach)
+        return TunedOrder(visit, bias)
 
     @property
-    def pace(self) -> Pace:
+    def pace(self) -> MotionTiming:
         """Time until the next point can be measured."""
-        return Pace(self.motion, self.tuning, self.pulse_rate, self.samples * self.sampling_interval)
+        return MotionTiming(self.motion, self.tuning, self.pulse_rate, self.samples * self.sampling_interval)
 
     @property
     def recording_depth(self) -> float:
@@ -202,19 +208,19 @@ class ScanPlan(ShownValue):
         return (self.samples - 1) * self.sampling_interval * self.sound_speed
 
     @cached_property
-    def passes(self) -> tuple[int, ...]:
+    def pass_ends(self) -> tuple[int, ...]:
         """Number of points measured at the end of each pass; one pass unless the order is progressive."""
         if self.order is not VisitOrder.PROGRESSIVE:
             return (self.mask.count,)
         return progressive(self.mask.film_positions, self.mask).ends
 
-    def prefix(self, points: int, weighting: Literal["analytic", "voronoi", "uniform"] = "analytic") -> Mask:
+    def truncated_mask(self, points: int, weighting: Literal["analytic", "voronoi", "uniform"] = "analytic") -> Mask:
         """Make the mask of the first ``points`` points visited, with weights of its own.
 
         Parameters
         ----------
         points
-            How many, at least 1; an end of :attr:`passes` gives a mask that is even by itself.
+            How many, at least 1; an end of :attr:`pass_ends` gives a mask that is even by itself.
         weighting
             ``analytic``: the whole mask's weights, scaled, right after whole passes; ``voronoi``: right anywhere.
 
@@ -237,10 +243,10 @@ class ScanPlan(ShownValue):
         )
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.plotted import show
-        from steradian.plans.picture import way_plot
+        from steradian.drawing.plotted import draw_into_axes
+        from steradian.plans.picture import path_plot
 
-        show(way_plot(self), axes)
+        draw_into_axes(path_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
         from steradian.plans.picture import draw_plan
@@ -248,9 +254,9 @@ class ScanPlan(ShownValue):
         draw_plan(self, path)
 
     def _write(self, path: Path) -> None:
-        from steradian.plans.files import write_value
+        from steradian.plans.files import write_json
 
         if (ending := path.suffix.lower()) != ".json":
             allowed = ".json; or .png, .pdf or .svg for a picture"
             raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", allowed)
-        write_value(self, path)
+        write_json(self, path)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plans.findings import Finding, find
-from steradian.plans.order import travel
+from steradian.plans.findings import PlanIssue, validate_plan
+from steradian.plans.order import path_length
 
 if TYPE_CHECKING:
     from steradian.plans.plan import ScanPlan
@@ -22,11 +22,11 @@ DISK_RATE = 20e6
 
 Part = Literal["laser", "mover", "tuning", "gate", "link", "disk"]
 
-__all__ = ["Finding", "Preview", "preview"]
+__all__ = ["PlanCost", "PlanIssue", "preview"]
 
 
 @dataclass(frozen=True)
-class Preview:
+class PlanCost:
     """Preview of a plan: its cost and remarks.
 
     Attributes
@@ -67,14 +67,14 @@ class Preview:
     travel: float
     retunings: int
     bytes: int
-    findings: tuple[Finding, ...]
+    findings: tuple[PlanIssue, ...]
     bands: int = 0
     sensitivity_loss: dict[str, float] = field(default_factory=dict)
     beams: int = 1
     displacement: dict[str, float] = field(default_factory=dict)
 
     @property
-    def is_refused(self) -> bool:
+    def has_errors(self) -> bool:
         """Whether a finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
@@ -85,7 +85,7 @@ def preview(
     free_bytes: int | None = None,
     resolution: float | None = None,
     disk_rate: float = DISK_RATE,
-) -> Preview:
+) -> PlanCost:
     """Estimate the cost of a plan and check it against scanner, link, record lengths and disk.
 
     Parameters
@@ -101,35 +101,37 @@ def preview(
 
     Notes
     -----
-    What a point waits for is in :class:`~steradian.plans.pace.Pace`. Tuning the excitation laser between frames, and
+    What a point waits for is in :class:`~steradian.plans.pace.MotionTiming`. Tuning the excitation laser between frames, and
     the way back to the first point, are not counted.
     """
     alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
-    points, shots = plan.way, alines // plan.beam_count
+    points, shots = plan.path, alines // plan.beam_count
     bias = None if plan.bias is None else plan.bias[plan.visit[:: plan.beam_count]]
-    retuning = np.zeros(len(points)) if bias is None else plan.pace.retuning(bias)
+    retuning = np.zeros(len(points)) if bias is None else plan.pace.retune_times(bias)
     loop = frames * _frame_seconds(plan, (plan.pace.periods(points, bias) + plan.averages - 1) * period)
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
         "laser": shots * plan.averages * period,
-        "mover": frames * float(plan.pace.moving(points).sum()),
+        "mover": frames * float(plan.pace.move_times(points).sum()),
         "tuning": frames * float(retuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
     if plan.gate != "none":
         seconds["gate"] = (frames if plan.gate == "frame" else shots) / plan.gate_rate
-    way = frames * travel(points, np.arange(len(points)))
-    return Preview(
+    way = frames * path_length(points, np.arange(len(points)))
+    return PlanCost(
         seconds=seconds,
         laser_seconds=seconds["laser"],
         total_seconds=max(loop, seconds["link"], seconds["disk"]),
-        limiting=_limiting(seconds, loop),
+        limiting=_bottleneck(seconds, loop),
         travel=way,
         retunings=frames * int((retuning > 0).sum()),
         bytes=size,
-        findings=find(plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution),
+        findings=validate_plan(
+            plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution
+        ),
         bands=0 if bias is None else len(np.unique(bias)),
         sensitivity_loss=_loss(plan),
         beams=plan.beam_count,
@@ -150,12 +152,12 @@ def _loss(plan: ScanPlan) -> dict[str, float]:
     if plan.bias is None or plan.wavelengths is None:
         return {}
     detuning = plan.bias - plan.wavelengths
-    lost = np.maximum(plan.fringe.loss(detuning), 0.0)
+    lost = np.maximum(plan.fringe.sensitivity_loss(detuning), 0.0)
     expected = plan.fringe.expected_loss(detuning, plan.wavelength_uncertainty)
     return {"max": float(lost.max()), "mean": float(lost.mean()), "expected": float(expected.mean())}
 
 
-def _limiting(seconds: dict[Part, float], loop: float) -> Part:
+def _bottleneck(seconds: dict[Part, float], loop: float) -> Part:
     """Return the bottleneck: a part that outlasts the loop of moves and shots, or else the longest within it."""
     outside: list[Part] = [part for part in ("link", "disk") if seconds[part] > loop]
     inside: list[Part] = ["laser", "mover", "tuning", "gate"]

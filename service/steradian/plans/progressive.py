@@ -18,9 +18,9 @@ from steradian.masks import Mask
 
 PASSES = 4
 """The first pass measures an eighth of the points, the second another eighth, then a quarter, then a half."""
-REACH = 2.25
+NEIGHBOUR_RADIUS = 2.25
 """Distances within which points crowd each other; at 2 the first pass leaves pairs 0.55 of a spacing apart."""
-FEWEST = 16
+MIN_POINTS = 16
 """No pass but the only one has fewer points."""
 
 
@@ -50,24 +50,24 @@ def progressive(positions: NDArray[np.float64], mask: Mask | None = None) -> Pro
     mask
         Their mask, for its point of interest and weights; ``None``: even in the plane.
     """
-    from steradian.plans.tour import join, shortest
+    from steradian.plans.tour import concatenate, short_tour
 
     left = np.arange(len(positions))
-    space = _even_space(positions, mask)
+    space = _density_coordinates(positions, mask)
     passes = []
     for _ in range(PASSES - 1):
         half = (len(left) + 1) // 2
-        if half < 2 * FEWEST:
+        if half < 2 * MIN_POINTS:
             break
         kept = _eliminate(space[left], half)
         passes.append(left[~kept])
         left = left[kept]
     passes = [left, *passes[::-1]]
-    visit = join(positions, [part[shortest(positions[part])] for part in passes])
+    visit = concatenate(positions, [part[short_tour(positions[part])] for part in passes])
     return Progressive(visit, tuple(np.cumsum([len(part) for part in passes]).tolist()))
 
 
-def _even_space(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np.float64]:
+def _density_coordinates(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np.float64]:
     """Coordinates (M, 2 … 4) in which the mask is even and a point has about the area 1 to itself."""
     if mask is not None and mask.is_line:
         place = np.argsort(np.argsort(positions[:, 0], kind="stable"), kind="stable")
@@ -98,14 +98,14 @@ def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
     """
     from scipy.spatial import KDTree
 
-    from steradian.plans.elimination import eliminate
+    from steradian.plans.elimination import eliminate_samples
 
-    reach = REACH * sqrt(len(space) / wanted / (2 * sqrt(3)))
+    reach = NEIGHBOUR_RADIUS * sqrt(len(space) / wanted / (2 * sqrt(3)))
     pairs = KDTree(space).query_pairs(reach, output_type="ndarray")
     distance = np.linalg.norm(space[pairs[:, 0]] - space[pairs[:, 1]], axis=1)
     crowding = np.maximum(1 - distance / reach, 0) ** 8
     ends = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.argsort(ends[:, 0], kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(ends[:, 0], minlength=len(space)))])
-    kept: NDArray[np.bool_] = eliminate(starts, ends[order, 1], np.tile(crowding, 2)[order], wanted)
+    kept: NDArray[np.bool_] = eliminate_samples(starts, ends[order, 1], np.tile(crowding, 2)[order], wanted)
     return kept

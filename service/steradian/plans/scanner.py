@@ -8,7 +8,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 
 STANDARD_BAUD = (9600, 115_200, 460_800, 921_600, 3_000_000, 6_000_000, 12_000_000)
 """Baud rates that serial adapters offer."""
@@ -41,28 +41,30 @@ class ScannerLimits(Value):
 class Motion(Value):
     """Motion of the beam from point to point: speed and settling time."""
 
-    speed: float = quantity("m/s", "Speed of the beam on the film", gt=0, le=1e4, default=5.0)
-    settling: float = quantity("s", "Time until the mirrors rest after a move", ge=0, le=60, default=400e-6)
+    speed: float = quantity_field("m/s", "Speed of the beam on the film", gt=0, le=1e4, default=5.0)
+    settling: float = quantity_field("s", "Time until the mirrors rest after a move", ge=0, le=60, default=400e-6)
 
 
 class Tuning(Value):
     """Tuning of the interrogation laser from one bias wavelength to the next."""
 
-    settling: float = quantity("s", "Time until the wavelength is stable", ge=0, le=60, default=10e-3)
-    speed: float = quantity("m/s", "Wavelength swept per second", gt=0, le=1, default=100e-9)
-    tolerance: float = quantity("m", "Wavelengths this close need no retuning", ge=0, le=1e-6, default=10e-12)
+    settling: float = quantity_field("s", "Time until the wavelength is stable", ge=0, le=60, default=10e-3)
+    speed: float = quantity_field("m/s", "Wavelength swept per second", gt=0, le=1, default=100e-9)
+    tolerance: float = quantity_field("m", "Wavelengths this close need no retuning", ge=0, le=1e-6, default=10e-12)
 
 
 class Link(Value):
     """Capacity of the line from the scanner."""
 
-    byte_rate: float | None = quantity(
+    byte_rate: float | None = quantity_field(
         "B/s", "Bytes per second on the line; none: not limiting", gt=0, default=1_200_000.0
     )
-    frame: int = quantity("B", "Largest payload of a frame: 641 on a UART, 8192 on USB", ge=64, le=65_536, default=641)
-    load: float = quantity("share", "Part of the line's time that A-lines may fill", gt=0, le=1, default=0.9)
-    ring: int = quantity("A-lines", "How many the scanner holds before it stops firing", ge=1, default=512)
-    reports: float = quantity("1/s", "Status reports a second", ge=0, le=1000, default=10.0)
+    frame: int = quantity_field(
+        "B", "Largest payload of a frame: 641 on a UART, 8192 on USB", ge=64, le=65_536, default=641
+    )
+    load: float = quantity_field("share", "Part of the line's time that A-lines may fill", gt=0, le=1, default=0.9)
+    ring: int = quantity_field("A-lines", "How many the scanner holds before it stops firing", ge=1, default=512)
+    reports: float = quantity_field("1/s", "Status reports a second", ge=0, le=1000, default=10.0)
 
     @classmethod
     def serial(cls, baud: float) -> Self:
@@ -106,7 +108,7 @@ class Link(Value):
         """A-lines per second that the line carries at its allowed load; infinite when it does not limit."""
         return float("inf") if self.byte_rate is None else self.load * self.byte_rate / self.bytes_of(samples)
 
-    def baud_for(self, alines_per_second: float, samples: int) -> int:
+    def required_baud(self, alines_per_second: float, samples: int) -> int:
         """Return the smallest standard baud rate that carries ``rate`` A-lines a second; beyond them the exact rate."""
         need = alines_per_second * self.bytes_of(samples) * 10 / self.load
         return next((baud for baud in STANDARD_BAUD if baud >= need), ceil(need / 1e6) * 1_000_000)

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans.curves import hilbert
-from steradian.plans.moves import apart, exact, length, or_opt, reverse, turn, two_opt
+from steradian.plans.moves import distance, exact, length, or_opt, reverse, reverse_segment, two_opt
 
 NEIGHBOURS = 8
 BUDGET = 400_000_000
 """Elementary steps until no move gains, about a second's work; usually far fewer are needed."""
-KICKS = 2_000
+MAX_KICKS = 2_000
 """So often, at most, the finished way is disturbed in one place and mended, and the change kept if that was a gain …"""
 KICKS_PER_POINT = 2
 """… and at most so often for each point."""
@@ -28,7 +28,7 @@ BOTH = 60_000
 """Up to so many points, two beginnings are improved and the better kept; beyond, only the shorter one is."""
 
 
-def shortest(positions: NDArray[np.float64], kicks: int = KICKS) -> NDArray[np.int64]:
+def short_tour(positions: NDArray[np.float64], kicks: int = MAX_KICKS) -> NDArray[np.int64]:
     """Return a short open tour of points (M, 2) by iterated local search with at most ``kicks`` perturbations.
 
     Returns
@@ -56,15 +56,15 @@ def nearest_neighbour(positions: NDArray[np.float64]) -> NDArray[np.int64]:
     return tour
 
 
-def group_by_group(positions: NDArray[np.float64], group: NDArray[Any]) -> NDArray[np.int64]:
+def tour_by_group(positions: NDArray[np.float64], group: NDArray[Any]) -> NDArray[np.int64]:
     """Visit points (M, 2) group (M,) by group, upwards, each on a short way; the groups share the kicks."""
     ranked = np.argsort(group, kind="stable")
     pieces = np.split(ranked, np.flatnonzero(np.diff(group[ranked])) + 1)
-    share = KICKS / len(positions)
-    return join(positions, [piece[shortest(positions[piece], round(share * len(piece)))] for piece in pieces])
+    share = MAX_KICKS / len(positions)
+    return concatenate(positions, [piece[short_tour(positions[piece], round(share * len(piece)))] for piece in pieces])
 
 
-def join(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+def concatenate(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Put tours one after the other, turning those round that then start closer to where the last one ended."""
     joined = [pieces[0]]
     for piece in pieces[1:]:
@@ -119,21 +119,21 @@ def _nearest_neighbour(
         if chosen < 0:
             for _ in range(64):
                 if left >= 0:
-                    distance = apart(positions, here, left)
-                    if distance < least:
-                        chosen, least = left, distance
+                    length = distance(positions, here, left)
+                    if length < least:
+                        chosen, least = left, length
                     left = before[left]
                 if right >= 0:
-                    distance = apart(positions, here, right)
-                    if distance < least:
-                        chosen, least = right, distance
+                    length = distance(positions, here, right)
+                    if length < least:
+                        chosen, least = right, length
                     right = after[right]
         here = chosen
     return tour
 
 
 @exact
-def _settle(
+def _local_search(
     positions: NDArray[np.float64],
     neighbours: NDArray[np.int64],
     tour: NDArray[np.int64],
@@ -173,7 +173,7 @@ def _settle(
 
 
 @exact
-def _kick(
+def _perturb(
     positions: NDArray[np.float64],
     tour: NDArray[np.int64],
     place: NDArray[np.int64],
@@ -193,9 +193,9 @@ def _kick(
     gained[0] += length(positions, p, a) + length(positions, b, c) + length(positions, d, n)
     gained[0] -= length(positions, p, c) + length(positions, d, a) + length(positions, b, n)
     onward = np.int64(1)
-    turn(tour, place, log, a, d, onward)
-    turn(tour, place, log, d, c, onward)
-    turn(tour, place, log, b, a, onward)
+    reverse_segment(tour, place, log, a, d, onward)
+    reverse_segment(tour, place, log, d, c, onward)
+    reverse_segment(tour, place, log, b, a, onward)
     filled = 0
     for point in (p, a, b, c, d, n):
         if point < size - 1 and not queued[point]:
@@ -224,13 +224,13 @@ def _improve(
     waiting, queued = np.empty(size, np.int64), np.ones(count, np.bool_)
     waiting[:count] = start
     log, gained = np.zeros((1000, 2), np.int64), np.zeros(1)
-    _settle(positions, neighbours, tour, place, log, gained, waiting, count, queued, budget, longest)
+    _local_search(positions, neighbours, tour, place, log, gained, waiting, count, queued, budget, longest)
     np.random.seed(1)  # noqa: NPY002
     steps, far = np.int64(100_000), np.int64(1000)  # literals would be compiled for once more
     for _ in range(kicks if count >= 8 else 0):
         log[0, 0], gained[0] = 0, 0.0
-        filled = _kick(positions, tour, place, log, gained, waiting, queued)
-        _settle(positions, neighbours, tour, place, log, gained, waiting, filled, queued, steps, far)
+        filled = _perturb(positions, tour, place, log, gained, waiting, queued)
+        _local_search(positions, neighbours, tour, place, log, gained, waiting, filled, queued, steps, far)
         if gained[0] < 0 and log[0, 0] < len(log):
             for entry in range(log[0, 0], 0, -1):
                 first, last = log[entry, 0], log[entry, 1]

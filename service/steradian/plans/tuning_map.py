@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.core.validation import FloatArray, Value, quantity
+from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.masks import Mask
-from steradian.plans.files import read_value
+from steradian.plans.files import read_json
 from steradian.plans.text_map import is_text_matrix, read_text_map
 
 SAME_PLACE = 1e-6
 """Points this close in metres to a place that was measured have its wavelength; a focus is some ten times wider."""
-AROUND = 8
+NEIGHBOURS = 8
 """Between places, a plane through so many of the nearest is used."""
 COLUMNS = ("x_mm", "y_mm", "wavelength_nm")
 
@@ -31,7 +31,7 @@ class TuningMap(Value):
     """(N, 2) places in m."""
     wavelengths: FloatArray
     """(N,) best wavelengths in m."""
-    repeatability: float = quantity("m", "Standard deviation of one sweep's result", ge=0, le=1e-8, default=0.0)
+    repeatability: float = quantity_field("m", "Standard deviation of one sweep's result", ge=0, le=1e-8, default=0.0)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -66,7 +66,7 @@ class TuningMap(Value):
         if not path.is_file():
             raise NotFound("file", str(path))
         if path.suffix == ".json":
-            return read_value(cls, path)
+            return read_json(cls, path)
         try:
             if path.suffix == ".npz":
                 with np.load(path, allow_pickle=False) as file:
@@ -107,13 +107,13 @@ class TuningMap(Value):
         uncertainty = np.full(len(positions), self.repeatability)
         between = np.flatnonzero(distance > SAME_PLACE)
         if len(between):
-            count = min(AROUND, len(self.wavelengths))
+            count = min(NEIGHBOURS, len(self.wavelengths))
             around = tree.query(positions[between], k=count)[1].reshape(len(between), count)
             found[between] = self._plane(positions[between], around)
             uncertainty[between] = np.sqrt((self._residuals(tree, count)[around] ** 2).mean(axis=1))
         return found, np.maximum(uncertainty, self.repeatability)
 
-    def fields(self, mask: Mask) -> dict[str, Any]:
+    def as_plan_fields(self, mask: Mask) -> dict[str, Any]:
         """Return the fields of a :class:`~steradian.plans.ScanPlan` of a mask that the map determines.
 
         The uncertainty is the root mean square over the mask's points.

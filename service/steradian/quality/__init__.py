@@ -6,14 +6,16 @@ A projection shows each column's maximum and so hides what lies beneath it: stat
 from steradian.quality.comparison import compare
 from steradian.quality.contrasts import contrast, contrast_to_noise, modulation, peak_to_background
 from steradian.quality.pearson import correlation
-from steradian.quality.regions import disc, of_interest, rectangle
+from steradian.quality.regions import above_threshold, bounding_slices, disc
 from steradian.quality.sharpness import sobel, tenenbaum
-from steradian.quality.spread import Spread, direct_fwhm, edge_spread, line_spread
+from steradian.quality.spread import SpreadFit, direct_fwhm, edge_spread, line_spread
 from steradian.quality.width import Width, width
 
 __all__ = [
-    "Spread",
+    "SpreadFit",
     "Width",
+    "above_threshold",
+    "bounding_slices",
     "compare",
     "contrast",
     "contrast_to_noise",
@@ -23,9 +25,7 @@ __all__ = [
     "edge_spread",
     "line_spread",
     "modulation",
-    "of_interest",
     "peak_to_background",
-    "rectangle",
     "sobel",
     "tenenbaum",
     "width",

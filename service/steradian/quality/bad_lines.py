@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.likeness import Likeness, Neighbourhood, compare
 
 NEIGHBOURS: Final = 6
@@ -54,7 +54,7 @@ def find_bad_lines(
     time_zero: NDArray[np.float64],
     sound_speed: float,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> tuple[tuple[BadLine, ...], bool]:
     """Find dead, noisy, inverted, saturated and time-shifted A-lines.
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.quality.pearson import correlation
-from steradian.quality.regions import disc, of_interest
+from steradian.quality.regions import above_threshold, disc
 from steradian.quality.sharpness import tenenbaum
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _lateral_region(volume: Volume, diameter: float | None, centre: tuple[float,
 
 def _region(lateral: NDArray[np.bool_], model: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
     """Return the elements of interest within the lateral region."""
-    found: NDArray[np.bool_] = lateral & of_interest(model, threshold)
+    found: NDArray[np.bool_] = lateral & above_threshold(model, threshold)
     if found.sum() < 2:
         raise InvalidInput("diameter", "fewer than 2 voxels of interest inside", "a region that covers the object")
     return found

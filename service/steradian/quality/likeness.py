@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 
 CHUNK: Final = 512
 """A-lines correlated together: their correlations fit into the processor's second cache."""
@@ -89,7 +89,7 @@ def compare(
     time_zero: NDArray[np.float64],
     sound_speed: float,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Likeness:
     """Compare A-lines with their neighbours; arguments as in :func:`steradian.quality.bad_lines.find_bad_lines`.
 

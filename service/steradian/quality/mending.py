@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine
 from steradian.quality.likeness import Neighbourhood
 
@@ -29,7 +29,7 @@ def measure_shifts(
     *,
     time_zero: NDArray[np.float64] | float = 0.0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float64]:
     """Measure the shifts of shifted A-lines with all samples: the lag of the correlation with the neighbours' sum.
 

@@ -35,7 +35,7 @@ def disc(
     return inside
 
 
-def of_interest(reference: ArrayLike, threshold: float = 0.04) -> Region:
+def above_threshold(reference: ArrayLike, threshold: float = 0.04) -> Region:
     """Return the region of interest: elements of at least a share of the reference's maximum (paper, section 6).
 
     Parameters
@@ -65,7 +65,7 @@ def of_interest(reference: ArrayLike, threshold: float = 0.04) -> Region:
     return inside
 
 
-def rectangle(region: ArrayLike) -> tuple[slice, ...]:
+def bounding_slices(region: ArrayLike) -> tuple[slice, ...]:
     """Return the smallest rectangle (box) that contains all of a region, as a slice an axis.
 
     Raises

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.quality.regions import rectangle, same_shape
+from steradian.quality.regions import bounding_slices, same_shape
 
 
 def tenenbaum(image: ArrayLike, region: ArrayLike | None = None) -> float:
@@ -40,7 +40,7 @@ def tenenbaum(image: ArrayLike, region: ArrayLike | None = None) -> float:
     if region is not None:
         inside = np.asarray(region, dtype=bool)
         same_shape("region", inside, values.shape, "the image")
-        values = values[tuple(slice(max(0, s.start - 1), s.stop + 1) for s in rectangle(inside))]
+        values = values[tuple(slice(max(0, s.start - 1), s.stop + 1) for s in bounding_slices(inside))]
     if min(values.shape) < 3:
         raise InvalidInput("image", f"a rectangle of shape {values.shape}", "at least 3 elements along each axis")
     return float(sum(np.mean(np.square(sobel(values, axis), dtype=np.float64)) for axis in range(values.ndim)))

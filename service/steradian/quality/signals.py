@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine, find_bad_lines
 from steradian.quality.likeness import Neighbourhood
 from steradian.quality.saturation import flat_ends, is_saturated
@@ -89,7 +89,7 @@ def inspect_signals(
     scale: NDArray[np.float32] | float = 1.0,
     sound_speed: float = 1500.0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> SignalReport:
     """Inspect A-lines block by block, after their least and greatest value has been found.
 

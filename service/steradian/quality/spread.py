@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class SpreadFit:
     """A fitted line or edge.
 
     Parameters
@@ -51,7 +51,7 @@ class Spread:
     residual: float
 
 
-def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -> Spread:
+def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -> SpreadFit:
     """Fit I(z) = 2·a₀·w/(π·(w² + 4·(z − z₀)²)) around the maximum (paper, section 3).
 
     Parameters
@@ -86,10 +86,10 @@ def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -
         return found
 
     (w, middle, height), error, residual = _fit(line, x[some], values[some], (width, x[top], values[top]))
-    return Spread(w, error, direct, middle, height, 0.0, residual)
+    return SpreadFit(w, error, direct, middle, height, 0.0, residual)
 
 
-def edge_spread(x: ArrayLike, intensity: ArrayLike) -> Spread:
+def edge_spread(x: ArrayLike, intensity: ArrayLike) -> SpreadFit:
     """Fit I(x) = I₀ + a₀·(arctan((x − x₀)/(w/2))/π + ½) over an edge (paper, section 3).
 
     Parameters
@@ -124,7 +124,7 @@ def edge_spread(x: ArrayLike, intensity: ArrayLike) -> Spread:
 
     middle = between[int(slopes.argmax())]
     (w, middle, height, base), error, residual = _fit(edge, at, values, (start, middle, step, values[0]))
-    return Spread(w, error, direct, middle, height, base, residual)
+    return SpreadFit(w, error, direct, middle, height, base, residual)
 
 
 def direct_fwhm(x: ArrayLike, intensity: ArrayLike, *, base: float | None = None) -> float:

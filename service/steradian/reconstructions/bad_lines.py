@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import BadLine
 from steradian.quality.mending import measure_shifts, turn_sign
 from steradian.quality.signals import inspect_signals
-from steradian.scans.recording import Recording, Shots
+from steradian.scans.recording import Recording, ShotMetadata
 from steradian.scans.time_alignment import align
 
 BadLines = Literal["keep", "leave-out", "mend"]
@@ -72,7 +72,7 @@ def treat_bad_lines(
     treatment: BadLines,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> tuple[Recording, BadLinesFound]:
     """Find bad A-lines of a recording, frame by frame, and leave them out or mend them.
 
@@ -121,7 +121,7 @@ def treat_bad_lines(
     if unmended:
         wanted = np.ones(len(rows), bool)
         wanted[[line.aline for line in unmended]] = False
-        recording = recording.keep(wanted)
+        recording = recording.select(wanted)
     return replace(recording, notes=(*recording.notes, found.note()), inspected=True), found
 
 
@@ -130,7 +130,7 @@ def _inspect(
     those: NDArray[np.int64],
     measure: bool,
     progress: Progress | None,
-    cancelled: IsCancelled | None,
+    cancelled: CancelCheck | None,
 ) -> tuple[list[BadLine], bool]:
     """Find bad ones among some A-lines of a recording; with ``measure`` their shifts are measured with all samples."""
     positions, interval = recording.positions[those], recording.sampling_interval
@@ -188,7 +188,7 @@ def _frames(recording: Recording, rows: NDArray[np.int64]) -> list[NDArray[np.in
 
 
 def _zeros(recording: Recording) -> NDArray[np.float64]:
-    shots: Shots | None = recording.shots
+    shots: ShotMetadata | None = recording.shots
     zeros: Any = recording.time_zero if shots is None else shots.time_zero
     return np.asarray(np.broadcast_to(zeros, len(recording.traces)), np.float64)
 

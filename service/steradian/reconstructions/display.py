@@ -6,36 +6,36 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from steradian.drawing.inline import WIDTH, card, own_axes
-from steradian.drawing.page import colour_bar, dress
+from steradian.drawing.inline import WIDTH, html_card, resolve_axes
+from steradian.drawing.page import colour_bar, style_axes
 from steradian.imaging import Display, Volume
 from steradian.reconstructions.exporting import export_volume, format_of
 from steradian.reconstructions.volumes.file import write_volume
-from steradian.reconstructions.volumes.images import PLANES, Axis, draw_mip, scale_of, span_of
+from steradian.reconstructions.volumes.images import PLANE_LABELS, Axis, display_range, draw_mip, extent_mm
 from steradian.reconstructions.volumes.projections import project
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def html(volume: Volume) -> str:
+def render_html(volume: Volume) -> str:
     """Return a line and the projection along z, for a notebook."""
     axis: Axis = "z" if volume.dimensions == 3 else "y"
-    return card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
+    return html_card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
 
 
-def plot(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
+def plot_volume(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
     """Draw a projection into a matplotlib plot; see :meth:`steradian.Volume.plot`."""
     if volume.dimensions == 2:
         axis = "y"
     else:
         volume.coordinates(axis)  # refuses any other
-    across, up = PLANES[axis]
+    across, up = PLANE_LABELS[axis]
     display, image = Display(), project(volume)[axis]
-    lowest, highest, ending = scale_of(image, display)
-    (left, right), (first, last) = span_of(volume, across), span_of(volume, up)
+    lowest, highest, ending = display_range(image, display)
+    (left, right), (first, last) = extent_mm(volume, across), extent_mm(volume, up)
     ends = (first, last) if up == "y" else (last, first)  # depth points down
-    axes = own_axes(axes)
+    axes = resolve_axes(axes)
     shown = axes.imshow(
         image.T if up == "y" else image.T[::-1],
         origin="lower",
@@ -47,11 +47,13 @@ def plot(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
     colour_bar(axes, shown, "initial pressure (arb. u.)")
     name = f"Maximum-intensity projection along {axis}" if volume.dimensions == 3 else "Image below the line"
     title = f"{name}, {ending}" if ending else name
-    dress(axes, title=title, across=f"{across} (mm)", up=f"{up} (mm)" if up == "y" else "z, depth (mm)", equal=True)
+    style_axes(
+        axes, title=title, across=f"{across} (mm)", up=f"{up} (mm)" if up == "y" else "z, depth (mm)", equal=True
+    )
     return axes
 
 
-def save(volume: Volume, path: Path) -> None:
+def save_volume(volume: Volume, path: Path) -> None:
     """Write a volume as its name's ending says; see :meth:`steradian.Volume.save`."""
     wanted = format_of(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.core.validation import Value, quantity
-from steradian.imaging.film_response import Correction, ElasticFilm
+from steradian.core.validation import Value, quantity_field
+from steradian.imaging.film_response import ElasticFilm, InverseFilter
 from steradian.masks.sensor import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE
 
 
@@ -23,18 +23,20 @@ class Film(Value):
         "rule: the loss at an angle by the paper's two figures, as in what a mask promises; "
         "simulated: what the film of the simulated scanner took away, as the scan says, nothing where it was ideal",
     )
-    max_gain: float = quantity("times", "Largest amplification of a wave, and of the noise", ge=1, le=1000, default=10)
-    thickness: float = quantity("m", "Distance of the mirrors", gt=0, le=1e-3, default=38e-6)
+    max_gain: float = quantity_field(
+        "times", "Largest amplification of a wave, and of the noise", ge=1, le=1000, default=10
+    )
+    thickness: float = quantity_field("m", "Distance of the mirrors", gt=0, le=1e-3, default=38e-6)
     speeds: tuple[float, float] = Field(
         default=(2200.0, 1100.0), description="Longitudinal and shear speed in the film (m/s)"
     )
-    density: float = quantity("kg/m³", "Of the film", gt=0, le=30e3, default=1289.0)
+    density: float = quantity_field("kg/m³", "Of the film", gt=0, le=30e3, default=1289.0)
     backing_speeds: tuple[float, float] = Field(
         default=(2180.0, 910.0), description="Longitudinal and shear speed in the backing (m/s)"
     )
-    backing_density: float = quantity("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
+    backing_density: float = quantity_field("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
 
-    def correction(self, recorded: str = "") -> Correction | None:
+    def correction(self, recorded: str = "") -> InverseFilter | None:
         """Return the film correction for the reconstruction; None for an ideal film.
 
         Parameters
@@ -51,11 +53,11 @@ class Film(Value):
             case "ideal":
                 return None
             case "rule":
-                return Correction(RuleOfThumb(), self.max_gain)
+                return InverseFilter(EmpiricalFilmResponse(), self.max_gain)
             case "simulated":
                 lost = [part for part in SIMULATED if not recorded or part in recorded]
                 return (
-                    Correction(SimulatedFilm("bandwidth" in lost, "directivity" in lost), self.max_gain)
+                    InverseFilter(SimulatedFilmResponse("bandwidth" in lost, "directivity" in lost), self.max_gain)
                     if lost
                     else None
                 )
@@ -67,7 +69,7 @@ class Film(Value):
                     backing_speeds=self.backing_speeds,
                     backing_density=self.backing_density,
                 )
-                return Correction(film, self.max_gain)
+                return InverseFilter(film, self.max_gain)
 
     def notes(self, recorded: str = "") -> tuple[str, ...]:
         """Return notes on differences between the scan's recorded film and this choice; ``recorded`` as above."""
@@ -86,33 +88,33 @@ class Film(Value):
         return ()
 
 
-class RuleOfThumb:
+class EmpiricalFilmResponse:
     """The loss by :func:`steradian.masks.sensor.attenuation_db`; above its range as much as at its end."""
 
-    def at(
+    def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
+        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
         known = np.minimum(np.asarray(frequencies, np.float64), HIGHEST)[:, None]
         across = (np.asarray(sines, np.float64)[None, :] / np.sin(REFERENCE_ANGLE)) ** 2
         return np.asarray(10 ** (-REFERENCE_SLOPE * known * across / 20), np.complex128)
 
 
 SIMULATED = ("bandwidth", "directivity")
-"""What a simulated film may take away and :class:`SimulatedFilm` gives back."""
+"""What a simulated film may take away and :class:`SimulatedFilmResponse` gives back."""
 
 
 @dataclass(frozen=True)
-class SimulatedFilm:
+class SimulatedFilmResponse:
     """Response of the simulated scanner's film: one pole in frequency, a loss at the side."""
 
     bandwidth: bool = True
     directivity: bool = True
 
-    def at(
+    def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
+        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
         from fabry_perot.simulator.film import BANDWIDTH, directivity
 
         sines, frequencies = np.asarray(sines, np.float64), np.asarray(frequencies, np.float64)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from steradian.core.exceptions import InvalidInput
 from steradian.core.schema_descriptions import Explained
 from steradian.core.units import SOUND_SPEED
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.film import Film
@@ -36,14 +36,14 @@ class ReconstructionParameters(Value):
     """Parameters of one reconstruction; ``None`` means "as the scan says"."""
 
     method: Method = Field(default="nedner", description="nedner uses NER by itself where the sensors allow it")
-    modes: int | None = quantity(
+    modes: int | None = quantity_field(
         "modes",
         "Lateral modes per axis; none: voxels of 60 µm, or of an imported pitch below that or above 0.5 mm",
         ge=2,
         le=4096,
         default=None,
     )
-    upsampling: int = quantity("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
+    upsampling: int = quantity_field("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
     depth_range: tuple[float | None, float | None] | None = Field(
         default=None,
         description="First and last depth wanted, in metres; none: from 0, or where the record begins if that is later "
@@ -54,13 +54,17 @@ class ReconstructionParameters(Value):
         default="mask",
         description="Areas h of the sensors, whose sum is the sensed area: the mask's own, equal, or Voronoi cells",
     )
-    sound_speed: float | None = quantity("m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits)
-    tolerance: float = quantity("relative", "Wanted l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
+    sound_speed: float | None = quantity_field(
+        "m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits
+    )
+    tolerance: float = quantity_field("relative", "Wanted l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
     window: Literal["kaiser-bessel", "semicircle"] = Field(
         default="kaiser-bessel", description="Shape of the interpolation window"
     )
-    time_padding: float = quantity("times", "Zeros after the record against wrap-around", ge=1, le=16, default=1.0)
-    lateral_padding: float | None = quantity(
+    time_padding: float = quantity_field(
+        "times", "Zeros after the record against wrap-around", ge=1, le=16, default=1.0
+    )
+    lateral_padding: float | None = quantity_field(
         "times",
         "Zeros around the aperture against sources outside it; none: 1, and as much as it needs for iterative",
         ge=1,
@@ -73,7 +77,7 @@ class ReconstructionParameters(Value):
         "A-lines' signal ends in noise; none: all",
         json_schema_extra={"unit": "Hz"},
     )
-    depth_step: float | None = quantity(
+    depth_step: float | None = quantity_field(
         "m",
         "Distance of slices, at most; none: that of samples, with a highest frequency as far apart as it allows",
         gt=0,

@@ -10,14 +10,14 @@ import numpy as np
 
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import reading
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.origin import notes_of, read_origin
 from steradian.scans.importing.planned import read_plan
 
 
 @dataclass(frozen=True)
-class Imported:
+class StoredPlan:
     """Plan of an imported scan.
 
     Attributes
@@ -38,7 +38,7 @@ class Imported:
     notes: list[str]
 
 
-def read_imported(path: Path) -> Imported:
+def read_stored_plan(path: Path) -> StoredPlan:
     """Read the plan, with its mask, from a scan file.
 
     Raises
@@ -48,7 +48,7 @@ def read_imported(path: Path) -> Imported:
     InvalidInput
         When a value in it is out of range.
     """
-    with reading(path.name, "scan"), open_to_read(path) as file:
+    with reraise_as_damaged(path.name, "scan"), open_for_reading(path) as file:
         stored = int((np.asarray(file["alines/status"]) == schema.STORED).sum())
         summary = {"points": len(file["alines/status"]), "stored": stored, "fired": int(file["fired"][()])}
-        return Imported(read_plan(file), bool(file.attrs["simulated"]), summary, list(notes_of(read_origin(file))))
+        return StoredPlan(read_plan(file), bool(file.attrs["simulated"]), summary, list(notes_of(read_origin(file))))

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing.inline import WIDTH, own_axes, plotted
-from steradian.drawing.page import PICTURES, colour_bar, dress, page, save
+from steradian.drawing.inline import WIDTH, html_plot, resolve_axes
+from steradian.drawing.page import PICTURES, colour_bar, page, save, style_axes
 from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording
-from steradian.reconstructions.plan_reader import Imported, read_imported
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
+from steradian.reconstructions.plan_reader import StoredPlan, read_stored_plan
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.opening import open_recording
@@ -46,7 +46,7 @@ class Scan:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._said: Imported = read_imported(self.path)
+        self._said: StoredPlan = read_stored_plan(self.path)
 
     @property
     def plan(self) -> ScanPlan:
@@ -113,7 +113,7 @@ class Scan:
             When a parameter is unknown, out of range or does not fit the scan, or ``frame`` is None and the scan has
             several.
         """
-        return reconstruct_recording(self.recording(frame), ReconstructionParameters.create(**parameters))
+        return reconstruct_in_memory(self.recording(frame), ReconstructionParameters.create(**parameters))
 
     def plot(self, axes: Axes | None = None, *, frame: int | None = None) -> Axes:
         """Show the A-lines of a frame, those nearest to the middle first.
@@ -125,7 +125,7 @@ class Scan:
         frame
             From 0; None: the only one.
         """
-        axes = own_axes(axes)
+        axes = resolve_axes(axes)
         found = self.recording(frame)
         order = np.argsort(np.linalg.norm(found.positions, axis=1), kind="stable")
         scale = np.broadcast_to(np.asarray(found.scale, np.float32), len(order))
@@ -137,7 +137,7 @@ class Scan:
         shown = axes.imshow(traces.T, extent=extent, aspect="auto", cmap="RdBu_r", vmin=-end, vmax=end)
         colour_bar(axes, shown, "pressure (arb. u.)")
         title = f"{len(order):,} A-lines" + ("" if len(order) == found.planned else f" of {found.planned:,}")
-        dress(axes, title=title, across="A-line, from the middle outwards", up="time (µs)")
+        style_axes(axes, title=title, across="A-line, from the middle outwards", up="time (µs)")
         return axes
 
     def save(self, path: str | Path) -> None:
@@ -158,7 +158,7 @@ class Scan:
             save(figure, wanted)
         elif ending == ".h5":
             wanted.parent.mkdir(parents=True, exist_ok=True)
-            with draft(wanted) as file:
+            with atomic_write(wanted) as file:
                 shutil.copyfile(self.path, file)
         else:
             allowed = ".h5; or .png, .pdf or .svg for a picture"
@@ -176,4 +176,4 @@ class Scan:
         return f"<Scan {self.path.name}: {lines}{frames}, {record}{kind}>"
 
     def _repr_html_(self) -> str:
-        return plotted(repr(self), self.plot) if self.stored else f"<code>{repr(self)[1:-1]}</code>"
+        return html_plot(repr(self), self.plot) if self.stored else f"<code>{repr(self)[1:-1]}</code>"

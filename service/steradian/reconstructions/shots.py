@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.core.validation import Value
 from steradian.reconstructions.bad_lines import BadLines, BadLinesFound, treat_bad_lines
-from steradian.scans.file.tail import NewAlines
-from steradian.scans.recording import Recording, Shots
+from steradian.scans.file.tail import AlineBatch
+from steradian.scans.recording import Recording, ShotMetadata
 from steradian.scans.time_alignment import align, common_grid
 
 Flag = Literal["saturated", "mistuned", "misfire", "partial"]
-BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "partial": 8}
+FLAG_BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "partial": 8}
 """Bits of an A-line's quality."""
 
 
@@ -50,31 +50,31 @@ class ShotTreatment(Value):
         " the others left out",
     )
 
-    def wanted(self, shots: Shots, known: bool | None = None) -> NDArray[np.bool_]:
+    def select_shots(self, shots: ShotMetadata, known: bool | None = None) -> NDArray[np.bool_]:
         """Return (M,) which A-lines are used: those without an excluded flag and, where energies matter, with light.
 
         ``known``: whether the scan knows energies; None: these A-lines are all of it.
         """
-        bits = np.uint32(sum(BITS[flag] for flag in set(self.leave_out)))
+        bits = np.uint32(sum(FLAG_BITS[flag] for flag in set(self.leave_out)))
         wanted: NDArray[np.bool_] = (shots.quality & bits) == 0
         if self._divides(shots, known):
             wanted &= shots.energy > 0
         return wanted
 
-    def strengths(self, shots: Shots, known: bool | None = None) -> NDArray[np.float32]:
-        """Return (M,) the divisors of A-lines; ``known`` as in :meth:`wanted`."""
+    def divisors(self, shots: ShotMetadata, known: bool | None = None) -> NDArray[np.float32]:
+        """Return (M,) the divisors of A-lines; ``known`` as in :meth:`select_shots`."""
         found = shots.energy if self._divides(shots, known) else np.ones(len(shots.energy))
         if self.correct_sensitivity and shots.sensitivity is not None:
             found = found * shots.sensitivity
         return found.astype(np.float32)
 
-    def _divides(self, shots: Shots, known: bool | None) -> bool:
+    def _divides(self, shots: ShotMetadata, known: bool | None) -> bool:
         """Whether energies matter; where none is known at all there is nothing to divide by."""
         return self.normalise_energy and bool(shots.energy.any() if known is None else known)
 
 
 @dataclass
-class Unevenness:
+class ShotVariation:
     """Variation between A-lines, as written to a reconstruction's report.
 
     Attributes
@@ -98,13 +98,13 @@ class Unevenness:
     bad_lines: BadLinesFound | None = None
 
 
-def even_out(
+def normalise_shots(
     recording: Recording,
     treatment: ShotTreatment,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-) -> tuple[Recording, Unevenness]:
+    cancelled: CancelCheck | None = None,
+) -> tuple[Recording, ShotVariation]:
     """Normalise the shots of a recording; returns the recording and the variation found.
 
     A recording without :attr:`~steradian.scans.recording.Recording.shots` comes back as it is but for bad A-lines, and
@@ -117,16 +117,16 @@ def even_out(
     Cancelled
         When ``cancelled`` returned ``True`` while bad A-lines were looked for.
     """
-    found = Unevenness()
+    found = ShotVariation()
     if recording.shots is not None:
-        wanted = treatment.wanted(recording.shots)
+        wanted = treatment.select_shots(recording.shots)
         found.left_out = _left_out(recording.shots, treatment)
         if not wanted.any():
             raise InvalidInput(
                 "shots.leave_out", ", ".join(treatment.leave_out), f"what leaves at least one of {len(wanted)} A-lines"
             )
         if not wanted.all():
-            recording = recording.keep(wanted)
+            recording = recording.select(wanted)
     if treatment.bad_lines != "keep" and not recording.inspected:
         recording, found.bad_lines = treat_bad_lines(
             recording, treatment.bad_lines, progress=progress, cancelled=cancelled
@@ -138,7 +138,7 @@ def even_out(
     found.time_zero_s = float(shots.time_zero.min()), float(shots.time_zero.max())
     if treatment.correct_sensitivity and shots.sensitivity is not None:
         found.sensitivity = float(shots.sensitivity.min()), float(shots.sensitivity.max())
-    scale = np.asarray(recording.scale, np.float32) / treatment.strengths(shots)
+    scale = np.asarray(recording.scale, np.float32) / treatment.divisors(shots)
     traces = recording.traces
     if treatment.time_zero == "each" and np.ptp(shots.time_zero):
         delays, samples = common_grid(shots.time_zero, recording.sampling_interval, traces.shape[1])
@@ -148,13 +148,13 @@ def even_out(
     return even.averaged(), found
 
 
-def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> NewAlines:
+def normalise_new_shots(new: AlineBatch, whole: Recording, treatment: ShotTreatment) -> AlineBatch:
     """Normalise new A-lines of a running scan, on the time grid of ``whole``; samples outside of it are cut."""
-    wanted, shots = treatment.wanted(new.shots, new.energy_known), new.shots
+    wanted, shots = treatment.select_shots(new.shots, new.energy_known), new.shots
     traces = new.traces
     if not wanted.all():
-        traces, shots = traces[wanted], shots.take(wanted)
-    strengths = treatment.strengths(shots, new.energy_known)
+        traces, shots = traces[wanted], shots.select(wanted)
+    strengths = treatment.divisors(shots, new.energy_known)
     if (strengths != 1).any():
         traces = traces / strengths[:, None]
     delays = (shots.time_zero - whole.time_zero) / whole.sampling_interval
@@ -163,8 +163,8 @@ def even_out_new(new: NewAlines, whole: Recording, treatment: ShotTreatment) -> 
     return replace(new, points=new.points[wanted], traces=traces, shots=shots)
 
 
-def _left_out(shots: Shots, treatment: ShotTreatment) -> dict[str, int]:
-    counts = {str(flag): int(((shots.quality & BITS[flag]) != 0).sum()) for flag in treatment.leave_out}
+def _left_out(shots: ShotMetadata, treatment: ShotTreatment) -> dict[str, int]:
+    counts = {str(flag): int(((shots.quality & FLAG_BITS[flag]) != 0).sum()) for flag in treatment.leave_out}
     if treatment.normalise_energy and shots.energy.any():
         counts["dark"] = int((~(shots.energy > 0)).sum())
     return {name: count for name, count in counts.items() if count}

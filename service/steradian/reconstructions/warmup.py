@@ -18,15 +18,15 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from steradian.core.exit_with_parent import end_with_stdin
-from steradian.core.sandbox import die_first
+from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.sandbox import set_oom_score
 
-AHEAD: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.warmup")
-SECOND: Final = "second"
+WARMUP_COMMAND: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.warmup")
+SECOND_HALF: Final = "second"
 """Argument of who begins with the second half, the depths; the first one is the sensors."""
 NICENESS: Final = 5
 """By how much it stands back behind a scan that runs meanwhile, where nobody waits for an image yet."""
-SCORE: Final = 500
+OOM_SCORE: Final = 500
 """By how much sooner the kernel ends it than others when memory runs out."""
 PATIENCE: Final = 1.0
 """Seconds that its end is waited for."""
@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def compiling_ahead(*half: str) -> Iterator[None]:
+def warmup_in_background(*half: str) -> Iterator[None]:
     """Context manager that compiles kernels in other processes; unfinished ones are abandoned at its end.
 
     For our own programs: where Python is part of another one, ``sys.executable`` may be anything.
@@ -49,7 +49,7 @@ def compiling_ahead(*half: str) -> Iterator[None]:
             _end(process)
 
 
-def compile_ahead() -> None:
+def warm_up() -> None:
     """Compile kernels in other processes, until they finish or this process exits."""
     with suppress(OSError), _started() as process:
         if code := process.wait():
@@ -57,9 +57,9 @@ def compile_ahead() -> None:
 
 
 @contextmanager
-def compiling_beside() -> Iterator[None]:
+def warmup_second_half() -> Iterator[None]:
     """Compile the second half of the kernels in another process while this one starts with the first half."""
-    with compiling_ahead(SECOND) if _is_wanted() else nullcontext():
+    with warmup_in_background(SECOND_HALF) if _is_wanted() else nullcontext():
         yield
 
 
@@ -69,7 +69,7 @@ def _is_wanted() -> bool:
     if getattr(type1, "signatures", True):  # it has been used in this process
         return False
     try:
-        return is_needed()
+        return needs_warmup()
     except Exception as error:  # the reconstruction tells whether that is in its way
         _log.warning("what is kept on disk of compiled functions cannot be read: %s", error)
         return False
@@ -77,7 +77,7 @@ def _is_wanted() -> bool:
 
 def _started(*half: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [*AHEAD, *half],
+        [*WARMUP_COMMAND, *half],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -99,56 +99,60 @@ def _functions() -> list[Any]:
     from steradian.imaging.engines.numba import depth, image, type1
     from steradian.reconstructions.volumes import downsample
 
-    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.close_up, downsample.means]
+    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.compact_rows, downsample.mean_pool]
 
 
-def is_needed() -> bool:
+def needs_warmup() -> bool:
     """Whether there is a place on disk for it, and something is not there, or not for this processor."""
-    from steradian.core.jit import is_lacking
+    from steradian.core.jit import is_uncached
 
-    return any(is_lacking(function) for function in _functions())
+    return any(is_uncached(function) for function in _functions())
 
 
-def compile_all(half: str = "") -> None:
+def warm_up_all(half: str = "") -> None:
     """Run each kernel of a scan's reconstruction once, in its precision; one half of the kernels first."""
     import numpy as np
 
     from steradian.imaging import ReconstructionPlan
     from steradian.imaging.engines.numba.engine import NumbaEngine
-    from steradian.reconstructions.volumes.downsample import halved
+    from steradian.reconstructions.volumes.downsample import downsample
 
     positions = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4, 2))  # on no grid
     plan = ReconstructionPlan(positions, samples=40, sampling_interval=8e-9, sound_speed=1500.0, aperture=2e-3, modes=8)
     engine = NumbaEngine(plan.tables, threads=1)
     over_time, over_depth = (np.zeros(size, np.float32) for size in (engine.room.source_size, engine.room.target_size))
-    if half != SECOND:
+    if half != SECOND_HALF:
         engine.lateral(np.zeros((4, 40), np.float32))
         engine.to_image(over_depth)
-        halved(np.zeros((2, 2, 2), np.float32))
+        downsample(np.zeros((2, 2, 2), np.float32))
     engine.to_image(engine.to_depth(over_time))
-    halved(np.zeros((2, 2, 2), np.float32))
+    downsample(np.zeros((2, 2, 2), np.float32))
 
 
 def main(half: str = "") -> None:
     """Entry point of a compiling process, which ends when it is done or its parent has exited."""
-    threading.Thread(target=end_with_stdin, args=(lambda: os._exit(0),), daemon=True).start()
-    die_first(SCORE)
+    threading.Thread(target=exit_when_stdin_closes, args=(lambda: os._exit(0),), daemon=True).start()
+    set_oom_score(OOM_SCORE)
     if not half:
-        _stand_back()
+        _lower_priority()
     from filelock import Timeout
 
-    from steradian.core.jit import is_lacking, lock_beside
-    from steradian.imaging.compute.thread_pool import available
+    from steradian.core.jit import cache_lock, is_uncached
+    from steradian.imaging.compute.thread_pool import available_threads
 
-    lacking = next((function for function in _functions() if is_lacking(function)), None)
+    lacking = next((function for function in _functions() if is_uncached(function)), None)
     if lacking is None:
         return
-    share = not half and available() > 1
-    with suppress(Timeout), lock_beside(lacking, half or "first"), compiling_ahead(SECOND) if share else nullcontext():
-        compile_all(half)
+    share = not half and available_threads() > 1
+    with (
+        suppress(Timeout),
+        cache_lock(lacking, half or "first"),
+        warmup_in_background(SECOND_HALF) if share else nullcontext(),
+    ):
+        warm_up_all(half)
 
 
-def _stand_back() -> None:
+def _lower_priority() -> None:
     with suppress(OSError, AttributeError):
         os.nice(NICENESS)
     with suppress(OSError):  # Linux weighs the processes of a session, which it has to itself, against other sessions

@@ -16,42 +16,42 @@ from typing import Any
 
 from sqlalchemy.exc import DBAPIError
 
-from fabry_perot import Recovery
+from fabry_perot import RecoveryPolicy
 from steradian.core.exceptions import DiskFull, FaultLatched, ScanFailed, ScanInterrupted, SteradianError
-from steradian.core.exit_with_parent import end_with_stdin
-from steradian.core.logging_config import caused_by, configure_logging
+from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.logging_config import bind_request_id, configure_logging
 from steradian.core.settings import Settings
-from steradian.core.stop_signals import StopEvent
-from steradian.runtime.archive.scan_uploader import ScanKeeper
+from steradian.core.stop_signals import SignalSafeEvent
+from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.scanner_port import ScannerPort
-from steradian.scans.acquisition.continuation import begin_with
-from steradian.scans.acquisition.control import End
-from steradian.scans.acquisition.database_control import POLL, ScanWatch
-from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.runtime.scanner_port import ScannerConnection
+from steradian.scans.acquisition.continuation import create_from_partial
+from steradian.scans.acquisition.control import SessionOutcome
+from steradian.scans.acquisition.database_control import POLL, DatabaseControl
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.fault_clerk import FaultClerk
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.acquisition.session import DEFAULT
-from steradian.scans.file.create import check_disk, scan_file_bytes
-from steradian.scans.summary import count_alines, figures_of
-from steradian.storage.blobs.interface import Arrays, Folder, scan_name
-from steradian.storage.blobs.object_store import ObjectStore, arrays_of
+from steradian.scans.file.create import check_free_space, scan_file_bytes
+from steradian.scans.summary import count_alines, scan_summary
+from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, scan_name
+from steradian.storage.blobs.object_store import S3BlobStore, arrays_of
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
-from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState, route
+from steradian.storage.states import DesiredScanState, ScanState, shortest_path
 
 _S = ScanState
-_LAST = {End.STOPPED: _S.PARTIAL, End.ABORTED: _S.ABORTED}
+_LAST = {SessionOutcome.STOPPED: _S.PARTIAL, SessionOutcome.ABORTED: _S.ABORTED}
 _log = logging.getLogger(__name__)
 
 
@@ -83,21 +83,21 @@ class Acquisition:
         scans: ScanRepository,
         plans: PlanRepository,
         data: DataDirectory,
-        port: ScannerPort,
+        port: ScannerConnection,
         stopping: threading.Event,
-        recovery: Recovery = DEFAULT,
-        arrays: Arrays | None = None,
+        recovery: RecoveryPolicy = DEFAULT,
+        arrays: BlobStore | None = None,
         *,
         listens: bool = True,
         shared: bool = False,
     ) -> None:
         self._scans, self._plans, self._data, self._port = scans, plans, data, port
         self._stopping, self._recovery = stopping, recovery
-        self._arrays = arrays or Folder(data)
+        self._arrays = arrays or FolderBlobStore(data)
         self._scanner = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
         block = StatusBlock(data.emergency)
         self._watch = PortWatch(port, block, self._scanner.note_status, listens=listens, shared=shared)
-        self._emergency = EmergencyWatch(EmergencyLatch(data.emergency), self._watch)
+        self._emergency = EmergencyWatchdog(EmergencyLatch(data.emergency), self._watch)
         self._faults = FaultClerk(Clearing(data.emergency), self._watch)
 
     def run(self, prepare: Callable[[], object] = lambda: None) -> None:
@@ -111,7 +111,7 @@ class Acquisition:
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Watch the scanner's port, the emergency stop and requests to clear a fault until the block ends."""
-        with self._watch.watching(), self._emergency.looking(), self._faults.working():
+        with self._watch.watching(), self._emergency.running(), self._faults.working():
             yield
 
     def _work(self, prepare: Callable[[], object]) -> None:
@@ -119,10 +119,10 @@ class Acquisition:
             try:
                 prepare()
                 self._begin()
-                changes = Changes(self._scans.database)
+                changes = ChangeDetector(self._scans.database)
                 while not self._stopping.wait(POLL):
-                    if changes.any():
-                        self.step()
+                    if changes.has_changed():
+                        self.run_once()
             except DBAPIError as error:
                 _log.error("the database does not answer: %s", error.orig)
                 self._stopping.wait(1.0)
@@ -131,18 +131,18 @@ class Acquisition:
         interrupted = self._scans.interrupt_all("the service was restarted")
         if interrupted:
             _log.warning("interrupted by a restart: %s", ", ".join(interrupted))
-        self._scans.forget_wishes("the service was restarted")
+        self._scans.clear_desired_running("the service was restarted")
         self._scanner.report("unknown", "idle")
 
-    def step(self) -> None:
+    def run_once(self) -> None:
         """Finish abandoned scans; resume a scan whose desired state is running, or run the oldest queued one."""
-        for row in self._scans.wished_settled():
+        for row in self._scans.to_settle():
             self._settle(row)
-        found, begin = self._scans.wished_resumed(), self._resume
+        found, begin = self._scans.to_resume(), self._resume
         if found is None:
             found, begin = self._scans.next_queued(), self._begin_scan
         if found is not None:
-            with caused_by(found.request_id):
+            with bind_request_id(found.request_id):
                 begin(found)
 
     def _settle(self, row: ScanRow) -> None:
@@ -151,7 +151,7 @@ class Acquisition:
         What cannot be kept yet is tried again, and holds up no other scan.
         """
         try:
-            figures = figures_of(self._arrays, self._data.scan_file(row.id), row.id)
+            figures = scan_summary(self._arrays, self._data.scan_file(row.id), row.id)
             self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
         except (SteradianError, OSError) as error:
             _log.warning("scan %s cannot be kept as it is yet: %s", row.id, error)
@@ -170,7 +170,9 @@ class Acquisition:
 
     def _refusal(self, row: ScanRow) -> str | None:
         """Say why a scan must not fire, or ``None``."""
-        return self._scanner.refusal(row) if self._emergency.standing is None else "the emergency stop is pressed"
+        return (
+            self._scanner.refusal_reason(row) if self._emergency.standing is None else "the emergency stop is pressed"
+        )
 
     def _loss(self, row: ScanRow) -> str | None:
         """Return the reason why an interrupted scan's stored part is missing, such as a new data folder."""
@@ -181,7 +183,7 @@ class Acquisition:
     def _disk_warning(self, row: ScanRow) -> str | None:
         """Say that the disk will be nearly full; a scan that does not fit fails when its file is to be made."""
         try:
-            return check_disk(self._data.scan_file(row.id).parent, scan_file_bytes(self._plans.load(row.plan_id)))
+            return check_free_space(self._data.scan_file(row.id).parent, scan_file_bytes(self._plans.load(row.plan_id)))
         except DiskFull:
             return None
 
@@ -200,11 +202,11 @@ class Acquisition:
             self._take(row)
 
     def _take(self, row: ScanRow) -> None:
-        watch = ScanWatch(self._scans, row.id, self._stopping, self._emergency)
+        watch = DatabaseControl(self._scans, row.id, self._stopping, self._emergency)
         try:
             try:
                 summary = self._measure(row, watch)
-                watch.over()
+                watch.flush()
             finally:
                 watch.close()
             self._finish(row.id, summary.end)
@@ -224,10 +226,10 @@ class Acquisition:
             _log.exception("scan %s failed", row.id)
             self._give_up(row.id, _S.FAILED, "internal", f"{type(error).__name__}: {error}")
 
-    def _measure(self, row: ScanRow, watch: ScanWatch) -> ScanSummary:
+    def _measure(self, row: ScanRow, watch: DatabaseControl) -> ScanSummary:
         plan, path = self._plans.load(row.plan_id), self._data.scan_file(row.id)
         if row.completes is not None and not path.exists():
-            begin_with(self._arrays.open(scan_name(row.completes)), path, row.id)
+            create_from_partial(self._arrays.open(scan_name(row.completes)), path, row.id)
         if path.exists():
             summary = resume_scan(path, self._port.url(), plan=plan, control=watch, recovery=self._recovery)
             if summary.findings:
@@ -235,11 +237,11 @@ class Acquisition:
             return summary
         return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch, recovery=self._recovery)
 
-    def _finish(self, identifier: str, end: End) -> None:
+    def _finish(self, identifier: str, end: SessionOutcome) -> None:
         """Lead a scan that ended in good order to its last state."""
         figures = self._figures(identifier)
         whole = bool(figures) and figures["stored"] == figures["points"]
-        last = _S.COMPLETE if end is End.COMPLETE or whole else _LAST[end]
+        last = _S.COMPLETE if end is SessionOutcome.COMPLETE or whole else _LAST[end]
         if last is not _S.COMPLETE and self._stopping.is_set():
             self._scans.transition(identifier, _S.INTERRUPTED, why="the service ended", summary=figures)
             return
@@ -249,7 +251,7 @@ class Acquisition:
             last = _S.ABORTED  # there is nothing to keep
         press = self._emergency.standing
         why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"
-        for following in route(row.state, last):
+        for following in shortest_path(row.state, last):
             self._scans.transition(identifier, following, why=why, summary=figures)
         _log.info("scan %s holds %s", identifier, figures)
 
@@ -272,24 +274,28 @@ def main() -> None:
     """Entry point of the acquisition process; the environment contains its settings."""
     settings = Settings.create()
     configure_logging(settings, "acquisition")
-    stopping = StopEvent()
+    stopping = SignalSafeEvent()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    data, port = DataDirectory(settings.data), ScannerPort(settings)
+    data, port = DataDirectory(settings.data), ScannerConnection(settings)
     database = Database(metadata_url(settings))
-    end = threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True)
+    end = threading.Thread(
+        target=exit_when_stdin_closes, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True
+    )
     with Heartbeat(data.heartbeat("acquisition")):
         end.start()
         try:
             scans, plans = ScanRepository(database, scanner_id=settings.scanner_id), PlanRepository(database)
-            recovery = Recovery(within=settings.resume_within)
-            if isinstance(store := arrays_of(settings, database), ObjectStore):
-                keeper = ScanKeeper(store, scans, data)
+            recovery = RecoveryPolicy(within=settings.resume_within)
+            if isinstance(store := arrays_of(settings, database), S3BlobStore):
+                keeper = ScanUploader(store, scans, data)
                 threading.Thread(target=keeper.run, args=(stopping,), daemon=True).start()
             how = {"listens": settings.scanner_watch, "shared": settings.role != "service"}
             note = ScannerRepository(database, scanner_id=settings.scanner_id).ensure
             work = Acquisition(scans, plans, data, port, stopping, recovery, store, **how)
-            work.run(lambda: note(simulated=settings.simulated, address=settings.address, follows=settings.follows))
+            work.run(
+                lambda: note(simulated=settings.simulated, address=settings.address, follows=settings.is_scanner_node)
+            )
         finally:
             port.close()
             database.close()

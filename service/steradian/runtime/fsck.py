@@ -12,20 +12,20 @@ from sqlalchemy import select
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.settings import Settings
 from steradian.jobs.registry import resource_of
-from steradian.reconstructions.plan_reader import read_imported
-from steradian.storage.blobs.interface import Arrays, Folder, result_name, scan_name
+from steradian.reconstructions.plan_reader import read_stored_plan
+from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, result_name, scan_name
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScanRow
-from steradian.storage.maintenance.startup_check import fault_of, is_absent, removals, rows_of
+from steradian.storage.maintenance.startup_check import is_missing, pending_removals, rows_of, sqlite_fault
 from steradian.storage.repositories.imports import register_import
 from steradian.storage.states import ReconstructionState, is_terminal
 
-LONGEST_ID = 40
+MAX_ID_LENGTH = 40
 
 
 @dataclass(frozen=True)
-class Finding:
+class Inconsistency:
     """One thing that is not as it should be.
 
     Attributes
@@ -44,11 +44,11 @@ class Finding:
     text: str
 
 
-def inspect(settings: Settings) -> list[Finding]:
+def check_consistency(settings: Settings) -> list[Inconsistency]:
     """Compare folder and database without changes; no other process may use them meanwhile."""
-    arrays: Arrays = Folder(data := DataDirectory(settings.data))
+    arrays: BlobStore = FolderBlobStore(data := DataDirectory(settings.data))
     found = [*_databases(settings, data), *_scans(settings, data, arrays), *_results(settings, data, arrays)]
-    going = removals(settings)
+    going = pending_removals(settings)
     return [finding for finding in found if finding.subject not in going]
 
 
@@ -61,7 +61,7 @@ def repair(settings: Settings) -> Iterator[str]:
         What was done, one sentence at a time.
     """
     data = DataDirectory(settings.data)
-    found = inspect(settings)
+    found = check_consistency(settings)
     for finding in found:
         if finding.kind == "damaged-database":
             yield from _set_aside(data.root / finding.subject)
@@ -70,7 +70,7 @@ def repair(settings: Settings) -> Iterator[str]:
         database.migrate()
         for finding in found:
             if finding.kind == "unknown-scan":
-                said = read_imported(data.scan_file(finding.subject))
+                said = read_stored_plan(data.scan_file(finding.subject))
                 about: dict[str, Any] = {"simulated": said.simulated, "summary": said.summary, "labels": {}}
                 register_import(database, said.plan, finding.subject, who="steradian check", **about)
                 yield f"scan {finding.subject} is registered: {_alines(said.summary)}"
@@ -78,58 +78,62 @@ def repair(settings: Settings) -> Iterator[str]:
         database.close()
 
 
-def _databases(settings: Settings, data: DataDirectory) -> Iterator[Finding]:
+def _databases(settings: Settings, data: DataDirectory) -> Iterator[Inconsistency]:
     if settings.database_url is not None:
         return
     holds = bool(data.scan_files() or data.job_folders())
-    fault = fault_of(data.metadata_file)
-    if fault is not None and (holds or not is_absent(data.metadata_file)):
-        yield Finding("damaged-database", data.metadata_file.name, f"{fault}; --repair makes a new one")
+    fault = sqlite_fault(data.metadata_file)
+    if fault is not None and (holds or not is_missing(data.metadata_file)):
+        yield Inconsistency("damaged-database", data.metadata_file.name, f"{fault}; --repair makes a new one")
 
 
-def _scans(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
+def _scans(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iterator[Inconsistency]:
     rows = {row.id: row for row in rows_of(settings, select(ScanRow.id, ScanRow.summary))}
     for path in data.scan_files():
         if path.stem not in rows:
             yield _unknown_scan(path)
     for identifier, row in rows.items():
         if (row.summary or {}).get("stored") and arrays.stat(scan_name(identifier)) is None:
-            yield Finding("missing-scan", identifier, f"{_alines(row.summary)} were stored; its file is gone")
+            yield Inconsistency("missing-scan", identifier, f"{_alines(row.summary)} were stored; its file is gone")
 
 
-def _unknown_scan(path: Path) -> Finding:
+def _unknown_scan(path: Path) -> Inconsistency:
     try:
-        said = read_imported(path)
+        said = read_stored_plan(path)
     except (DamagedFile, InvalidInput) as error:
-        return Finding("unreadable-scan", path.stem, f"no row in the database, and {error}")
-    if not path.stem.isascii() or not path.stem.isalnum() or len(path.stem) > LONGEST_ID:
-        return Finding("unreadable-scan", path.stem, "no row in the database, and its name is no identifier: import it")
-    return Finding("unknown-scan", path.stem, f"no row in the database; {_alines(said.summary)}; --repair registers it")
+        return Inconsistency("unreadable-scan", path.stem, f"no row in the database, and {error}")
+    if not path.stem.isascii() or not path.stem.isalnum() or len(path.stem) > MAX_ID_LENGTH:
+        return Inconsistency(
+            "unreadable-scan", path.stem, "no row in the database, and its name is no identifier: import it"
+        )
+    return Inconsistency(
+        "unknown-scan", path.stem, f"no row in the database; {_alines(said.summary)}; --repair registers it"
+    )
 
 
-def _results(settings: Settings, data: DataDirectory, arrays: Arrays) -> Iterator[Finding]:
+def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iterator[Inconsistency]:
     query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.result)
     rows = {row.id: row for row in rows_of(settings, query)}
     for path in data.job_folders():
         job = data.job(path.name)
         if path.name not in rows:
             what = "volume.h5, which `steradian.open` reads" if job.volume.is_file() else "files"
-            yield Finding("unknown-result", path.name, f"no row in the database; jobs/{path.name} holds {what}")
+            yield Inconsistency("unknown-result", path.name, f"no row in the database; jobs/{path.name} holds {what}")
         elif not is_terminal(rows[path.name].state) and job.report.is_file():
             state = rows[path.name].state
             text = f"its results are whole, the database says {state}: it will run again"
-            yield Finding("unfinished-result", path.name, text)
+            yield Inconsistency("unfinished-result", path.name, text)
     for identifier, row in rows.items():
         if row.state is not ReconstructionState.SUCCEEDED:
             continue
         wanted = ["volume.h5"] if resource_of(row.kind) == "reconstruction" else (row.result or {}).get("files", [])
         if gone := [name for name in wanted if arrays.stat(result_name(identifier, name)) is None]:
-            yield Finding("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
+            yield Inconsistency("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
 
 
 def _set_aside(path: Path) -> Iterator[str]:
     """Rename a database with its log; an empty one is used as it is."""
-    if is_absent(path):
+    if is_missing(path):
         return
     number = 1
     while (kept := path.with_name(f"{path.name}.damaged-{number}")).exists():

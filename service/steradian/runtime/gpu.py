@@ -11,7 +11,7 @@ _ASK = "from steradian.imaging.engines.cuda.backend import device; print(device(
 _PATIENCE = 60.0  # seconds; a driver may have to load first
 
 
-def gpu_of_this_machine() -> str | None:
+def detect_gpu() -> str | None:
     """Name of the GPU; None where there is none, or the extra ``gpu`` is not installed.
 
     A process of its own looks: CuPy is large, and who has looked keeps a part of the GPU's memory.

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 
 INTERVAL = 1.0
 STALE_AFTER = 4.0
@@ -37,7 +37,7 @@ class Heartbeat:
         self._over.set()
         self._path.unlink(missing_ok=True)
 
-    def tell_gpu(self, name: str) -> None:
+    def set_gpu(self, name: str) -> None:
         """Record which GPU the process uses."""
         self._about["gpu"] = name
         self._write()
@@ -51,7 +51,7 @@ class Heartbeat:
                     self._write()
 
     def _write(self) -> None:
-        with self._writing, draft(self._path) as beside:  # whoever reads it meanwhile gets a whole one
+        with self._writing, atomic_write(self._path) as beside:  # whoever reads it meanwhile gets a whole one
             beside.write_text(json.dumps(self._about))
 
 

@@ -14,14 +14,14 @@ from typing import IO
 
 from steradian.storage.data_dir.layout import UMASK
 
-FIRST_BACKOFF, LAST_BACKOFF = 0.5, 30.0
-STEADY_AFTER = 30.0
+INITIAL_BACKOFF, LAST_BACKOFF = 0.5, 30.0
+STABLE_AFTER = 30.0
 """Seconds after which a process counts as healthy, so that its next restart is immediate again."""
 _log = logging.getLogger(__name__)
 
 
 @dataclass
-class Child:
+class ManagedProcess:
     """Supervised process, restarted with exponential backoff whenever it ends."""
 
     name: str
@@ -31,7 +31,7 @@ class Child:
     output: IO[bytes] | None = None
     process: subprocess.Popen[bytes] | None = None
     started: float = 0.0
-    backoff: float = FIRST_BACKOFF
+    backoff: float = INITIAL_BACKOFF
     due: float = field(default=0.0)
 
     def start(self, now: float) -> None:
@@ -57,7 +57,7 @@ class Child:
         code = self.process.poll()
         if code is None:
             return
-        self.backoff = FIRST_BACKOFF if now - self.started > STEADY_AFTER else min(2 * self.backoff, LAST_BACKOFF)
+        self.backoff = INITIAL_BACKOFF if now - self.started > STABLE_AFTER else min(2 * self.backoff, LAST_BACKOFF)
         _log.error("%s ended with code %d; starting it again in %g s", self.name, code, self.backoff)
         self._close_pipe()
         self.process, self.due = None, now + self.backoff
@@ -69,7 +69,7 @@ class Child:
 
     def ended_at_once(self, now: float) -> bool:
         """Whether it has ended soon after its start."""
-        return self.has_ended and now - self.started < STEADY_AFTER
+        return self.has_ended and now - self.started < STABLE_AFTER
 
     def ask_to_end(self) -> None:
         """Send SIGTERM."""

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from steradian.core.settings import Settings
 
 
-class ScannerPort:
+class ScannerConnection:
     """Port of the scanner; a simulated scanner is started on first use and again after a failure."""
 
     def __init__(self, settings: Settings) -> None:

@@ -11,16 +11,16 @@ from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.core.settings import Settings
 
 if TYPE_CHECKING:
-    from steradian.storage.db.advisory_locks import SessionLock
+    from steradian.storage.db.advisory_locks import AdvisoryLock
 
-OWNER_INTERVAL = 2.0
+RENEW_INTERVAL = 2.0
 """Seconds between proofs that what is owned still is."""
-OWNER_PATIENCE = 10.0
+ACQUIRE_TIMEOUT = 10.0
 """Seconds for which an earlier owner, which is just ending, is waited for."""
 
 
 @contextmanager
-def owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
+def hold_database_lock(settings: Settings) -> Iterator[Callable[[], None]]:
     """Hold the service lock of a PostgreSQL database; yields a check that raises :class:`Conflict` when it is lost.
 
     The nodes of one service share it.
@@ -28,51 +28,51 @@ def owning_database(settings: Settings) -> Iterator[Callable[[], None]]:
     if settings.database_url is None:
         yield lambda: None
         return
-    from steradian.storage.db.advisory_locks import SessionLock
+    from steradian.storage.db.advisory_locks import AdvisoryLock
 
-    lock = SessionLock(settings.database_url, "service", shared=settings.role != "service")
-    with _holding(lock, "another service runs on this database; stop it or choose another database") as check:
+    lock = AdvisoryLock(settings.database_url, "service", shared=settings.role != "service")
+    with _hold(lock, "another service runs on this database; stop it or choose another database") as check:
         yield check
 
 
 @contextmanager
-def owning_scanner(settings: Settings) -> Iterator[Callable[[], None]]:
+def hold_scanner_lock(settings: Settings) -> Iterator[Callable[[], None]]:
     """Hold the node lock of a scanner, in a service of several nodes; yields a check as above."""
     if settings.database_url is None or settings.role != "acquisition":
         yield lambda: None
         return
     name = settings.scanner_id
     lock = lock_of_scanner(settings.database_url, name)
-    with _holding(lock, f"another node has {name}; stop it or name this one otherwise (STERADIAN_SCANNER_ID)") as check:
+    with _hold(lock, f"another node has {name}; stop it or name this one otherwise (STERADIAN_SCANNER_ID)") as check:
         yield check
 
 
-def lock_of_scanner(database_url: str, name: str) -> SessionLock:
+def lock_of_scanner(database_url: str, name: str) -> AdvisoryLock:
     """Return the lock that the node of a scanner holds as long as it lives."""
-    from steradian.storage.db.advisory_locks import SessionLock
+    from steradian.storage.db.advisory_locks import AdvisoryLock
 
-    return SessionLock(database_url, f"scanner {name}")
+    return AdvisoryLock(database_url, f"scanner {name}")
 
 
 @contextmanager
-def _holding(lock: SessionLock, refusal: str) -> Iterator[Callable[[], None]]:
-    from steradian.storage.db.advisory_locks import Hold
+def _hold(lock: AdvisoryLock, refusal: str) -> Iterator[Callable[[], None]]:
+    from steradian.storage.db.advisory_locks import LockState
 
     over, taken = threading.Event(), threading.Event()
 
     def stay() -> None:  # a thread's work: a connection that is cut off answers late, and the children are tended
-        while not over.wait(OWNER_INTERVAL):
-            if lock.keep(OWNER_INTERVAL) is Hold.TAKEN:
+        while not over.wait(RENEW_INTERVAL):
+            if lock.hold(RENEW_INTERVAL) is LockState.TAKEN:
                 taken.set()
 
     def check() -> None:
         if taken.is_set():
             raise Conflict(f"taken over meanwhile: {refusal}")
 
-    hold = lock.acquire(seconds=OWNER_PATIENCE)
-    if hold is Hold.UNREACHABLE:
+    hold = lock.acquire(seconds=ACQUIRE_TIMEOUT)
+    if hold is LockState.UNREACHABLE:
         raise InvalidInput("STERADIAN_DATABASE_URL", "set", "a PostgreSQL database that answers")
-    if hold is Hold.TAKEN:
+    if hold is LockState.TAKEN:
         raise Conflict(refusal)
     keeper = threading.Thread(target=stay, daemon=True)
     keeper.start()

@@ -26,29 +26,29 @@ from typing import IO
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput, StoreUnavailable
 from steradian.core.settings import PREFIX, Settings
-from steradian.runtime.managed_process import Child
-from steradian.runtime.singleton_locks import owning_database, owning_scanner
-from steradian.runtime.watchdog import Watch, answers
-from steradian.security.admission import require_key
+from steradian.runtime.managed_process import ManagedProcess
+from steradian.runtime.singleton_locks import hold_database_lock, hold_scanner_lock
+from steradian.runtime.watchdog import Watchdog, responds
+from steradian.security.admission import require_api_key
 from steradian.storage import deployment_binding as belonging
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.maintenance.permissions import require_writable
-from steradian.storage.maintenance.startup_check import MANY, check_before_start, is_database
+from steradian.storage.maintenance.startup_check import MAX_LISTED, check_before_start, is_database
 
 TICK = 0.1
 ESSENTIAL, ESSENTIAL_PARTS = frozenset({"api", "acquisition"}), ("emergency-stop", "run")
 """Processes without which there is no service, and the folders whose files each of them writes at its start."""
 GRACE = 8.0
 """Seconds that the children get to end before they are killed."""
-BACKLOG = 512
+LISTEN_BACKLOG = 512
 _log = logging.getLogger(__name__)
 
 
-def serve(
+def run_service(
     settings: Settings, announce: Callable[[str], None], stop: threading.Event, *, on_ready: str = "steradian serves"
 ) -> None:
     """Run the service until ``stop`` is set; then end every process within ten seconds.
@@ -68,42 +68,42 @@ def serve(
         When the address cannot be listened on, or the data directory cannot be made, or a node lacks what it must
         share with the others.
     """
-    _refuse_lone_node(settings)
+    _require_node_settings(settings)
     data = DataDirectory(settings.data)
     _refuse_unusable(settings, data)
     with ExitStack() as stack:
         stack.enter_context(data.lock())
-        for deed in data.close_to_others():
+        for deed in data.restrict_permissions():
             _log.warning("other users of this machine can %s; chmod go-rwx keeps them out", deed)
-        owners = stack.enter_context(owning_database(settings)), stack.enter_context(owning_scanner(settings))
+        owners = stack.enter_context(hold_database_lock(settings)), stack.enter_context(hold_scanner_lock(settings))
         _check(settings)
         listener = stack.enter_context(_listen(settings))
         _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
-        settings = _addressed(settings, listener.getsockname()[1])
+        settings = _with_public_address(settings, listener.getsockname()[1])
         children = _children(settings, listener)
         stack.callback(_forget, data, children)
         stack.callback(_end_all, children, GRACE + settings.drain_seconds)
-        announced, watch = False, Watch(data, f"{url}/healthz", stop)
+        announced, watch = False, Watchdog(data, f"{url}/healthz", stop)
         while not stop.is_set():
             now = time.monotonic()
             if any(child.ended_at_once(now) for child in children if child.name in ESSENTIAL):
                 require_writable(data, ESSENTIAL_PARTS)  # else it would be started again for ever
             for child in children:
                 child.tend(now)
-            if not announced and answers(f"{url}/healthz"):
+            if not announced and responds(f"{url}/healthz"):
                 announced = True
-                with draft(data.root / "run" / "service.json") as beside:
+                with atomic_write(data.root / "run" / "service.json") as beside:
                     beside.write_text(json.dumps({"url": url, "pid": os.getpid()}))
                 announce(f"{on_ready} at {url}/api/v1 (data in {settings.data}); Ctrl-C ends it")
             if announced:
-                watch.look(children, time.monotonic())
+                watch.check(children, time.monotonic())
             for owner in owners:
                 owner()
             stop.wait(TICK)
 
 
-def work(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> None:
+def run_workers(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> None:
     """Keep ``settings.workers`` workers of a service elsewhere running until ``stop`` is set.
 
     Raises
@@ -122,7 +122,7 @@ def work(settings: Settings, announce: Callable[[str], None], stop: threading.Ev
         DataDirectory(settings.data).create()
     children = [_worker(settings, slot, None) for slot in range(settings.workers)]
     try:
-        announce(f"{settings.workers} workers {settings.executor(0)} … on {settings.data}; Ctrl-C ends them")
+        announce(f"{settings.workers} workers {settings.worker_slot_name(0)} … on {settings.data}; Ctrl-C ends them")
         while not stop.wait(TICK):
             for child in children:
                 child.tend(time.monotonic())
@@ -139,14 +139,14 @@ def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
     elif settings.role == "service" and data.root.is_dir():
         database = Database(metadata_url(settings))
         with closing(database), suppress(StoreUnavailable, SQLAlchemyError):  # which binding them says
-            belonging.check(settings, database)
+            belonging.check_binding(settings, database)
 
 
 def _refuse_foreign_folder(settings: Settings) -> None:
     """Reject a data folder of another database before workers start; an unavailable database is left to them."""
     database = Database(metadata_url(settings))
     try:
-        belonging.check(settings, database)
+        belonging.check_binding(settings, database)
     except StoreUnavailable as error:
         _log.warning("%s", error)
     except SQLAlchemyError as error:
@@ -166,15 +166,15 @@ def running_worker(settings: Settings) -> Iterator[None]:
     DataDirectoryInUse
         When a service owns the data directory; submit the job to it instead.
     """
-    from steradian.jobs.queue.dbos import prepare  # takes seconds to load
+    from steradian.jobs.queue.dbos import migrate_queue  # takes seconds to load
 
     data = DataDirectory(settings.data)
     require_writable(data)
     with data.lock(), (data.root / "run" / "worker.log").open("ab") as log:
-        prepare(settings)  # workers make no tables
+        migrate_queue(settings)  # workers make no tables
         child = _worker(settings, 0, log)
         over = threading.Event()
-        keeper = threading.Thread(target=_keep, args=(child, over), daemon=True)
+        keeper = threading.Thread(target=_supervise, args=(child, over), daemon=True)
         keeper.start()
         try:
             yield
@@ -184,27 +184,29 @@ def running_worker(settings: Settings) -> Iterator[None]:
             _end_all([child], GRACE)
 
 
-def _keep(child: Child, over: threading.Event) -> None:
+def _supervise(child: ManagedProcess, over: threading.Event) -> None:
     while not over.is_set():
         child.tend(time.monotonic())
         over.wait(TICK)
 
 
-def _children(settings: Settings, listener: socket.socket) -> list[Child]:
+def _children(settings: Settings, listener: socket.socket) -> list[ManagedProcess]:
     descriptor = listener.fileno()
     python, keyless = sys.executable, settings.environment(keys=False)
-    api = Child("api", [python, "-P", "-m", "steradian.api", str(descriptor)], settings.environment(), (descriptor,))
-    acquisition = Child("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], keyless)
+    api = ManagedProcess(
+        "api", [python, "-P", "-m", "steradian.api", str(descriptor)], settings.environment(), (descriptor,)
+    )
+    acquisition = ManagedProcess("acquisition", [python, "-P", "-m", "steradian.runtime.acquisition"], keyless)
     workers = [_worker(settings, slot, None) for slot in range(settings.workers)]
     return [api] if settings.role == "api" else [api, acquisition, *workers]
 
 
-def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> Child:
+def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> ManagedProcess:
     command = [sys.executable, "-P", "-m", "steradian.runtime.worker", str(slot)]
-    return Child(settings.executor(slot), command, settings.environment(keys=False), output=output)
+    return ManagedProcess(settings.worker_slot_name(slot), command, settings.environment(keys=False), output=output)
 
 
-def _end_all(children: Sequence[Child], grace: float) -> None:
+def _end_all(children: Sequence[ManagedProcess], grace: float) -> None:
     deadline = time.monotonic() + grace
     for child in children:
         child.ask_to_end()
@@ -212,7 +214,7 @@ def _end_all(children: Sequence[Child], grace: float) -> None:
         child.end(deadline)
 
 
-def _forget(data: DataDirectory, children: Sequence[Child]) -> None:
+def _forget(data: DataDirectory, children: Sequence[ManagedProcess]) -> None:
     """Remove the signs of life of the service's own processes, which have ended; those of other hosts are theirs."""
     for name in ("service", *(child.name for child in children)):
         data.heartbeat(name).unlink(missing_ok=True)
@@ -221,7 +223,7 @@ def _forget(data: DataDirectory, children: Sequence[Child]) -> None:
 def _check(settings: Settings) -> None:
     """Refuse a folder whose database is damaged or another's; raises :class:`DamagedFile`."""
     if unknown := check_before_start(settings):
-        names = ", ".join(unknown[:MANY]) + (" …" if len(unknown) > MANY else "")
+        names = ", ".join(unknown[:MAX_LISTED]) + (" …" if len(unknown) > MAX_LISTED else "")
         advice = f"`steradian check {settings.data}` tells what can be got back"
         _log.warning("the database does not know %d of the scans in the folder (%s); %s", len(unknown), names, advice)
 
@@ -230,14 +232,14 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
     database = Database(metadata_url(settings))
     try:
         database.migrate()
-        belonging.bind(settings, database)
-        if made := require_key(settings, database):
+        belonging.bind_deployment(settings, database)
+        if made := require_api_key(settings, database):
             announce(f"An admin key was made; it is in {made}")
     finally:
         database.close()
 
 
-def _refuse_lone_node(settings: Settings) -> None:
+def _require_node_settings(settings: Settings) -> None:
     """Reject settings of a node that lack the database and store shared by several nodes."""
     if settings.role != "service":
         needed = {
@@ -250,7 +252,7 @@ def _refuse_lone_node(settings: Settings) -> None:
                 raise InvalidInput(f"{PREFIX}{name.upper()}", "missing", allowed)
 
 
-def _addressed(settings: Settings, port: int) -> Settings:
+def _with_public_address(settings: Settings, port: int) -> Settings:
     """Set the address at which other nodes reach the API, unless the settings have one."""
     if settings.address is not None or settings.node_secret is None:
         return settings
@@ -261,7 +263,7 @@ def _addressed(settings: Settings, port: int) -> Settings:
 def _listen(settings: Settings) -> socket.socket:
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((settings.host, settings.port), family=family, backlog=BACKLOG)
+        return socket.create_server((settings.host, settings.port), family=family, backlog=LISTEN_BACKLOG)
     except OSError as error:
         where = f"{settings.host}:{settings.port}"
         raise InvalidInput("host and port", where, f"an address that is free ({error.strerror or error})") from error

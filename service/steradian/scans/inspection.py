@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.json_encoding import plain
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.json_encoding import to_jsonable
+from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.signals import SignalReport, inspect_signals
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording
@@ -99,11 +99,11 @@ class Inspection:
             "bad": bad,
             "bad_counts": self.kinds,
         }
-        return dict(plain(answer))
+        return dict(to_jsonable(answer))
 
     def statistics(self) -> dict[str, Any]:
         """Return mean and standard deviation of power and baseline over the frame's A-lines, in plain values."""
-        return dict(plain({"frame": self.frame, **self._statistics(slice(None))}))
+        return dict(to_jsonable({"frame": self.frame, **self._statistics(slice(None))}))
 
     def _beams(self) -> list[dict[str, Any]]:
         beams = int(self.recording.provenance.get("beams", "1"))
@@ -127,7 +127,7 @@ def inspect_scan(
     frame: int = 0,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Inspection:
     """Inspect the A-lines that a frame of a scan, or of another known recording, has so far.
 

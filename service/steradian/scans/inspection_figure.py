@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,7 +42,7 @@ def draw_inspection(found: Inspection, path: Path) -> None:
     _map(found, axes[1, 2], 1e6 * told.arrival, "arrival (µs)")
     counts = ", ".join(f"{count} {kind} ({MARKS[kind]})" for kind, count in found.kinds.items()) or "none found"
     figure.suptitle(f"{len(told.power)} A-lines of frame {found.frame}; bad: {counts}", fontsize=10)
-    with draft(path) as file:
+    with atomic_write(path) as file:
         figure.savefig(file, format="png")
 
 

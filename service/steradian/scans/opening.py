@@ -8,8 +8,8 @@ from pathlib import Path
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
-from steradian.scans.importing.opening import is_own, open_source
-from steradian.scans.importing.source import Source
+from steradian.scans.importing.opening import is_scan_file, open_recording_source
+from steradian.scans.importing.source import RecordingSource
 from steradian.scans.recording import Recording
 
 FIRST = FrameChoice()
@@ -40,11 +40,11 @@ def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
     if not path.is_file():
         raise NotFound("file", str(path))
     choice = frame if isinstance(frame, FrameChoice) else FrameChoice(frame)
-    if is_own(path):
+    if is_scan_file(path):
         numbers, notes = choice.pick(list_frames(path))
         recording = read_scan(path, numbers if choice.average else numbers[0])
         return replace(recording, notes=recording.notes + notes)
-    with open_source(path) as source:
+    with open_recording_source(path) as source:
         numbers, notes = choice.pick(_frames_of(source))
         if numbers != [0]:
             raise InvalidInput("frame", ", ".join(map(str, numbers)), "0 of a file that is not imported; import it")
@@ -52,7 +52,7 @@ def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
     return replace(recording, notes=recording.notes + notes)
 
 
-def _frames_of(source: Source) -> list[Frame]:
+def _frames_of(source: RecordingSource) -> list[Frame]:
     """Return the frames of a foreign file, with as many at each excitation wavelength as come out even."""
     count, lights = source.table.frames, source.excitation or (0.0,)
     each = max(1, count // len(lights))

@@ -12,7 +12,7 @@ from steradian.core.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Shots:
+class ShotMetadata:
     """Per-A-line metadata: pulse energies, time zeros, bias wavelengths, flags.
 
     Attributes
@@ -42,17 +42,17 @@ class Shots:
     sensitivity: FloatArray | None = None
 
     @classmethod
-    def usual(cls, time_zero: FloatArray) -> Shots:
+    def default(cls, time_zero: FloatArray) -> ShotMetadata:
         """Return shots of which nothing but the time zero (M,) is known."""
         count = len(time_zero)
         none, zeros = np.zeros(count, np.uint32), np.zeros(count)
         return cls(np.ones(count), time_zero, none, none + 1, zeros, zeros)
 
-    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Shots:
+    def select(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> ShotMetadata:
         """Return those of some A-lines."""
         values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
         taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in values.items()}
-        return Shots(**taken)
+        return ShotMetadata(**taken)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Recording:
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
     shots
         What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
-        (:func:`steradian.reconstructions.shots.even_out`).
+        (:func:`steradian.reconstructions.shots.normalise_shots`).
     points
         (M,) numbers of the mask's points, where several A-lines belong to one because frames are to be averaged; else
         ``None``.
@@ -113,7 +113,7 @@ class Recording:
     depth: float | None
     planned: int
     provenance: dict[str, str]
-    shots: Shots | None = None
+    shots: ShotMetadata | None = None
     outline: FloatArray | None = None
     """Convex outline of the sensed area (:class:`steradian.masks.Mask`), ``None`` where the file does not say: scans
     measured before it was kept have weights that sum to aperture², whatever their sensors cover."""
@@ -125,7 +125,7 @@ class Recording:
     rows: NDArray[np.int64] | None = None
     inspected: bool = False
 
-    def keep(self, wanted: NDArray[np.bool_]) -> Recording:
+    def select(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""
         weights, scale = self.weights, np.asarray(self.scale)
         if weights is not None:
@@ -136,7 +136,7 @@ class Recording:
             scale=scale[wanted] if scale.ndim else self.scale,
             positions=self.positions[wanted],
             weights=weights,
-            shots=None if self.shots is None else self.shots.take(wanted),
+            shots=None if self.shots is None else self.shots.select(wanted),
             points=None if self.points is None else self.points[wanted],
             rows=None if self.rows is None else self.rows[wanted],
         )

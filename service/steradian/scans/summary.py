@@ -9,12 +9,12 @@ import numpy as np
 
 from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.locking import open_to_read
-from steradian.storage.blobs.interface import Arrays, scan_name
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.locking import open_for_reading
+from steradian.storage.blobs.interface import BlobStore, scan_name
 
 
-def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
+def scan_summary(arrays: BlobStore, own: Path, scan_id: str) -> dict[str, Any]:
     """Count the A-lines of an abandoned scan.
 
     Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody;
@@ -32,7 +32,7 @@ def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
     """
     if own.exists():
         return count_alines(own)
-    arrays.settle(name := scan_name(scan_id))
+    arrays.accept_stale_copy(name := scan_name(scan_id))
     try:
         return count_alines(arrays.open(name))
     except (NotFound, DamagedFile):
@@ -42,9 +42,9 @@ def figures_of(arrays: Arrays, own: Path, scan_id: str) -> dict[str, Any]:
 def count_alines(path: Path) -> dict[str, Any]:
     """Count the rows of a scan file: ``points``, ``stored``, ``fired``; empty without a readable file."""
     try:
-        with open_to_read(path) as file:
+        with open_for_reading(path) as file:
             status = np.asarray(file["alines/status"])
             stored = int((status == schema.STORED).sum())
             return {"points": len(status), "stored": stored, "fired": int(file["fired"][()])}
-    except (OSError, *BROKEN):
+    except (OSError, *HDF5_ERRORS):
         return {}

@@ -12,9 +12,9 @@ from steradian.core.validation import FloatArray
 
 BLOCK = 512
 """A-lines transformed together."""
-GUARD = 64
+MARGIN_SAMPLES = 64
 """Zeros behind an A-line, so that the end of its interpolation does not come round to its beginning."""
-EXACT = 1e-6
+INTEGER_TOLERANCE = 1e-6
 """Share of a sampling interval below which a shift is by whole samples."""
 
 
@@ -30,7 +30,7 @@ def common_grid(time_zero: FloatArray, sampling_interval: float, samples: int) -
     if delays.max() > samples:
         spread = 1e6 * float(np.ptp(time_zero))
         raise InvalidInput("time_zero", f"{spread:.4g} µs apart", f"at most {1e6 * samples * sampling_interval:.4g} µs")
-    return delays, samples + math.ceil(delays.max() - EXACT)
+    return delays, samples + math.ceil(delays.max() - INTEGER_TOLERANCE)
 
 
 def align(traces: NDArray[np.float32], delays: FloatArray, samples: int) -> NDArray[np.float32]:
@@ -51,7 +51,7 @@ def align(traces: NDArray[np.float32], delays: FloatArray, samples: int) -> NDAr
     aligned = np.zeros((len(traces), samples), np.float32)
     for first in range(0, len(traces), BLOCK):
         part = slice(first, first + BLOCK)
-        whole = np.floor(delays[part] + EXACT).astype(np.int64)
+        whole = np.floor(delays[part] + INTEGER_TOLERANCE).astype(np.int64)
         shifted = _later(traces[part], delays[part] - whole)
         for row, (start, line) in enumerate(zip(whole.tolist(), shifted, strict=True), first):
             begin, end = max(start, 0), min(start + len(line), samples)
@@ -65,11 +65,11 @@ def _later(traces: NDArray[np.float32], shares: FloatArray) -> NDArray[np.float3
     count, samples = traces.shape
     later = np.zeros((count, samples + 1), np.float32)
     later[:, :samples] = traces
-    moved = np.flatnonzero(shares > EXACT)
+    moved = np.flatnonzero(shares > INTEGER_TOLERANCE)
     if len(moved):
         from scipy.fft import irfft, next_fast_len, rfft  # an eighth of the API's start, which does not need it
 
-        length = next_fast_len(samples + GUARD, real=True)
+        length = next_fast_len(samples + MARGIN_SAMPLES, real=True)
         turns = np.arange(length // 2 + 1) * (-2j * np.pi / length)
         spectrum = rfft(traces[moved].astype(np.float64), length, axis=1) * np.exp(turns * shares[moved, None])
         later[moved] = irfft(spectrum, length, axis=1)[:, : samples + 1]

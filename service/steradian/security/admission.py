@@ -11,7 +11,7 @@ from steradian.security.keys import KeyStore, Scope
 from steradian.storage.db.database import Database
 
 
-def require_key(settings: Settings, database: Database) -> Path | None:
+def require_api_key(settings: Settings, database: Database) -> Path | None:
     """Refuse to serve where a key is needed while there is none.
 
     Returns

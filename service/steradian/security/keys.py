@@ -17,13 +17,13 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput, NotFound, SteradianError
 from steradian.storage.db.clock import Clock, utc_now
-from steradian.storage.db.database import Database, take_turns
-from steradian.storage.db.tables import KeyRow, TicketRow
+from steradian.storage.db.database import Database, advisory_xact_lock
+from steradian.storage.db.tables import ApiKeyRow, TicketRow
 
 PREFIX = "sk"
 TICKET_SECONDS = 30.0
 """For how long a ticket waits for its stream to be opened."""
-RETURN_SECONDS = 60.0
+RECONNECT_SECONDS = 60.0
 """For how long after a stream's end its ticket lets the same client come back."""
 STREAM_SECONDS = 12 * 3600.0
 """For how long a ticket lets it come back at all, from the first opening."""
@@ -31,7 +31,7 @@ FIRST_LOCK = 0x57E2AD1F
 """Number of the PostgreSQL advisory lock under which a first key is made."""
 LONGEST_NAME = 100
 """Characters; what a principal is called has twenty more and is written down in columns of 120."""
-_WORTHLESS = "the ticket is unknown, used or too old"
+INVALID_MESSAGE = "the ticket is unknown, used or too old"
 _NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
 """What a principal with a key is called; see :meth:`KeyStore.check`."""
 
@@ -86,7 +86,7 @@ class KeyStore:
 
     def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
         self.database, self.clock = database, clock
-        self._remembered: dict[str, KeyRow] = {}
+        self._remembered: dict[str, ApiKeyRow] = {}
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
@@ -103,8 +103,8 @@ class KeyStore:
             Called with the key before it is worth anything.
         """
         with self.database.write() as session:
-            take_turns(session, FIRST_LOCK)
-            if self._fixed is not None or any(self._is_valid(row) for row in session.scalars(select(KeyRow))):
+            advisory_xact_lock(session, FIRST_LOCK)
+            if self._fixed is not None or any(self._is_valid(row) for row in session.scalars(select(ApiKeyRow))):
                 return False
             keep(self._create(session, name, scopes, None))
         return True
@@ -114,7 +114,7 @@ class KeyStore:
             raise InvalidInput("name", f"{len(name)} characters", f"1 to {LONGEST_NAME}")
         identifier, secret = secrets.token_hex(6), secrets.token_urlsafe(32)
         now = self.clock()
-        row = KeyRow(
+        row = ApiKeyRow(
             id=identifier,
             name=name,
             hash=_hash(secret),
@@ -129,15 +129,15 @@ class KeyStore:
         """Whether any valid key exists."""
         return self._fixed is not None or any(self._is_valid(row) for row in self.list())
 
-    def list(self) -> list[KeyRow]:
+    def list(self) -> list[ApiKeyRow]:
         """Return all keys, oldest first, without their secrets."""
         with self.database.read() as session:
-            return list(session.scalars(select(KeyRow).order_by(KeyRow.sequence)))
+            return list(session.scalars(select(ApiKeyRow).order_by(ApiKeyRow.sequence)))
 
     def revoke(self, identifier: str) -> None:
         """Make a key worthless at once; raises :class:`NotFound`."""
         with self.database.write() as session:
-            row = session.scalars(select(KeyRow).where(KeyRow.id == identifier)).one_or_none()
+            row = session.scalars(select(ApiKeyRow).where(ApiKeyRow.id == identifier)).one_or_none()
             if row is None:
                 raise NotFound("key", identifier)
             row.revoked = row.revoked or self.clock()
@@ -153,14 +153,14 @@ class KeyStore:
         if self._is_fixed(key):
             return _SETTINGS
         with self.database.read() as session:
-            row = session.scalars(select(KeyRow).where(KeyRow.id == _identifier(key))).one_or_none()
+            row = session.scalars(select(ApiKeyRow).where(ApiKeyRow.id == _identifier(key))).one_or_none()
         return self._prove(key, row)
 
-    def remember(self) -> None:
-        """Look at the keys in the database, for :meth:`recall`."""
+    def refresh_cache(self) -> None:
+        """Look at the keys in the database, for :meth:`check_cached`."""
         self._remembered = {row.id: row for row in self.list()}
 
-    def recall(self, key: str) -> Principal | None:
+    def check_cached(self, key: str) -> Principal | None:
         """Return the principal of a key from the cache; ``None`` if the cache does not contain it."""
         if self._is_fixed(key):
             return _SETTINGS
@@ -171,18 +171,18 @@ class KeyStore:
     def _is_fixed(self, key: str) -> bool:
         return self._fixed is not None and hmac.compare_digest(_hash(key), self._fixed)
 
-    def _prove(self, key: str, row: KeyRow | None) -> Principal:
+    def _prove(self, key: str, row: ApiKeyRow | None) -> Principal:
         prefix, _, rest = key.partition("_")
         proven = hmac.compare_digest(_hash(rest.partition("_")[2]), row.hash if row else _hash(""))
         if prefix != PREFIX or row is None or not proven or not self._is_valid(row):
             raise Unauthorized("the key is unknown, revoked or expired")
         return _principal_of(row)
 
-    def issuer(self, principal: Principal) -> str | None:
-        """Name the key of a principal, so that :meth:`of_issuer` finds it; ``None`` of one without."""
+    def key_id(self, principal: Principal) -> str | None:
+        """Name the key of a principal, so that :meth:`principal_of_key` finds it; ``None`` of one without."""
         return self._fixed if principal is _SETTINGS else principal.key_id
 
-    def of_issuer(self, issuer: str, *, from_memory: bool = False) -> Principal:
+    def principal_of_key(self, issuer: str, *, from_memory: bool = False) -> Principal:
         """Return the principal of a key by its identifier, from the cache where the database must not be queried.
 
         Raises
@@ -195,7 +195,7 @@ class KeyStore:
         row = self._remembered.get(issuer)
         if not from_memory:
             with self.database.read() as session:
-                row = session.scalars(select(KeyRow).where(KeyRow.id == issuer)).one_or_none()
+                row = session.scalars(select(ApiKeyRow).where(ApiKeyRow.id == issuer)).one_or_none()
         if row is None or not self._is_valid(row):
             raise Unauthorized("the key of this session is revoked or expired")
         return _principal_of(row)
@@ -209,7 +209,7 @@ class KeyStore:
             session.add(TicketRow(hash=_hash(ticket), principal=principal.name, expires=expires))
         return ticket
 
-    def see_ticket(self, ticket: str) -> Principal:
+    def peek_ticket(self, ticket: str) -> Principal:
         """Return the principal of a ticket without using it; raises :class:`Unauthorized` when it is invalid."""
         with self.database.read() as session:
             row = session.get(TicketRow, _hash(ticket))
@@ -219,7 +219,7 @@ class KeyStore:
         """Open the ticket's stream, which uses the ticket.
 
         A ticket is good for one stream. Whoever was in it may come back: while it seems open still (a lost link is not
-        noticed at once), within :data:`RETURN_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
+        noticed at once), within :data:`RECONNECT_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class KeyStore:
             row = session.get(TicketRow, name, with_for_update=True)
             self._bearer(row)
             if row is None or (row.opened is not None and not goes_on):
-                raise Unauthorized(_WORTHLESS)
+                raise Unauthorized(INVALID_MESSAGE)
             row.opened = row.opened or self.clock()
             row.expires = row.opened + timedelta(seconds=STREAM_SECONDS)
             row.streams += 1
@@ -250,27 +250,27 @@ class KeyStore:
                 return
             row.streams = max(0, row.streams - 1)
             if not row.streams:
-                row.expires = min(row.expires, self.clock() + timedelta(seconds=RETURN_SECONDS))
+                row.expires = min(row.expires, self.clock() + timedelta(seconds=RECONNECT_SECONDS))
 
     def _bearer(self, row: TicketRow | None) -> Principal:
         if row is None or row.expires < self.clock():
-            raise Unauthorized(_WORTHLESS)
+            raise Unauthorized(INVALID_MESSAGE)
         issuer = _NAME.fullmatch(row.principal)
         principal = Principal(row.principal, frozenset({Scope.READ}), issuer[1] if issuer else None)
         if self.is_revoked(principal):
-            raise Unauthorized(_WORTHLESS)
+            raise Unauthorized(INVALID_MESSAGE)
         return principal
 
     def is_revoked(self, principal: Principal) -> bool:
-        """Whether a key holds no more, as far as the last look (:meth:`remember`) knows."""
+        """Whether a key holds no more, as far as the last look (:meth:`refresh_cache`) knows."""
         row = self._remembered.get(principal.key_id or "")
         return row is not None and not self._is_valid(row)
 
-    def _is_valid(self, row: KeyRow) -> bool:
+    def _is_valid(self, row: ApiKeyRow) -> bool:
         return row.revoked is None and (row.expires is None or row.expires > self.clock())
 
 
-def _principal_of(row: KeyRow) -> Principal:
+def _principal_of(row: ApiKeyRow) -> Principal:
     return Principal(f"key {row.name} ({row.id})", frozenset(Scope(scope) for scope in row.scopes), row.id)
 
 

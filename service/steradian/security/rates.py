@@ -8,11 +8,11 @@ from collections.abc import Callable
 
 from steradian.core.exceptions import SteradianError
 
-MOST = 10_000
+MAX_CALLERS = 10_000
 """Callers that are kept in mind; the one that was away for the longest is forgotten first."""
 
 
-class TooOften(SteradianError):
+class RateLimitExceeded(SteradianError):
     """The caller asks more often than it may; ``retry_after`` says in how many seconds it may again."""
 
     code = "too-many-requests"
@@ -22,7 +22,7 @@ class TooOften(SteradianError):
         super().__init__(f"too many requests; try again in {self.retry_after} s")
 
 
-class Rate:
+class RateLimiter:
     """A token bucket for each caller; for one thread.
 
     Parameters
@@ -37,17 +37,17 @@ class Rate:
         self._per_second, self._at_once, self._clock = per_second, at_once, clock
         self._buckets: dict[str, tuple[float, float]] = {}
 
-    def take(self, caller: str, cost: float = 1.0) -> None:
-        """Count a request; raises :class:`TooOften` when it is one too many."""
+    def acquire(self, caller: str, cost: float = 1.0) -> None:
+        """Count a request; raises :class:`RateLimitExceeded` when it is one too many."""
         level = self._level(caller)
         if level < cost:
-            raise TooOften((cost - level) / self._per_second)
+            raise RateLimitExceeded((cost - level) / self._per_second)
         self._buckets.pop(caller, None)
         self._buckets[caller] = (level - cost, self._clock())
-        if len(self._buckets) > MOST:
+        if len(self._buckets) > MAX_CALLERS:
             del self._buckets[next(iter(self._buckets))]
 
-    def is_spent(self, caller: str) -> bool:
+    def is_exhausted(self, caller: str) -> bool:
         """Whether a request would be one too many."""
         return self._level(caller) < 1.0
 

@@ -29,7 +29,7 @@ _WORTHLESS = "the session is over; sign in again"
 
 
 @dataclass(frozen=True)
-class SeenSession:
+class ValidSession:
     """Valid session.
 
     Attributes
@@ -62,7 +62,7 @@ class SessionStore:
         Unauthorized
             When it is nobody with a key.
         """
-        issuer = self.keys.issuer(principal)
+        issuer = self.keys.key_id(principal)
         if issuer is None:
             raise Unauthorized("send the key that the session is to be of: Authorization: Bearer …")
         secret, now = secrets.token_urlsafe(32), self.clock()
@@ -74,32 +74,32 @@ class SessionStore:
             session.add(SessionRow(hash=_hash(secret), issuer=issuer, created=now, expires=now + LIFETIME))
         return secret
 
-    def check(self, secret: str) -> SeenSession:
+    def check(self, secret: str) -> ValidSession:
         """Return the principal of a session; raises :class:`Unauthorized` when it, or its key, is no longer valid."""
         with self.database.read() as session:
             row = session.get(SessionRow, _hash(secret))
         return self._seen(secret, row, from_memory=False)
 
     def remember(self) -> None:
-        """Look at the keys and sessions in the database, for :meth:`recall` and the keys' own."""
-        self.keys.remember()
+        """Look at the keys and sessions in the database, for :meth:`check_cached` and the keys' own."""
+        self.keys.refresh_cache()
         with self.database.read() as session:
             self._remembered = {row.hash: row for row in session.scalars(select(SessionRow))}
 
-    def recall(self, secret: str) -> SeenSession:
+    def check_cached(self, secret: str) -> ValidSession:
         """Return the principal of a session from the cache; raises :class:`Unauthorized`."""
         return self._seen(secret, self._remembered.get(_hash(secret)), from_memory=True)
 
-    def end(self, secret: str) -> None:
+    def revoke(self, secret: str) -> None:
         """Make a session worthless at once."""
         with self.database.write() as session:
             session.execute(delete(SessionRow).where(SessionRow.hash == _hash(secret)))
 
-    def _seen(self, secret: str, row: SessionRow | None, *, from_memory: bool) -> SeenSession:
+    def _seen(self, secret: str, row: SessionRow | None, *, from_memory: bool) -> ValidSession:
         if row is None or row.expires < self.clock():
             raise Unauthorized(_WORTHLESS)
-        principal = self.keys.of_issuer(row.issuer, from_memory=from_memory)
-        return SeenSession(principal, csrf_token(secret), row.expires)
+        principal = self.keys.principal_of_key(row.issuer, from_memory=from_memory)
+        return ValidSession(principal, csrf_token(secret), row.expires)
 
 
 def csrf_token(secret: str) -> str:

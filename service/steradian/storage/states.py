@@ -126,7 +126,7 @@ SETTLED_SCAN_STATES: Final = frozenset(SCAN_TRANSITIONS) - ACTIVE_SCAN_STATES - 
 
 _ENDS: Final = frozenset({DesiredScanState.STOPPED, DesiredScanState.ABORTED})
 _GOING: Final = frozenset({DesiredScanState.RUNNING, DesiredScanState.PAUSED}) | _ENDS
-DESIRABLE: Final[Mapping[ScanState, frozenset[DesiredScanState]]] = MappingProxyType(
+ALLOWED_DESIRED_STATES: Final[Mapping[ScanState, frozenset[DesiredScanState]]] = MappingProxyType(
     {
         _S.QUEUED: _ENDS,
         _S.ARMING: _GOING,
@@ -144,13 +144,13 @@ DESIRABLE: Final[Mapping[ScanState, frozenset[DesiredScanState]]] = MappingProxy
 )
 """What may be wished of a scan in each state."""
 
-FINAL_WISHES: Final[Mapping[DesiredScanState, frozenset[DesiredScanState]]] = MappingProxyType(
+IRREVERSIBLE_DESIRED_STATES: Final[Mapping[DesiredScanState, frozenset[DesiredScanState]]] = MappingProxyType(
     {DesiredScanState.STOPPED: frozenset({DesiredScanState.ABORTED}), DesiredScanState.ABORTED: frozenset()}
 )
 """Wishes that cannot be taken back, and what may still be wished after them."""
 
 
-def route(present: ScanState, goal: ScanState) -> tuple[ScanState, ...]:
+def shortest_path(present: ScanState, goal: ScanState) -> tuple[ScanState, ...]:
     """Return the shortest way through the scans' table from one state to another, without the first.
 
     A way leads through ``interrupted`` or ``aborting`` only when there is no other.
@@ -181,7 +181,7 @@ def is_terminal(state: ScanState | ReconstructionState) -> bool:
     return not RECONSTRUCTION_TRANSITIONS[state]
 
 
-def check_transition(identifier: str, present: ScanState, following: ScanState) -> None:
+def require_transition(identifier: str, present: ScanState, following: ScanState) -> None:
     """Refuse a transition that the scans' table does not have.
 
     Raises

@@ -33,7 +33,7 @@ PAGES: Final = {
 """Addresses and their templates; what stands in an address is looked up by the page's script."""
 BOKEH: Final = frozenset({"bokeh.min.js", "bokeh-api.min.js"})
 """The files of Bokeh's wheel that a page may load."""
-KINDS: Final = {
+CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".js": "text/javascript",
     ".json": "application/json",
@@ -74,7 +74,7 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
         return JSONResponse({"name": "steradian"} | {name: outside(path) for name, path in found.items()})
 
     for address, template in PAGES.items():
-        show = _showing(shell, template, "../" * (address.count("/") - 1) or "./")
+        show = _template_handler(shell, template, "../" * (address.count("/") - 1) or "./")
         router.add_api_route(address, show, response_class=HTMLResponse, name=f"show_{template}")
 
     @router.get("/static/bokeh/{name}")
@@ -99,7 +99,9 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
     return router
 
 
-def _showing(shell: Callable[[str, str], HTMLResponse], template: str, root: str) -> Callable[[], HTMLResponse]:
+def _template_handler(
+    shell: Callable[[str, str], HTMLResponse], template: str, root: str
+) -> Callable[[], HTMLResponse]:
     def show() -> HTMLResponse:
         return shell(template, root)
 
@@ -109,14 +111,14 @@ def _showing(shell: Callable[[str, str], HTMLResponse], template: str, root: str
 def _file(request: Request, folder: Path, name: str) -> Response:
     """Return a static file, or 304 if the client's copy is current; raises :class:`NotFound`."""
     path, root = (folder / name).resolve(), folder.resolve()
-    if path.suffix not in KINDS or not path.is_relative_to(root) or not path.is_file():
+    if path.suffix not in CONTENT_TYPES or not path.is_relative_to(root) or not path.is_file():
         raise NotFound("file of the page", name)
     body = path.read_bytes()
     tag = hashlib.blake2s(body, digest_size=12).hexdigest()  # the files of a wheel may all have the same time
     headers = {"ETag": f'"{tag}"'}
     if parse_etags(request.headers.get("if-none-match")).contains_weak(tag):
         return Response(status_code=304, headers=headers)
-    return Response(body, media_type=KINDS[path.suffix], headers=headers)
+    return Response(body, media_type=CONTENT_TYPES[path.suffix], headers=headers)
 
 
 def _bokeh() -> Path:

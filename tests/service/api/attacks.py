@@ -5,7 +5,7 @@ A row more is a line more; ``{mask}``, ``{scan}`` and the like stand for things 
 
 from dataclasses import dataclass, field
 
-from steradian.api.middleware.authentication import ANYONE, SCOPES, V1
+from steradian.api.middleware.authentication import PUBLIC, SCOPES, V1
 from steradian.security.keys import Scope
 
 from .conftest import EQUI, MAX_BODY, MAX_POINTS
@@ -71,7 +71,7 @@ def with_another_scope():
     """Every route, with each scope that does not open it."""
     for (method, path), need in sorted(SCOPES.items(), key=str):
         for scope in Scope:
-            if need is not ANYONE and scope not in {need, Scope.ADMIN}:
+            if need is not PUBLIC and scope not in {need, Scope.ADMIN}:
                 name = f"{method} {path} with the scope {scope}"
                 yield row(name, method, path.format(**NOBODY), 403, "forbidden", key=scope)
 

@@ -7,7 +7,7 @@ import pytest
 
 from steradian.scans.acquisition.fault_clerk import FaultClerk
 from steradian.scans.acquisition.port_monitor import PortWatch
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.repositories.plans import PlanRepository
@@ -116,9 +116,9 @@ def scan_with_alines(server, http, plan):
         scans.transition(made["id"], state, why="test")
     path, whole = server.data.scan_file(made["id"]), PlanRepository(server.database).load(plan["id"])
     create_scan_file(path, whole, scan_id=made["id"])
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(Aline(point, np.full(whole.samples, point + 1, np.int16), point + 1, 0.5) for point in range(5))
-        store.set_fired(5)
+        store.record_shot_count(5)
     for state in (ScanState.STOPPING, ScanState.PARTIAL):  # not before: what a scan that is over leaves half is swept
         scans.transition(made["id"], state, why="test", summary={"points": 69, "stored": 5, "fired": 5})
     job = http.post("/reconstructions", json={"scan_id": made["id"], "parameters": {"modes": 32}}).json()

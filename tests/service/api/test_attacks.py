@@ -9,7 +9,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.security.keys import KeyStore, Scope
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
@@ -66,7 +66,7 @@ class Attacked:
         for state in (ScanState.PAUSING, ScanState.PAUSED):
             scans.transition(paused, state, why="test")
         create_scan_file(self.api.data.scan_file(over), whole, scan_id=over)
-        with AlineStore(self.api.data.scan_file(over)) as store:
+        with ScanFileWriter(self.api.data.scan_file(over)) as store:
             store.append([Aline(0, np.full(whole.samples, 1, np.int16))])
         about = {"points": whole.mask.count, "stored": 1, "fired": 1}
         scans.transition(over, ScanState.PARTIAL, why="test", summary=about)

@@ -9,7 +9,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs.model import Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.reconstructions.volumes.file import write_volume
@@ -81,15 +81,15 @@ def names(server, http, scan_with_alines, mask, plan):
     made = http.post("/reconstructions", json={"scan_id": scan_id, "parameters": {"modes": 4}}).json()["id"]
     folder = server.data.job(made)
     folder.root.mkdir(parents=True)
-    axes = Axes(np.arange(4) * 1e-3, np.arange(4) * 1e-3, np.arange(8) * 1e-4)
+    axes = VoxelAxes(np.arange(4) * 1e-3, np.arange(4) * 1e-3, np.arange(8) * 1e-4)
     values = np.random.default_rng(1).normal(size=(4, 4, 8)).astype(np.float32)
     write_volume(folder.volume, Volume(values, axes, (1e-3, 1e-3, 1e-4)), parameters={}, provenance={})
     (folder.root / "mip-z.png").write_bytes(b"a picture")
     folder.revision.write_text(json.dumps(REVISION))
     folder.log.write_text("a line\n")
     ledger = JobLedger(server.database)
-    ledger.start(made, "worker-9")
-    ledger.settle(made, 1, Succeeded({"shape": [4, 4, 8], "files": [folder.volume.name]}), "worker-9")
+    ledger.start_attempt(made, "worker-9")
+    ledger.finish_attempt(made, 1, Succeeded({"shape": [4, 4, 8], "files": [folder.volume.name]}), "worker-9")
     batch = http.post("/batches", json={"scan_id": scan_id, "vary": {"modes": [4, 8]}}).json()["id"]
     found = {"mask_id": mask["id"], "plan_id": plan["id"], "scan_id": scan_id, "scanner_id": "scanner-0"}
     found |= {
@@ -235,7 +235,7 @@ def test_progress_is_a_new_representation_but_no_change_that_others_made(server,
     """Who labels a scan while it runs is not refused because it runs."""
     job = scan_with_alines["reconstruction"]["id"]
     ledger, scans = JobLedger(server.database), ScanRepository(server.database)
-    ledger.start(job, "worker-9")
+    ledger.start_attempt(job, "worker-9")
     for here, report in (
         (f"/scans/{scan['id']}", lambda done: scans.report(scan["id"], "A-lines", done, 9)),
         (f"/jobs/{job}", lambda done: ledger.report(job, 1, "reading", done, 9)),

@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.storage.blobs.interface import Folder
+from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.db.tables import RemovalRow
 from steradian.storage.repositories.deletion import remove_files
 from steradian.storage.repositories.event_log import EventLog
@@ -59,7 +59,7 @@ class Bench:
 
     def finish(self, job):
         ledger = JobLedger(self.server.database)
-        ledger.settle(job, ledger.start(job, "test").fence, Succeeded({}), "test")
+        ledger.finish_attempt(job, ledger.start_attempt(job, "test").fence, Succeeded({}), "test")
         self.server.data.job(job).root.mkdir(parents=True, exist_ok=True)
         self.server.data.job(job).volume.write_bytes(b"values")
 
@@ -184,7 +184,7 @@ def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next
         until(lambda: httpx.get(f"{server.url}/readyz", timeout=250).json()["checks"]["queue"])
         bench = Bench(server, http, 4)
         blocked = server.data.job(bench.first)
-        with blocked.running():  # its process is still dying: the files stay for now
+        with blocked.hold_running_lock():  # its process is still dying: the files stay for now
             assert bench.delete(f"/reconstructions/{bench.second}").status_code == 204
             assert bench.delete(f"/reconstructions/{bench.first}", dependents=True).status_code == 204
             assert bench.is_gone(f"/reconstructions/{bench.first}", f"/jobs/{bench.first}")
@@ -241,7 +241,7 @@ def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
     """SQLite gives the number of the last note that is gone to the next one."""
     data, database = server.data, server.database
     first, second = (f"j{uuid.uuid4().hex[:26]}" for _ in range(2))
-    remove_files(database, data, Folder(data), lambda _jobs: None)  # what earlier tests left
+    remove_files(database, data, FolderBlobStore(data), lambda _jobs: None)  # what earlier tests left
 
     def note(job):
         data.job(job).root.mkdir(parents=True)
@@ -249,11 +249,11 @@ def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
             session.add(RemovalRow(kind="job", resource_id=job))
 
     def meanwhile(_jobs):
-        remove_files(database, data, Folder(data), lambda _jobs: None)
+        remove_files(database, data, FolderBlobStore(data), lambda _jobs: None)
         note(second)
 
     note(first)
-    remove_files(database, data, Folder(data), meanwhile)
-    remove_files(database, data, Folder(data), lambda _jobs: None)
+    remove_files(database, data, FolderBlobStore(data), meanwhile)
+    remove_files(database, data, FolderBlobStore(data), lambda _jobs: None)
     assert not data.job(first).root.exists()
     assert not data.job(second).root.exists()

@@ -5,7 +5,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.masks.point_spread import point_spread
-from steradian.masks.promises import promises
+from steradian.masks.promises import evaluate_mask
 from steradian.plans import ScanPlan, preview
 
 from .conftest import EQUI
@@ -22,7 +22,7 @@ def own():
 
 def test_a_design_tells_what_the_library_says_of_its_mask_and_plan(http, own):
     told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE, **HOW}).json()
-    plan, seen = ScanPlan.create(mask=own, **HOW), promises(own, PLACE)
+    plan, seen = ScanPlan.create(mask=own, **HOW), evaluate_mask(own, PLACE)
     assert np.array(told["positions"]) == pytest.approx(own.film_positions)
     assert np.array(told["weights"]) == pytest.approx(own.weights)
     assert told["visit"] == plan.visit.tolist()

@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from steradian.api.background import emergency_stop as emergency
-from steradian.api.background.emergency_stop import EmergencyDesk
-from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch
+from steradian.api.background.emergency_stop import EmergencyStopController
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
@@ -51,7 +51,7 @@ def desk(tmp_path):
     database.migrate()
     scanner = HeldUp(database)
     scanner.ensure(simulated=True)
-    desk = EmergencyDesk(EmergencyLatch(data.emergency), scanner)
+    desk = EmergencyStopController(EmergencyLatch(data.emergency), scanner)
     desk.latch, desk.scanner = desk._latch, scanner
     yield desk
     database.close()
@@ -98,7 +98,7 @@ def test_a_press_that_another_node_could_only_write_into_the_database_stands_her
     desk._record()
     assert (desk.standing.who, desk.standing.reason) == ("Ada", "smoke")
     assert desk.scanner.get(SCANNER_ID).stop_number == desk.standing.number, "who sees it elsewhere can release it"
-    desk.latch.answer(Deed(desk.standing.number, "off", 0.1))
+    desk.latch.answer(StopOutcome(desk.standing.number, "off", 0.1))
     desk._record()
     row = desk.scanner.get(SCANNER_ID)
     assert (row.stop_number, row.stop_laser, row.stop_seconds) == (desk.standing.number, "off", 0.1)
@@ -123,7 +123,7 @@ def test_who_releases_a_press_he_saw_does_not_release_one_that_only_the_database
 
 
 def test_a_press_that_another_node_brings_again_is_one_press_also_after_its_release(desk, monkeypatch):
-    monkeypatch.setattr(emergency, "PATIENCE", 0.0)
+    monkeypatch.setattr(emergency, "ANSWER_TIMEOUT", 0.0)
     first, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
     again, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
     assert again == first == desk.standing
@@ -136,13 +136,13 @@ def test_a_press_that_another_node_brings_again_is_one_press_also_after_its_rele
 
 def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(desk, monkeypatch):
     """Other nodes, and pages that ask them, would say for a while that nobody answers."""
-    monkeypatch.setattr(emergency, "PATIENCE", 250.0)
-    monkeypatch.setattr(emergency, "EVERY", 250.0)
+    monkeypatch.setattr(emergency, "ANSWER_TIMEOUT", 250.0)
+    monkeypatch.setattr(emergency, "RECORD_INTERVAL", 250.0)
     desk.open()
     try:
         press = in_thread(lambda: asyncio.run(desk.press("Ada", "smoke")))
         until(lambda: is_stopped(desk))
-        desk.latch.answer(Deed(desk.standing.number, "off", 0.1))
+        desk.latch.answer(StopOutcome(desk.standing.number, "off", 0.1))
         press.join()
         until(lambda: desk.scanner.get(SCANNER_ID).stop_laser == "off", 100)
     finally:
@@ -151,16 +151,16 @@ def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(d
 
 def test_press_returns_the_confirmation_that_follows_an_unconfirmed_answer(desk, monkeypatch):
     """The acquisition asks again after 0.25 s: its connection may end just as it is asked first."""
-    monkeypatch.setattr(emergency, "PATIENCE", 250.0)
+    monkeypatch.setattr(emergency, "ANSWER_TIMEOUT", 250.0)
     monkeypatch.setattr(emergency, "SECOND_LOOK", 250.0)
 
     async def press():
         pressing = asyncio.create_task(desk.press("Ada", "smoke"))
-        await emergency.until(lambda: desk.standing is not None, 250.0)
+        await emergency.wait_until(lambda: desk.standing is not None, 250.0)
         press = desk.standing
-        desk.latch.answer(Deed(press.number, "unconfirmed", None, "the port is gone"))
+        desk.latch.answer(StopOutcome(press.number, "unconfirmed", None, "the port is gone"))
         await asyncio.sleep(0.1)
-        desk.latch.answer(Deed(press.number, "off", 0.3, "laser off"))
+        desk.latch.answer(StopOutcome(press.number, "off", 0.3, "laser off"))
         return await pressing
 
     _, deed = asyncio.run(press())

@@ -13,9 +13,9 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.api.background.process_pool import OutOfReach, Workshop
-from steradian.api.errors.catalog import PROBLEMS
-from steradian.api.services import Services
+from steradian.api.background.process_pool import ComputationLimitExceeded, ProcessPool
+from steradian.api.errors.catalog import PROBLEM_TYPES
+from steradian.api.services import ServiceContainer
 from support.processes import children_of
 
 from .conftest import api_of
@@ -152,15 +152,17 @@ async def double(workshop, value):
 
 def test_a_workshop_outlives_the_death_of_its_processes():
     async def run():
-        workshop = Workshop()
+        workshop = ProcessPool()
         try:
             assert await double(workshop, 21) == 42
-            with pytest.raises(OutOfReach):
-                await workshop.work(signal.raise_signal, signal.SIGKILL)
-            assert PROBLEMS[OutOfReach.code].status == 503, "its code is told, and no failure of the service's"
+            with pytest.raises(ComputationLimitExceeded):
+                await workshop.submit(signal.raise_signal, signal.SIGKILL)
+            assert PROBLEM_TYPES[ComputationLimitExceeded.code].status == 503, (
+                "its code is told, and no failure of the service's"
+            )
             assert await double(workshop, 4) == 8
             with pytest.raises(ZeroDivisionError):
-                await workshop.work(divmod, 1, 0)
+                await workshop.submit(divmod, 1, 0)
         finally:
             workshop.close()
 
@@ -172,13 +174,13 @@ def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
     """A limit in seconds of a processor: on a busy machine the same things are worked out as on an idle one."""
 
     async def run():
-        workshop = Workshop(max_work=1)
+        workshop = ProcessPool(max_work=1)
         try:
-            assert await workshop.work(time.sleep, 1.5) is None
-            with pytest.raises(OutOfReach, match="longer than it may"):
-                await workshop.work(sum, range(10**12))
+            assert await workshop.submit(time.sleep, 1.5) is None
+            with pytest.raises(ComputationLimitExceeded, match="longer than it may"):
+                await workshop.submit(sum, range(10**12))
             for value in range(1, 4):  # each has its own time, in the same process
-                assert await workshop.work(sum, range(10**7)) == 49999995000000
+                assert await workshop.submit(sum, range(10**7)) == 49999995000000
                 assert await double(workshop, value) == 2 * value
         finally:
             workshop.close()
@@ -188,11 +190,11 @@ def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
 
 def test_a_workshop_that_closes_ends_what_is_being_worked_out():
     async def run():
-        workshop = Workshop()
-        long = asyncio.create_task(workshop.work(time.sleep, 100))
+        workshop = ProcessPool()
+        long = asyncio.create_task(workshop.submit(time.sleep, 100))
         await double(workshop, 21)  # on the other bench; now the first one has its child
         workshop.close()
-        with pytest.raises(OutOfReach):
+        with pytest.raises(ComputationLimitExceeded):
             await asyncio.wait_for(long, 60)
 
     asyncio.run(run())
@@ -200,20 +202,20 @@ def test_a_workshop_that_closes_ends_what_is_being_worked_out():
 
 def test_a_workshop_that_is_closed_says_so_to_whoever_comes():
     """Such as clients that wait for their turn when the service ends: it has not failed."""
-    workshop = Workshop()
+    workshop = ProcessPool()
     workshop.close()
-    with pytest.raises(OutOfReach):
-        asyncio.run(workshop.work(os.getpid))
+    with pytest.raises(ComputationLimitExceeded):
+        asyncio.run(workshop.submit(os.getpid))
 
 
 def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
     from steradian.api.background import process_pool as workshop
 
     monkeypatch.setattr(workshop, "IDLE", 0.0)
-    services = Services(server.settings)
+    services = ServiceContainer(server.settings)
     services.open()
     try:
-        child = workshop._Child()
+        child = workshop._PoolProcess()
         services.workshop._idle.append(child)
         child._process.wait(250)
     finally:
@@ -222,7 +224,7 @@ def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
 
 def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
     """Else that opens connections anew which nothing closes."""
-    services, begun, ended = Services(server.settings), threading.Event(), threading.Event()
+    services, begun, ended = ServiceContainer(server.settings), threading.Event(), threading.Event()
 
     def reconcile(_):
         begun.set()

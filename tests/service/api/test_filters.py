@@ -9,9 +9,9 @@ import pytest
 
 from steradian.jobs.model import Failed, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import KINDS
+from steradian.jobs.registry import JOB_TYPES
 from steradian.masks import Arrangement
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
@@ -55,7 +55,7 @@ def things(server, http):
         assert http.patch(f"/scans/{scan['id']}", json={"labels": labels}).status_code == 200
         path, measured = server.data.scan_file(scan["id"]), PlanRepository(server.database).load(plan["id"])
         create_scan_file(path, measured, scan_id=scan["id"])
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             store.append(Aline(at, np.ones(measured.samples, np.int16), at + 1, 0.5) for at in range(5))
         for state in states:
             scans.transition(scan["id"], state, why="test", summary={"stored": 5})
@@ -73,10 +73,10 @@ def things(server, http):
                 if chosen.random() < 0.3:
                     http.put(f"/jobs/{job['id']}/desired-state", json={"state": "cancelled"})
                     continue
-                ledger.start(job["id"], "w")
+                ledger.start_attempt(job["id"], "w")
                 if chosen.random() < 0.8:
                     end = Succeeded({"shape": [4]}) if chosen.random() < 0.6 else Failed("bad", "no")
-                    ledger.settle(job["id"], 1, end, "w")
+                    ledger.finish_attempt(job["id"], 1, end, "w")
     return {"masks": masks, "plans": plans, "scans": made, "usable": usable}
 
 
@@ -200,7 +200,7 @@ def test_misspelt_parameters_are_refused_everywhere(http, mask, scan):
 
 def test_the_kinds_that_can_be_chosen_are_those_that_exist(http):
     arrangements = [kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0])]
-    for path, name, values in (("masks", "arrangement", arrangements), ("jobs", "kind", KINDS)):
+    for path, name, values in (("masks", "arrangement", arrangements), ("jobs", "kind", JOB_TYPES)):
         for value in values:
             assert http.get(f"/{path}", params={name: value, "limit": 1}).status_code == 200
         allowed = http.get(f"/{path}", params={name: "none"}).json()["errors"][0]["allowed"]

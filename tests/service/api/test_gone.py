@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.background.peers import Nodes
-from steradian.api.background.retention import tidy
+from steradian.api.background.peers import PeerRegistry
+from steradian.api.background.retention import apply_retention
 from steradian.api.http import array_response as arrays
-from steradian.api.http.file_response import RangedFile
+from steradian.api.http.file_response import RangeFileResponse
 from steradian.api.routers import masks, scan_data
 from steradian.core.exceptions import DamagedFile
 from steradian.core.settings import Settings
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.reconstructions.volumes.file import write_volume
-from steradian.scans.file.writer import AlineStore, create_scan_file
-from steradian.storage.blobs.interface import Folder
-from steradian.storage.blobs.object_store import FACT, ObjectStore
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
+from steradian.storage.blobs.interface import FolderBlobStore
+from steradian.storage.blobs.object_store import FACT_KEY, S3BlobStore
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.repositories.plans import PlanRepository
 from support.alines import Aline
@@ -46,7 +46,7 @@ class Whole(Bench):
         path.unlink()
         whole = PlanRepository(self.services.database).load(plan)
         create_scan_file(path, whole, scan_id=scan)
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             store.append(Aline(point, np.ones(whole.samples, np.int16)) for point in range(whole.mask.count))
         return scan
 
@@ -54,7 +54,7 @@ class Whole(Bench):
         image, axis = super().image(), np.arange(4) * 1e-4
         folder = self.services.data.job(image)
         folder.volume.unlink()
-        volume = Volume(np.ones((4, 4, 4), np.float32), Axes(axis, axis, axis), (1e-4,) * 3)
+        volume = Volume(np.ones((4, 4, 4), np.float32), VoxelAxes(axis, axis, axis), (1e-4,) * 3)
         write_volume(folder.volume, volume, parameters={}, provenance={})
         (folder.root / "mip-z.png").write_bytes(b"picture")
         (folder.root / "revision.json").write_text(json.dumps(REVISION))
@@ -92,7 +92,7 @@ FILES = [
 
 @pytest.mark.parametrize(("make", "path"), FILES)
 def test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, make, path):
-    other, identifier, find = make(bench), make(bench), Folder.open
+    other, identifier, find = make(bench), make(bench), FolderBlobStore.open
 
     def delete(folder, name):
         found = find(folder, name)
@@ -100,7 +100,7 @@ def test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, make,
         return found
 
     assert bench.ask("GET", path.format(other)).status_code == 200
-    monkeypatch.setattr(Folder, "open", delete)
+    monkeypatch.setattr(FolderBlobStore, "open", delete)
     answer = bench.ask("GET", path.format(identifier))
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
@@ -112,14 +112,14 @@ def test_a_large_volume_that_is_deleted_before_its_first_value_is_read_is_not_th
         bench.services.data.job(image).volume.unlink()
         return header(*about)
 
-    monkeypatch.setattr(arrays, "PIECE_BYTES", 1)
+    monkeypatch.setattr(arrays, "CHUNK_BYTES", 1)
     monkeypatch.setattr(arrays, "_npy_header", delete)
     answer = bench.ask("GET", f"/reconstructions/{image}/volume", headers={"Accept": arrays.NPY})
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
 
 def test_a_log_that_moves_into_the_store_while_it_is_asked_for_is_shown(bench, monkeypatch):
-    job, find = bench.image(), Folder.open
+    job, find = bench.image(), FolderBlobStore.open
     here = bench.services.data.job(job).log
     there = here.with_name("log-0001.txt")
 
@@ -128,18 +128,18 @@ def test_a_log_that_moves_into_the_store_while_it_is_asked_for_is_shown(bench, m
             here.rename(there)
         return find(folder, name)
 
-    monkeypatch.setattr(Folder, "open", move)
+    monkeypatch.setattr(FolderBlobStore, "open", move)
     answer = bench.ask("GET", f"/jobs/{job}/log")
     assert (answer.status_code, answer.text) == (200, "made\n")
 
 
-class GoneBefore(RangedFile):
+class GoneBefore(RangeFileResponse):
     def __init__(self, path, **more):
         path.unlink()
         super().__init__(path, **more)
 
 
-class GoneMeanwhile(RangedFile):
+class GoneMeanwhile(RangeFileResponse):
     def set_stat_headers(self, stat_result):
         super().set_stat_headers(stat_result)
         self.path.unlink()
@@ -153,7 +153,7 @@ class GoneMeanwhile(RangedFile):
 def test_a_file_that_is_deleted_before_its_first_byte_is_sent_is_not_there(
     bench, monkeypatch, module, make, path, headers, deleted
 ):
-    monkeypatch.setattr(module, "RangedFile", deleted)
+    monkeypatch.setattr(module, "RangeFileResponse", deleted)
     answer = bench.ask("GET", path.format(make(bench)), headers=headers)
     assert (answer.status_code, answer.json()["code"]) == (404, "not-found")
 
@@ -203,7 +203,7 @@ def away(bench, monkeypatch, tmp_path, request):
     for name, value in {
         "data": data,
         "disk": replace(bench.services.disk, folder=data.root),
-        "arrays": Folder(data),
+        "arrays": FolderBlobStore(data),
     }.items():
         monkeypatch.setattr(bench.services, name, value)
     request.param(bench, monkeypatch, tmp_path)
@@ -253,10 +253,10 @@ def test_a_store_that_forgets_whose_it_is_while_it_is_asked_does_not_answer(benc
     settings = settings_of(tmp_path, SimpleNamespace(endpoint="http://127.0.0.1:1"), "s3://bucket/place")
     database = bench.services.database
     with database.write() as session:
-        database.note(session, FACT, "known")
-    store = ObjectStore(settings, database)
+        database.note(session, FACT_KEY, "known")
+    store = S3BlobStore(settings, database)
     store._at_once = Forgetful()
-    assert not store.answers()
+    assert not store.is_available()
 
 
 def test_what_goes_while_a_folder_is_tidied_keeps_nothing_else_from_going(bench, monkeypatch):
@@ -272,7 +272,7 @@ def test_what_goes_while_a_folder_is_tidied_keeps_nothing_else_from_going(bench,
         return iter(found)
 
     monkeypatch.setattr(Path, "glob", renamed)
-    tidy(bench.services)
+    apply_retention(bench.services)
     assert not second.exists()
 
 
@@ -281,7 +281,7 @@ def test_what_a_killed_api_left_of_an_upload_goes_from_each_node_s_folder(bench)
     for path in (old, new):
         path.write_bytes(b"half of it")
     os.utime(old, (0, 0))
-    tidy(bench.services, shared=False)
+    apply_retention(bench.services, shared=False)
     assert (old.exists(), new.exists()) == (False, True)
 
 
@@ -291,7 +291,7 @@ def test_a_scanner_that_is_retired_while_it_is_looked_for_is_followed_by_nobody(
             nodes._rows = {}
             return True
 
-    nodes = Nodes(Settings.create(data=tmp_path, role="api", database_url="postgresql://unused"), None)
+    nodes = PeerRegistry(Settings.create(data=tmp_path, role="api", database_url="postgresql://unused"), None)
     nodes._rows = Retired({"scanner-1": SimpleNamespace(follows=True)})
     nodes.follows("scanner-1")  # either answer is right
     assert not nodes.follows("scanner-1")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from sqlalchemy import update
 
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs import request_versions as forms
 from steradian.jobs.model import Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import KINDS
+from steradian.jobs.registry import JOB_TYPES
 from steradian.reconstructions.volumes.file import write_volume
 from steradian.storage.db.tables import JobRow, ScanRow
 from support.processes import resident
@@ -22,7 +22,7 @@ from support.processes import resident
 
 def volume(side=4, depth=8):
     values = np.random.default_rng(1).normal(size=(side, side, depth)).astype(np.float32)
-    axes = Axes(np.arange(side) * 1e-3, np.arange(side) * 1e-3, np.arange(depth) * 1e-4)
+    axes = VoxelAxes(np.arange(side) * 1e-3, np.arange(side) * 1e-3, np.arange(depth) * 1e-4)
     return Volume(values, axes, (1e-3, 1e-3, 1e-4))
 
 
@@ -116,7 +116,7 @@ def test_a_job_is_queued_once_shown_moved_and_cancelled(http, reconstruction, sc
     assert (made.status_code, job["kind"], job["state"]) == (202, kind, "queued")
     assert http.post("/jobs", json=body, headers=key).json()["id"] == job["id"]
     here = made.headers["location"].removeprefix("/api/v1")
-    assert job["asked"] == kept(KINDS[kind].request.create(**body)), "the request is kept as it came"
+    assert job["asked"] == kept(JOB_TYPES[kind].request.create(**body)), "the request is kept as it came"
     assert job["id"] in [item["id"] for item in http.get("/jobs", params={"kind": kind}).json()["items"]]
     assert all(item["kind"] == kind for item in http.get("/jobs", params={"kind": kind}).json()["items"])
     seen = http.get(here)
@@ -148,8 +148,8 @@ def test_a_reconstruction_is_one_request_from_http_to_who_does_it(http, ledger, 
     made = http.post("/reconstructions", json=body).json()
     row = ledger.get(made["id"])
     assert (made["kind"], row.kind, row.priority) == (kind, kind, 7)
-    whole = KINDS[kind].request.create(**body)
-    assert KINDS[kind].request.create(**forms.today(row.payload)) == whole
+    whole = JOB_TYPES[kind].request.create(**body)
+    assert JOB_TYPES[kind].request.create(**forms.today(row.payload)) == whole
     assert row.payload["form"] == forms.FORM
     assert http.get(f"/jobs/{made['id']}").json()["asked"] == forms.asked(row.payload) == kept(whole)
 

@@ -78,7 +78,7 @@ def paused(guarded, scan_id):
     scans = ScanRepository(guarded.database)
     scans.transition(scan_id, ScanState.ARMING, why="test")
     scans.transition(scan_id, ScanState.RUNNING, why="test")
-    scans.desire(scan_id, DesiredScanState.PAUSED, "coffee")
+    scans.set_desired_state(scan_id, DesiredScanState.PAUSED, "coffee")
     scans.transition(scan_id, ScanState.PAUSING, why="test")
     scans.transition(scan_id, ScanState.PAUSED, why="test")
 
@@ -148,7 +148,7 @@ def test_a_scan_goes_on_under_the_lease_of_who_resumes_it(guarded, people, plan)
     second = ben.take("Ben").json()["lease"]["fence"]
     assert ben.wish(scan, "running", second).json()["fence"] == second
     scans = ScanRepository(guarded.database)
-    assert ScannerRepository(guarded.database).refusal(scans.get(scan)) is None, "acquisition sees it so, too"
+    assert ScannerRepository(guarded.database).refusal_reason(scans.get(scan)) is None, "acquisition sees it so, too"
 
 
 def test_the_emergency_stop_needs_no_lease_and_nothing_fires_after_it(guarded, people, plan):

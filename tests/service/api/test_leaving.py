@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from steradian.api.streaming.broadcaster import Feed
+from steradian.api.streaming.broadcaster import EventBroadcaster
 
 
 @pytest.mark.parametrize("turns", range(6))
@@ -14,7 +14,7 @@ def test_listener_cancelled_just_after_a_change_ends(turns):
             heard.append(feed)
 
     async def run():
-        feed, heard = Feed(services=None), []
+        feed, heard = EventBroadcaster(services=None), []
         feed._task = asyncio.get_running_loop().create_future()  # in place of the look at the database
         listener = asyncio.create_task(listen(feed, heard))
         for _ in range(3):  # until it waits for a change

@@ -29,7 +29,7 @@ def given(server):
 def test_a_worker_s_gpu_is_told(server):
     sign = server.data.heartbeat("worker-7")
     with Heartbeat(sign) as heart:
-        heart.tell_gpu("NVIDIA H100")
+        heart.set_gpu("NVIDIA H100")
         text = httpx.get(f"{server.url}/metrics", timeout=250).text
     assert 'steradian_gpu{gpu="NVIDIA H100",process="worker-7"} 1.0' in text
     assert not re.search('steradian_gpu{.*process="api"', text)

@@ -10,11 +10,11 @@ from datetime import UTC, datetime
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.routers.events import BATCH, Filter, _frames
+from steradian.api.routers.events import BATCH, EventFilter, _stream_events
 from steradian.jobs.model import Failed, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.security.keys import Principal, Scope
-from steradian.storage.repositories.event_log import EventLog, record
+from steradian.storage.repositories.event_log import EventLog, append_event
 
 SOMEBODY = Principal("ada", frozenset({Scope.READ}))
 
@@ -108,11 +108,11 @@ def test_who_was_away_for_long_gets_what_was_missed_in_pieces(server):
     begun, missed = EventLog(server.database).bounds(), 3 * BATCH + 8
     with server.database.write() as session:
         for number in range(missed):
-            record(session, datetime.now(UTC), "job", f"j{number}", {"scan_id": "s1" if number % 3 else "s2"})
+            append_event(session, datetime.now(UTC), "job", f"j{number}", {"scan_id": "s1" if number % 3 else "s2"})
 
     async def follow(scan_id):
-        wanted, pieces = Filter(None, scan_id, False, f"{begun.epoch}.{begun.last}"), []
-        async with aclosing(_frames(state.services, SOMEBODY, state.feed, wanted)) as frames:
+        wanted, pieces = EventFilter(None, scan_id, False, f"{begun.epoch}.{begun.last}"), []
+        async with aclosing(_stream_events(state.services, SOMEBODY, state.feed, wanted)) as frames:
             async for piece in frames:
                 pieces.append([int(number) for number in re.findall(rb"id: \S+\.(\d+)", piece)])
                 if pieces[-1][-1] == begun.last + missed:

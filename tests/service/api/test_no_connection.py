@@ -8,10 +8,10 @@ import httpx
 import pytest
 
 from steradian.api.app import create_app
-from steradian.api.streaming.broadcaster import Feed
+from steradian.api.streaming.broadcaster import EventBroadcaster
 from steradian.core.settings import Settings
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.event_log import append_event
 
 
 @pytest.fixture
@@ -51,17 +51,17 @@ def test_who_asks_is_told_to_come_again(app, path):
 
 def test_the_event_stream_goes_on_when_connections_are_free_again(app):
     services = app.state.services
-    feed = Feed(services)
+    feed = EventBroadcaster(services)
 
     async def follow():
         taken = take_all(services)
         looks = 0
-        async for _ in feed.listen():
+        async for _ in feed.subscribe():
             looks += 1
             if looks == 3:  # the first looks at the log were in vain
                 taken.close()
                 with services.database.write() as session:
-                    record(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
+                    append_event(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
             if feed.last >= 1:
                 return
 
@@ -71,7 +71,7 @@ def test_the_event_stream_goes_on_when_connections_are_free_again(app):
 
 def test_the_event_stream_outlives_what_cannot_be_understood(app, monkeypatch):
     services, understood = app.state.services, app.state.services.log.after
-    feed = Feed(services)
+    feed = EventBroadcaster(services)
 
     def after(*asked):
         if not failed:
@@ -80,13 +80,13 @@ def test_the_event_stream_outlives_what_cannot_be_understood(app, monkeypatch):
         return understood(*asked)
 
     failed = []
-    monkeypatch.setattr(services.log, "after", after)
+    monkeypatch.setattr(services.log, "events_after", after)
 
     async def follow():
-        async for _ in feed.listen():
+        async for _ in feed.subscribe():
             if failed and feed.last == 0:
                 with services.database.write() as session:
-                    record(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
+                    append_event(session, datetime.now(UTC), "job", "j1", {"state": "queued"})
             if feed.last >= 1:
                 return
 

@@ -27,8 +27,8 @@ EARLIER = {
 @pytest.mark.parametrize("kind", EARLIER)
 def test_a_job_that_ended_under_an_earlier_version_is_shown(server, http, scan_with_alines, kind):
     job, ledger = scan_with_alines["reconstruction"]["id"], JobLedger(server.database)
-    ledger.start(job, "w")
-    ledger.settle(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
+    ledger.start_attempt(job, "w")
+    ledger.finish_attempt(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
     earlier = EARLIER[kind] | {"odd": {"er": [1]}}
     attempt = {"number": 1, "worker": "w", "started": "2025-01-01T00:00:00+00:00"}
     change = {"state": "succeeded", "at": "2025-01-01T00:00:00+00:00"}
@@ -60,8 +60,8 @@ def test_a_job_whose_time_was_not_noted_is_no_measure_of_others_and_hides_none(
     server, http, scan_with_alines, attempts
 ):
     job, ledger = scan_with_alines["reconstruction"]["id"], JobLedger(server.database)
-    ledger.start(job, "w")
-    ledger.settle(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
+    ledger.start_attempt(job, "w")
+    ledger.finish_attempt(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")
     with server.database.write() as session:
         session.execute(update(JobRow).where(JobRow.id == job).values(attempts=attempts))
     about = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 40}}

@@ -6,7 +6,7 @@ import matplotlib.image
 import pytest
 
 from steradian.masks import equi_steradian_mask
-from steradian.masks.promises import promises
+from steradian.masks.promises import evaluate_mask
 
 from .conftest import EQUI
 
@@ -32,7 +32,7 @@ def kept(server, http, noun):
 def test_a_masks_preview_tells_what_the_library_promises(http):
     told = http.post("/masks/preview", json=MASK).json()
     own = equi_steradian_mask(13.56e-3, 3.6e-3, 75)
-    seen = promises(own)
+    seen = evaluate_mask(own)
     assert (told["id"], told["count"]) == (own.id, own.count)
     assert http.get(f"/masks/{own.id}").status_code == 404
     for name in ("finest", "coarsest", "evenness", "largest_angle", "opening_angle", "attenuation_db", "weight_ratio"):

@@ -9,7 +9,7 @@ import pytest
 
 import steradian.api.app  # noqa: F401 - what a service imports, with every exception that it can raise
 from steradian.api.errors import catalog as problem_kinds
-from steradian.api.errors.catalog import PROBLEMS
+from steradian.api.errors.catalog import PROBLEM_TYPES
 from steradian.core.exceptions import SteradianError
 
 LISTED = Path(__file__).parents[3] / "docs" / "problems.md"
@@ -82,7 +82,7 @@ def test_bad_input_is_named_with_its_allowed_range(http, method, path, body, sta
     assert problem["status"] == status
     assert problem["code"] == code
     assert problem["type"] == f"/problems/{code}"
-    assert problem["title"] == PROBLEMS[code].title
+    assert problem["title"] == PROBLEM_TYPES[code].title
     assert problem["title"] != HTTPStatus(status).phrase, "it says what kind of problem it is, not which status"
     assert problem["instance"] == answer.url.path
     assert problem["retryable"] is False
@@ -139,10 +139,10 @@ def test_a_fault_of_the_service_is_a_problem_that_says_nothing_of_the_inside(ser
     assert http.get("/masks").status_code == 200
 
 
-@pytest.mark.parametrize("code", PROBLEMS)
+@pytest.mark.parametrize("code", PROBLEM_TYPES)
 def test_the_type_of_a_problem_leads_to_what_it_means_and_what_to_do(server, code):
     """Also for who has no key, and in the form that a program or a browser likes."""
-    kind = PROBLEMS[code]
+    kind = PROBLEM_TYPES[code]
     told = httpx.get(f"{server.url}/problems/{code}", timeout=250)
     assert told.status_code == 200
     about = {"title": kind.title, "meaning": kind.meaning, "remedy": kind.remedy, "status": kind.status}
@@ -154,7 +154,7 @@ def test_the_type_of_a_problem_leads_to_what_it_means_and_what_to_do(server, cod
 
 def test_all_kinds_of_problems_are_listed(server):
     listed = httpx.get(f"{server.url}/problems", timeout=250)
-    assert [one["code"] for one in listed.json()["items"]] == list(PROBLEMS)
+    assert [one["code"] for one in listed.json()["items"]] == list(PROBLEM_TYPES)
     missing = httpx.get(f"{server.url}/problems/nope", timeout=250)
     assert (missing.status_code, missing.json()["type"]) == (404, "/problems/not-found")
 
@@ -166,7 +166,7 @@ def test_every_refusal_of_ours_has_a_kind():
         return {kind}.union(*(below(child) for child in kind.__subclasses__()))
 
     ours = {kind.code for kind in below(SteradianError) - {SteradianError} if kind.__module__.startswith("steradian.")}
-    assert ours - set(PROBLEMS) == set()
+    assert ours - set(PROBLEM_TYPES) == set()
 
 
 def test_the_list_for_people_is_written_from_the_same_table(capsys):

@@ -6,7 +6,7 @@ import pytest
 from steradian.core.settings import Settings
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.maintenance.binding import bind
+from steradian.storage.maintenance.binding import bind_folder
 from support.waiting import until
 
 from .conftest import api_of
@@ -18,7 +18,7 @@ def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_
     data.create()
     database = Database(metadata_url(Settings.create(data=tmp_path)))
     database.migrate()
-    bind(database, data)
+    bind_folder(database, data)
     database.close()
     right = data.identity
     data.identity_file.write_text("0" * 32)

@@ -13,7 +13,7 @@ from steradian.core.exceptions import DiskFull
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.storage.capacity import quota as disk
-from steradian.storage.capacity.quota import Arrivals, promised
+from steradian.storage.capacity.quota import UploadReservations, reserved_bytes
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 from support.pairs import Pair
@@ -67,11 +67,11 @@ def test_what_waits_has_its_place_until_it_is_over_and_what_it_left_counts_then(
     assert len(http.get("/jobs").json()["items"]) == 2
 
     ledger = JobLedger(server.database)
-    fence = ledger.start(first, "test").fence
+    fence = ledger.start_attempt(first, "test").fence
     server.data.job(first).root.mkdir()
     server.data.job(first).volume.write_bytes(bytes(VOLUME // 2))  # of what was promised
     assert VOLUME < refused(http.post("/reconstructions", json=volume), VOLUME) < 1.6 * VOLUME
-    ledger.settle(first, fence, Succeeded({}), "test")
+    ledger.finish_attempt(first, fence, Succeeded({}), "test")
     assert http.post("/uploads", content=bytes(5 * MIB)).status_code == 201
     assert VOLUME < refused(http.post("/reconstructions", json=volume), VOLUME) < 1.1 * VOLUME
     assert http.delete(f"/jobs/{first}").status_code == 204
@@ -129,7 +129,7 @@ def test_uploads_that_come_at_once_do_not_take_the_same_room(tmp_path):
 
 def test_stated_uploads_reserve_their_room():
     """The second is refused although nothing of the first has come."""
-    arrivals, room = Arrivals(), 10
+    arrivals, room = UploadReservations(), 10
 
     def require(count):
         if count > room - arrivals.came - arrivals.awaited:
@@ -166,9 +166,9 @@ def test_an_import_under_way_counts_once(tmp_path):
         server.data.scan_file("s1").with_name("s1.h5.importing").write_bytes(bytes(3 * MIB))
         for started, left in ((False, 5), (True, 2)):
             if started:
-                ledger.start("j1", "test")
+                ledger.start_attempt("j1", "test")
             with server.database.read() as session:
-                assert promised(session, server.data) == left * MIB
+                assert reserved_bytes(session, server.data) == left * MIB
     finally:
         server.close()
 
@@ -196,7 +196,7 @@ def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_p
     try:
         with server.database.write() as session:
             ledger.add(session, JobRequest("j1", "reconstruct", {}, promised=30 * MIB))
-        ledger.start("j1", "test")
+        ledger.start_attempt("j1", "test")
         measured = services.measure()
         folder = server.data.job("j1").root
         folder.mkdir(parents=True)

@@ -13,16 +13,16 @@ import pytest
 from sqlalchemy import select, text
 
 from steradian.api.app import create_app
-from steradian.api.background.retention import tidy
-from steradian.api.use_cases.admission import cost_of
+from steradian.api.background.retention import apply_retention
+from steradian.api.use_cases.admission import estimate_resources
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
-from steradian.storage.capacity.quota import promised
+from steradian.storage.capacity.quota import reserved_bytes
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
-from steradian.storage.repositories.event_log import record
-from steradian.storage.repositories.references import Resource, closure
+from steradian.storage.repositories.event_log import append_event
+from steradian.storage.repositories.references import Resource, lock_dependents
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
 
@@ -139,7 +139,7 @@ def test_a_mask_to_look_through_that_is_deleted_meanwhile_is_a_404(bench, monkey
         bench.delete("mask", mask)
         return once(*arguments)
 
-    monkeypatch.setattr(bench.services.answers, "once", meanwhile)
+    monkeypatch.setattr(bench.services.answers, "run_once", meanwhile)
     body = {"scan_id": scan, "through": {"mask_id": mask}, "parameters": SMALL}
     answer = bench.post("/reconstructions", **body)
     assert (answer.status_code, mask in answer.json()["detail"]) == (404, True), answer.text
@@ -184,8 +184,8 @@ def test_a_deletion_and_what_is_made_never_wait_for_each_other(bench, path, look
         session.execute(select(MaskRow.id).where(MaskRow.id == mask).with_for_update())  # a deletion begins so
         making.start()
         wait_for_a_lock(session)
-        assert Resource("scan", scan) in closure(session, Resource("mask", mask))
-        record(session, bench.services.clock(), "scan", scan, {"state": "looked at"})
+        assert Resource("scan", scan) in lock_dependents(session, Resource("mask", mask))
+        append_event(session, bench.services.clock(), "scan", scan, {"state": "looked at"})
     making.join(60)
     assert answers[0].status_code == 202, answers[0].text
 
@@ -204,7 +204,7 @@ def test_deletions_that_share_dependents_never_wait_for_each_other(bench):
         session.execute(select(ScanRow.id).where(ScanRow.id == scan).with_for_update())  # a deletion begins so
         deleting.start()
         wait_for_a_lock(session)
-        assert len(closure(session, Resource("scan", scan))) == 2
+        assert len(lock_dependents(session, Resource("scan", scan))) == 2
     deleting.join(60)
     assert (answers[0].status_code, answers[0].json()["code"]) == (409, "in-use"), answers[0].text
 
@@ -222,7 +222,7 @@ def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
         target=lambda: answers.append(bench.ask("DELETE", f"/{kind}s/{first}", params={"dependents": "true"}))
     )
     with services.database.write() as session:
-        going = closure(session, Resource("reconstruction", image))
+        going = lock_dependents(session, Resource("reconstruction", image))
         deleting.start()
         wait_for_a_lock(session)
         services.deletion.forget(session, going, "ada", "requested")
@@ -249,7 +249,7 @@ def test_a_deletion_and_what_is_forgotten_for_its_age_never_wait_for_each_other(
     now = services.clock()
     monkeypatch.setattr(services, "clock", lambda: now + timedelta(days=31))
     monkeypatch.setattr(services, "settings", services.settings.model_copy(update={"retention_days": 30}))
-    both = {"retention": lambda: tidy(services), "deletion": lambda: bench.delete("scan", scan)}
+    both = {"retention": lambda: apply_retention(services), "deletion": lambda: bench.delete("scan", scan)}
     order = [both.pop(first), *both.values()]
     with ThreadPoolExecutor(2) as pool:
         with services.database.write() as session:
@@ -287,9 +287,9 @@ def test_two_jobs_that_come_at_once_do_not_get_the_same_place_on_the_disk(bench,
     """Each is at the end of its transaction, and so may not see the other's row, when the other asks for room."""
     scan, services = bench.scan(), bench.services
     with services.database.read() as session:
-        before = promised(session, services.data)
+        before = reserved_bytes(session, services.data)
     wanted = ReconstructionRequest.create(scan_id=scan, parameters=SMALL)
-    volume = cost_of(services, services.scans.get(scan), wanted).disk
+    volume = estimate_resources(services, services.scans.get(scan), wanted).disk
     quota = services.disk.used + before + volume * 3 // 2  # room for one of them, and for what the database writes
     monkeypatch.setattr(services, "disk", dataclasses.replace(services.disk, reserve=0, quota=quota))
     submit, both = services.submit, threading.Barrier(2)

@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
-from steradian.security.rates import MOST, Rate, TooOften
+from steradian.security.rates import MAX_CALLERS, RateLimiter, RateLimitExceeded
 from support.waiting import until
 
 from .conftest import api_of
@@ -26,25 +26,25 @@ class Slow:
 
 def test_a_rate_lets_a_burst_pass_and_then_its_rate():
     clock = Slow()
-    rate = Rate(10.0, 100.0, clock)
+    rate = RateLimiter(10.0, 100.0, clock)
     for _ in range(100):
-        rate.take("ada")
-    with pytest.raises(TooOften) as refusal:
-        rate.take("ada", 25.0)
+        rate.acquire("ada")
+    with pytest.raises(RateLimitExceeded) as refusal:
+        rate.acquire("ada", 25.0)
     assert refusal.value.retry_after == 3, "25 of them are there after 2.5 s"
-    rate.take("ben")
+    rate.acquire("ben")
     clock.now += 2.5
-    rate.take("ada", 25.0)
-    with pytest.raises(TooOften):
-        rate.take("ada")
+    rate.acquire("ada", 25.0)
+    with pytest.raises(RateLimitExceeded):
+        rate.acquire("ada")
 
 
 def test_callers_that_were_away_for_the_longest_are_forgotten():
-    rate = Rate(1.0, 1.0, Slow())
-    for number in range(MOST + 1):
-        rate.take(str(number))
-    assert not rate.is_spent("0")
-    assert rate.is_spent("1")
+    rate = RateLimiter(1.0, 1.0, Slow())
+    for number in range(MAX_CALLERS + 1):
+        rate.acquire(str(number))
+    assert not rate.is_exhausted("0")
+    assert rate.is_exhausted("1")
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from sqlalchemy import delete
 
-from steradian.core.json_encoding import plain
-from steradian.imaging import Axes, Volume
+from steradian.core.json_encoding import to_jsonable
+from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs.model import Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.reconstructions.volumes.file import write_volume
@@ -54,7 +54,7 @@ def test_a_batch_whose_jobs_are_forgotten_is_not_queued(server, http, scan_with_
     names = [job["id"] for job in batch["jobs"]]
     ledger = JobLedger(server.database)
     for name in names:
-        ledger.settle(name, ledger.start(name, "worker-9").fence, Succeeded({}), "worker-9")
+        ledger.finish_attempt(name, ledger.start_attempt(name, "worker-9").fence, Succeeded({}), "worker-9")
     assert http.get(f"/batches/{batch['id']}").json()["state"] == "succeeded"
     seen = []
     for name in names:
@@ -130,20 +130,20 @@ def test_json_says_null_for_what_is_no_number(server, http, scan_with_alines):
     made = http.post("/reconstructions", json={"scan_id": scan_id, "parameters": {"modes": 4}}).json()
     values = np.ones((2, 2, 3), np.float32)
     values[0, 0] = np.nan, np.inf, -2
-    axes = Axes(np.arange(2) * 1e-3, np.arange(2) * 1e-3, np.arange(3) * 1e-4)
+    axes = VoxelAxes(np.arange(2) * 1e-3, np.arange(2) * 1e-3, np.arange(3) * 1e-4)
     folder = server.data.job(made["id"])
     folder.root.mkdir(parents=True)
     write_volume(folder.volume, Volume(values, axes, (1e-3, 1e-3, 1e-4)), parameters={}, provenance={})
     ledger = JobLedger(server.database)
-    fence = ledger.start(made["id"], "worker-9").fence
-    ledger.settle(made["id"], fence, Succeeded({"shape": [2, 2, 3]}), "worker-9")
+    fence = ledger.start_attempt(made["id"], "worker-9").fence
+    ledger.finish_attempt(made["id"], fence, Succeeded({"shape": [2, 2, 3]}), "worker-9")
     here = f"/reconstructions/{made['id']}/volume"
     answer = http.get(here, params={"slice": "0"}, headers={"Accept": "application/json"})
     assert answer.json()["values"] == [[None, None, -2.0], [1.0, 1.0, 1.0]]
 
 
 def test_a_figure_that_is_no_number_is_null_in_a_jobs_result():
-    found = plain({"a": float("nan"), "b": [np.float32("inf"), 1], "c": np.array([1.0, np.nan])})
+    found = to_jsonable({"a": float("nan"), "b": [np.float32("inf"), 1], "c": np.array([1.0, np.nan])})
     assert found == {"a": None, "b": [None, 1], "c": [1.0, None]}
 
 

@@ -6,7 +6,7 @@ from datetime import timedelta
 import httpx
 import pytest
 
-from steradian.jobs.queue.matching import Capabilities, Notice
+from steradian.jobs.queue.matching import Capabilities, WorkerRegistration
 from steradian.storage.db.clock import utc_now
 
 from .conftest import api_of, make_scan
@@ -36,7 +36,7 @@ def note(server, http, scan_with_alines):
 
     def write(name, memory, cores, gpu=None, ago=0):
         clock = utc_now if not ago else lambda: utc_now() - timedelta(seconds=ago)
-        Notice(server.database, name, Capabilities(memory, cores, gpu), clock).write()
+        WorkerRegistration(server.database, name, Capabilities(memory, cores, gpu), clock).publish()
 
     yield write
     for name in ("near-0", "far-0"):
@@ -121,7 +121,7 @@ def test_an_image_of_a_line_requires_memory_for_two_axes(http, ask):
 def test_where_workers_are_started_for_what_waits_nothing_is_refused(database, tmp_path):
     server = api_of(tmp_path, await_workers=True, **database()).wait()
     try:
-        Notice(server.database, "near-0", Capabilities(GIB, 2)).write()
+        WorkerRegistration(server.database, "near-0", Capabilities(GIB, 2)).publish()
         with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
             answer = _empty_import(client)
             assert answer.status_code == 202, answer.text

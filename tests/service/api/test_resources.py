@@ -6,7 +6,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.masks import aimed, equi_steradian_mask, hexagonal_interval, hexagonal_mask
+from steradian.masks import equi_steradian_mask, hexagonal_interval, hexagonal_mask, with_point_of_interest
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState
 
@@ -56,7 +56,7 @@ def test_an_arrangement_is_asked_for_by_its_number_of_points_and_its_depth(http)
     """The same mask as that of the interval which gives the number, aimed afterwards."""
     wanted = {"aperture": 13.56e-3, "depth": 3.6e-3, "offset": [1e-3, 0]}
     made = http.post("/masks", json={"arrangement": "hexagonal", "count": 200} | wanted).json()
-    own = aimed(hexagonal_mask(13.56e-3, hexagonal_interval(13.56e-3, 200)), 3.6e-3, (1e-3, 0.0))
+    own = with_point_of_interest(hexagonal_mask(13.56e-3, hexagonal_interval(13.56e-3, 200)), 3.6e-3, (1e-3, 0.0))
     assert (made["id"], made["count"]) == (own.id, own.count)
     scattered = http.post("/masks", json={"arrangement": "poisson-disc", "count": 200} | wanted).json()
     assert abs(scattered["count"] - 200) <= 1

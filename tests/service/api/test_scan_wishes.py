@@ -61,7 +61,7 @@ def test_a_scan_that_is_over_takes_no_wish(server, http, scan):
 
 def test_that_the_disk_is_full_is_shown_and_told(server, http, scan):
     lead(server, scan, S.ARMING, S.RUNNING)
-    ScanRepository(server.database).tell(scan["id"], "blocked: the disk is full", "the disk is full")
+    ScanRepository(server.database).report_condition(scan["id"], "blocked: the disk is full", "the disk is full")
     assert http.get(f"/scans/{scan['id']}").json()["progress"]["stage"] == "blocked: the disk is full"
 
 

@@ -7,10 +7,10 @@ import pytest
 from fastapi.routing import APIRoute
 
 from steradian.api import app as application
-from steradian.api.middleware.authentication import ANYONE, SCOPES
+from steradian.api.middleware.authentication import PUBLIC, SCOPES
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
-from steradian.security.admission import require_key
+from steradian.security.admission import require_api_key
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.db.database import Database
 from support.apis import ApiProcess
@@ -89,7 +89,7 @@ def client():
 
 
 def routes():
-    for module in (*application.RESOURCES, application.metrics):
+    for module in (*application.ROUTER_MODULES, application.metrics):
         for route in module.router.routes:
             assert isinstance(route, APIRoute)
             yield from ((method, route) for method in route.methods)
@@ -112,7 +112,7 @@ def test_no_handler_takes_authorisation_from_its_input():
 @pytest.mark.parametrize(("method", "path"), ROUTES)
 def test_a_route_is_open_to_its_scope(guarded, client, method, path):
     need = SCOPES[method, path]
-    for scope in Scope if need is ANYONE else (need, Scope.ADMIN):
+    for scope in Scope if need is PUBLIC else (need, Scope.ADMIN):
         assert guarded.ask(client, method, path, guarded.of_scope[scope]).status_code not in {401, 403, 500}, scope
 
 
@@ -174,7 +174,7 @@ def test_a_ticket_is_used_up_by_a_stream_that_begins_and_by_no_refusal(guarded):
     now = [datetime.now(UTC)]
     keys = KeyStore(guarded.database, clock=lambda: now[0])
     ticket = keys.issue_ticket(guarded.keys.check(guarded.of_scope[Scope.READ]))
-    assert keys.see_ticket(ticket) == keys.see_ticket(ticket)
+    assert keys.peek_ticket(ticket) == keys.peek_ticket(ticket)
     keys.open_stream(ticket, goes_on=False)
     with pytest.raises(Unauthorized):
         keys.open_stream(ticket, goes_on=False)
@@ -207,15 +207,15 @@ def test_other_addresses_than_the_loopback_need_a_key_before_the_start(tmp_path)
     database = Database(f"sqlite:///{tmp_path / 'x.sqlite'}")
     database.migrate()
     reached = {"data": tmp_path, "host": "0.0.0.0"}  # noqa: S104
-    assert require_key(Settings.create(data=tmp_path), database) is None
+    assert require_api_key(Settings.create(data=tmp_path), database) is None
     with pytest.raises(InvalidInput, match="steradian key create"):
-        require_key(Settings.create(**reached), database)
-    require_key(Settings.create(**reached, api_key="a" * 20), database)
+        require_api_key(Settings.create(**reached), database)
+    require_api_key(Settings.create(**reached, api_key="a" * 20), database)
     path = tmp_path / "keys" / "admin"
-    assert require_key(Settings.create(**reached, key_file=path), database) == path
+    assert require_api_key(Settings.create(**reached, key_file=path), database) == path
     assert path.stat().st_mode & 0o777 == 0o600
     assert KeyStore(database).check(path.read_text().strip()).scopes == {Scope.ADMIN}
-    assert require_key(Settings.create(**reached), database) is None, "now there is one"
+    assert require_api_key(Settings.create(**reached), database) is None, "now there is one"
     database.close()
 
 
@@ -223,7 +223,7 @@ def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
     database = Database(f"sqlite:///{tmp_path / 'x.sqlite'}")
     database.migrate()
     with pytest.raises(InvalidInput, match="steradian key create"):
-        require_key(Settings.create(data=tmp_path, require_key=True), database)
+        require_api_key(Settings.create(data=tmp_path, require_key=True), database)
     database.close()
     key = "k" * 20
     server = api_of(tmp_path / "data", require_key=True, api_key=key)

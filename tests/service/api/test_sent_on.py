@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from steradian.api.background import peers as nodes
-from steradian.storage.data_dir.emergency_latch import Deed
+from steradian.storage.data_dir.emergency_latch import StopOutcome
 from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing
 from steradian.storage.db.tables import EventRow
 from support.apis import ApiProcess
@@ -34,7 +34,7 @@ def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
     assert answer.status_code == 202, answer.text
     press, shown = pair.latch.standing(), answer.json()["emergency_stop"]
     assert (press.number, press.who, press.reason) == (shown["number"], "local", "smoke")
-    pair.latch.answer(Deed(press.number, "off", 0.01))
+    pair.latch.answer(StopOutcome(press.number, "off", 0.01))
     until(lambda: (seen := pair.http.get("/scanners/scanner-0").json()["emergency_stop"]) and seen["laser"] == "off")
     refused = pair.http.delete(STOP, params={"number": "another"})
     assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")

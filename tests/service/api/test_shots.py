@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from steradian.scans.file.writer import AlineStore, Upload
+from steradian.scans.file.writer import ScanFileWriter, UploadRecord
 from support.alines import Aline
 
 COLUMNS = "points frames stored shot fire_time energy quality averages time_zero level gain".split()
@@ -19,7 +19,7 @@ def here(scan_with_alines):
 @pytest.fixture
 def store(server, scan_with_alines):
     """Its file, to be written on: five A-lines, in the order of interrogation, with shots 1 to 5."""
-    with AlineStore(server.data.scan_file(scan_with_alines["scan"]["id"])) as store:
+    with ScanFileWriter(server.data.scan_file(scan_with_alines["scan"]["id"])) as store:
         yield store
 
 
@@ -79,7 +79,7 @@ def test_the_newest_a_line_is_the_one_stored_last_also_when_the_scanner_has_boot
     visit = scan_with_alines["visit"]
     assert shots(http, here)["newest"] == visit[4]
     rows = visit[5:]
-    store.note_upload(Upload(rows, 99, 5, 5))
+    store.note_upload(UploadRecord(rows, 99, 5, 5))
     assert shots(http, here)["newest"] == visit[4], "nothing of the new session is there yet"
     store.append([line(store, 0, shot=1, scale=0.25, time_zero_offset_s=2e-6, quality=2)], rows)
     assert shots(http, here)["newest"] == rows[0]

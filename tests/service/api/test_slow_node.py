@@ -23,7 +23,7 @@ def request():
 def test_who_waits_behind_requests_that_hang_is_told_so_before_they_end(tmp_path, monkeypatch):
     monkeypatch.setattr(nodes, "AT_ONCE", 1)
     monkeypatch.setattr(nodes, "PATIENCE", 0.2)  # of who waits for a place: the answer is waited for as long as ever
-    known = nodes.Nodes(Settings.create(data=tmp_path, node_secret="x" * 32), None)
+    known = nodes.PeerRegistry(Settings.create(data=tmp_path, node_secret="x" * 32), None)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"http://127.0.0.1:{silent.getsockname()[1]}"
         known._rows = {"scanner-1": ScannerRow(id="scanner-1", address=address)}

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from steradian.api.middleware.base import AT_ONCE, STREAMS, StreamsInTurn
+from steradian.api.middleware.base import MAX_CONCURRENT_OPENS, STREAMS, StreamAdmissionMiddleware
 
 CROWD = 200
 
@@ -21,14 +21,14 @@ def test_who_comes_behind_a_crowd_is_served_after_few_of_it():
         pass
 
     async def run():
-        app = StreamsInTurn(inner)
+        app = StreamAdmissionMiddleware(inner)
         scopes = [{"type": "http", "path": STREAMS, "number": number} for number in range(CROWD)]
         scopes.append({"type": "http", "path": "/healthz"})
         await asyncio.wait_for(asyncio.gather(*(app(scope, None, send) for scope in scopes)), 60)
 
     asyncio.run(run())
     assert answered.count(STREAMS) == CROWD
-    assert answered.index("/healthz") <= AT_ONCE
+    assert answered.index("/healthz") <= MAX_CONCURRENT_OPENS
 
 
 def test_a_stream_that_breaks_before_it_is_open_gives_its_turn_back():
@@ -36,9 +36,10 @@ def test_a_stream_that_breaks_before_it_is_open_gives_its_turn_back():
         raise ConnectionError
 
     async def run():
-        app, scope = StreamsInTurn(breaks), {"type": "http", "path": STREAMS}
+        app, scope = StreamAdmissionMiddleware(breaks), {"type": "http", "path": STREAMS}
         found = await asyncio.wait_for(
-            asyncio.gather(*(app(scope, None, None) for _ in range(5 * AT_ONCE)), return_exceptions=True), 60
+            asyncio.gather(*(app(scope, None, None) for _ in range(5 * MAX_CONCURRENT_OPENS)), return_exceptions=True),
+            60,
         )
         assert all(isinstance(one, ConnectionError) for one in found)
 

@@ -7,12 +7,12 @@ import uuid
 import httpx
 import pytest
 
-from steradian.api.background.batcher import Looks
-from steradian.api.middleware.response_cache import LARGEST, MOST_KEPT, Together
-from steradian.api.middleware.validators import Stamps, question_of
+from steradian.api.background.batcher import BatchLoader
+from steradian.api.middleware.response_cache import MAX_BYTES, MAX_ENTRY_BYTES, CoalescingCacheMiddleware
+from steradian.api.middleware.validators import CacheValidatorLoader, validator_key
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.repositories.validators import Question
+from steradian.storage.repositories.validators import ValidatorKey
 from steradian.storage.states import ScanState
 
 from .conftest import EQUI
@@ -50,7 +50,7 @@ async def ask(app, path="/api/v1/masks", principal="a", headers=(), method="GET"
 def test_a_hundred_readers_cost_two_looks():
     async def run():
         inner = Counting()
-        app = Together(inner, nothing)
+        app = CoalescingCacheMiddleware(inner, nothing)
         found = await asyncio.gather(*(ask(app) for _ in range(100)))
         assert sorted(found) == [1] + [2] * 99, "the first, and those who came while its look was under way"
         assert await ask(app) == 3
@@ -61,7 +61,7 @@ def test_a_hundred_readers_cost_two_looks():
 def test_other_readers_other_things_and_other_deeds_share_nothing():
     async def run():
         inner = Counting()
-        app = Together(inner, nothing)
+        app = CoalescingCacheMiddleware(inner, nothing)
         several = [
             {}, {"principal": "b"}, {"path": "/api/v1/plans"}, {"headers": [(b"accept", b"text/csv")]},
             {"headers": [(b"prefer", b"wait=1")]}, {"method": "POST"}, {"path": "/api/v1/masks/m1/points"},
@@ -69,7 +69,7 @@ def test_other_readers_other_things_and_other_deeds_share_nothing():
         await asyncio.gather(*(ask(app, **one) for one in several))
         assert inner.asked == len(several)
         failing = Counting(503)
-        app = Together(failing, nothing)
+        app = CoalescingCacheMiddleware(failing, nothing)
         found = await asyncio.gather(*(ask(app) for _ in range(5)))
         assert len(set(found)) == 5, "a problem names the request that met it"
 
@@ -110,14 +110,14 @@ def test_an_answer_is_kept_while_the_stamp_is_the_same():
         async def stamp(scope):
             return stamps.get(scope["path"], ())
 
-        app = Together(inner, stamp)
+        app = CoalescingCacheMiddleware(inner, stamp)
         assert [await ask(app) for _ in range(3)] == [1, 1, 1]
         assert await ask(app, principal="b") == 2, "what somebody else was told is not for others"
         assert await ask(app, headers=[(b"if-none-match", b'"x"')]) == 3
         stamps["/api/v1/masks"] = (2,)
         assert [await ask(app) for _ in range(2)] == [4, 4]
         assert [await ask(app, path="/api/v1/batches") for _ in range(2)] == [5, 6], "nothing is known of it"
-        failing = Together(Counting(404), stamp)
+        failing = CoalescingCacheMiddleware(Counting(404), stamp)
         assert [await ask(failing) for _ in range(2)] == [1, 2], "a problem names the request that met it"
 
     asyncio.run(run())
@@ -128,14 +128,14 @@ def test_what_is_kept_has_a_limit():
         async def stamp(_scope):
             return (1,)
 
-        inner = Counting(size=LARGEST)
-        app, most = Together(inner, stamp), MOST_KEPT // LARGEST
+        inner = Counting(size=MAX_ENTRY_BYTES)
+        app, most = CoalescingCacheMiddleware(inner, stamp), MAX_BYTES // MAX_ENTRY_BYTES
         paths = [f"/api/v1/masks/m{number}" for number in range(most + 1)]
         for path in paths:
             await ask(app, path=path)
         assert await ask(app, path=paths[-1]) == most + 1, "the newest are kept"
         assert await ask(app, path=paths[0]) == most + 2, "the oldest had to go"
-        large = Together(Counting(size=LARGEST + 1), stamp)
+        large = CoalescingCacheMiddleware(Counting(size=MAX_ENTRY_BYTES + 1), stamp)
         assert [await ask(large) for _ in range(2)] == [1, 2]
 
     asyncio.run(run())
@@ -143,12 +143,12 @@ def test_what_is_kept_has_a_limit():
 
 def test_only_what_a_stamp_says_all_of_is_stamped():
     def asked(path, query=b""):
-        return question_of({"path": f"/api/v1/{path}", "query_string": query})
+        return validator_key({"path": f"/api/v1/{path}", "query_string": query})
 
-    assert asked("jobs/j1") == Question("jobs", "j1")
-    assert asked("scans") == Question("scans")
-    assert asked("scans", b"limit=7&before=12") == Question("scans", None, 7, 12)
-    assert asked("scans/s1/coverage") == Question("scans", "s1"), "what is measured grows with the scan's progress"
+    assert asked("jobs/j1") == ValidatorKey("jobs", "j1")
+    assert asked("scans") == ValidatorKey("scans")
+    assert asked("scans", b"limit=7&before=12") == ValidatorKey("scans", None, 7, 12)
+    assert asked("scans/s1/coverage") == ValidatorKey("scans", "s1"), "what is measured grows with the scan's progress"
     for path in ("scanners", "batches", "scans/s1/alines", "masks/m1/coverage"):
         assert asked(path) is None
     for query in (b"kind=export", b"limit=0", b"limit=2&limit=3", b"before=1", b"limit=1&before=99999999999"):
@@ -172,13 +172,13 @@ def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_ali
         return http.post("/masks", json=other).json()["id"]
 
     def settled():
-        return ledger.start(job, "test").fence
+        return ledger.start_attempt(job, "test").fence
 
     changes = [
         lambda: None,
         lambda: ledger.report(job, settled(), "migration", 3, 10),
         lambda: ledger.report(job, ledger.get(job).fence, "migration", 4, 10),
-        lambda: ledger.put_back(job, ledger.get(job).fence, "test"),
+        lambda: ledger.requeue(job, ledger.get(job).fence, "test"),
         lambda: http.patch(f"/jobs/{job}", json={"priority": 7}).raise_for_status(),
         lambda: http.post("/reconstructions", json=more).raise_for_status(),  # comes before it
         lambda: http.put(f"/jobs/{job}/desired-state", json={"state": "cancelled"}).raise_for_status(),
@@ -205,7 +205,7 @@ def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_ali
 
 def test_stamps_that_are_asked_for_together_cost_one_look(server, mask):
     async def run():
-        stamps, looks = Stamps(server.database), []
+        stamps, looks = CacheValidatorLoader(server.database), []
         plain = stamps._looks._look
         stamps._looks._look = lambda questions: looks.append(len(questions)) or plain(questions)
         scopes = [{"path": f"/api/v1/masks/{mask['id'] if even else 'm0'}", "query_string": b""} for even in (1, 0)]
@@ -224,10 +224,10 @@ def test_a_look_that_forgets_somebody_leaves_nobody_without_an_answer():
         return {question: question for question in questions if question not in forgotten}
 
     async def everybody():
-        looks = Looks(look)
+        looks = BatchLoader(look)
         with pytest.raises(KeyError):
-            await asyncio.wait_for(looks.ask(1), 60)
+            await asyncio.wait_for(looks.load(1), 60)
         forgotten.clear()
-        return await asyncio.wait_for(asyncio.gather(looks.ask(1), looks.ask(2)), 60)
+        return await asyncio.wait_for(asyncio.gather(looks.load(1), looks.load(2)), 60)
 
     assert asyncio.run(everybody()) == [1, 2]

@@ -8,20 +8,20 @@ import h5py
 import numpy as np
 import pytest
 
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs.model import Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.reconstructions.volumes import lazy_array as stored_values
 from steradian.reconstructions.volumes.file import write_projections, write_volume
 from steradian.reconstructions.volumes.projections import project
-from steradian.reconstructions.volumes.reader import StoredVolume
-from steradian.reconstructions.volumes.zarr_view import member
+from steradian.reconstructions.volumes.reader import VolumeReader
+from steradian.reconstructions.volumes.zarr_view import get_node
 
 RAW = {"Accept": "application/octet-stream"}
 SHAPE, SPACING = (9, 10, 23), (1e-4, 2e-4, 3e-5)
 VALUES = np.random.default_rng(5).normal(size=SHAPE).astype(np.float32)
 LINES = [np.arange(size) * step - 4 * step for size, step in zip(SHAPE, SPACING, strict=True)]
-VOLUME = Volume(VALUES, Axes(*LINES), SPACING)
+VOLUME = Volume(VALUES, VoxelAxes(*LINES), SPACING)
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +44,8 @@ def settle(server, identifier, volume):
     """Have a reconstruction succeed with a volume."""
     folder, ledger = server.data.job(identifier), JobLedger(server.database)
     write_volume(folder.volume, volume, parameters={}, provenance={})
-    ledger.start(identifier, "worker-8")
-    ledger.settle(identifier, 1, Succeeded({"shape": list(volume.values.shape)}), "worker-8")
+    ledger.start_attempt(identifier, "worker-8")
+    ledger.finish_attempt(identifier, 1, Succeeded({"shape": list(volume.values.shape)}), "worker-8")
     return f"/reconstructions/{identifier}"
 
 
@@ -58,7 +58,7 @@ def finished(server, made):
 def long(server, made):
     """One that is long enough for two levels."""
     values = np.random.default_rng(6).normal(size=(280, 4, 8)).astype(np.float32)
-    axes = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    axes = VoxelAxes(*(np.arange(size) * 1e-4 for size in values.shape))
     return SimpleNamespace(
         values=values, at=settle(server, made(follow=True), Volume(values, axes, (1e-4, 1e-4, 1e-4)))
     )
@@ -147,7 +147,7 @@ def test_of_an_empty_slice_nothing_comes_at_any_level(http, long, level):
 def test_bytes_of_a_volume_with_what_is_no_number_go_by_the_rest(http, server, made, worst):
     values = np.ones((4, 5, 6), np.float32)
     values[1, 1, 1] = worst
-    axes = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    axes = VoxelAxes(*(np.arange(size) * 1e-4 for size in values.shape))
     at = settle(server, made(follow=True), Volume(values, axes, (1e-4, 1e-4, 1e-4)))
     answer = http.get(f"{at}/volume", params={"slice": "0,0", "dtype": "uint8"})
     assert answer.headers["x-window"] == "0,1"
@@ -218,7 +218,7 @@ def test_a_picture_takes_nothing_that_is_for_numbers(http, finished):
 def test_the_projections_of_a_running_scan_are_numbers_too(server, http, made):
     identifier = made(follow=True)
     here, folder, ledger = f"/reconstructions/{identifier}/mip", server.data.job(identifier), JobLedger(server.database)
-    ledger.start(identifier, "worker-8")
+    ledger.start_attempt(identifier, "worker-8")
     assert http.get(here, headers=RAW).status_code == 409
     for number, times in ((1, 1), (2, 3)):
         louder = Volume(VALUES * times, VOLUME.axes, SPACING)
@@ -259,14 +259,14 @@ def test_zarr_python_opens_a_volume_by_its_address(server, long):
 
 def test_a_volume_in_one_piece_is_the_same_hierarchy(tmp_path, monkeypatch):
     """Of version 1, or from a line of sensors: planes are its chunks, the last ones filled up."""
-    monkeypatch.setattr(stored_values, "PIECE_BYTES", 4 * 10 * 23 * 4)
+    monkeypatch.setattr(stored_values, "CHUNK_BYTES", 4 * 10 * 23 * 4)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         about = {"axes": "x, y, z", "spacing_m": SPACING, "origin_m": VOLUME.origin}
         file.create_dataset("values", data=VALUES).attrs.update(about)
-    stored = StoredVolume(tmp_path / "a.h5")
-    about = json.loads(member(stored, "0/zarr.json"))
+    stored = VolumeReader(tmp_path / "a.h5")
+    about = json.loads(get_node(stored, "0/zarr.json"))
     assert about["chunk_grid"]["configuration"]["chunk_shape"] == [23, 10, 4]
-    pieces = [np.frombuffer(member(stored, f"0/c/0/0/{x}"), "<f4").reshape(4, 10, 23) for x in range(3)]
+    pieces = [np.frombuffer(get_node(stored, f"0/c/0/0/{x}"), "<f4").reshape(4, 10, 23) for x in range(3)]
     np.testing.assert_array_equal(np.concatenate(pieces)[:9], VALUES)
     assert not pieces[2][1:].any()
 

@@ -4,9 +4,9 @@ import asyncio
 import time
 from types import SimpleNamespace
 
-from steradian.api.params.dependencies import Patience
-from steradian.api.services import Services
-from steradian.api.streaming.broadcaster import Feed
+from steradian.api.params.dependencies import LongPoll
+from steradian.api.services import ServiceContainer
+from steradian.api.streaming.broadcaster import EventBroadcaster
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
 
@@ -22,7 +22,7 @@ class Present:
 
 
 def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
-    services = Services(Settings.create(data=tmp_path))
+    services = ServiceContainer(Settings.create(data=tmp_path))
     services.data.create()
     services.database.migrate()
     with services.database.write() as session:
@@ -34,17 +34,17 @@ def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
         return services.ledger.status("j1")
 
     async def run():
-        request = Present(Feed(services))
-        waiting = [Patience(request, 120).until(look, lambda job: job.is_over) for _ in range(40)]
+        request = Present(EventBroadcaster(services))
+        waiting = [LongPoll(request, 120).wait_for(look, lambda job: job.is_over) for _ in range(40)]
         waiting = asyncio.gather(*waiting)
         await asyncio.sleep(4)
         assert not waiting.done()
         idle = len(looks)
-        await asyncio.to_thread(services.ledger.want_cancelled, "j1", "test", None)
+        await asyncio.to_thread(services.ledger.request_cancellation, "j1", "test", None)
         await asyncio.to_thread(services.ledger.cancelled, "j1", "test")
         seen = await waiting
         assert {job.state for job in seen} == {"cancelled"}
-        seen = await Patience(request, 0.5).until(look, lambda job: False)
+        seen = await LongPoll(request, 0.5).wait_for(look, lambda job: False)
         assert seen.state == "cancelled", "whose time is up gets what is there"
         return idle
 
@@ -56,15 +56,15 @@ def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
 
 
 def test_who_waits_for_a_job_has_nobody_look_for_progress(tmp_path, monkeypatch):
-    services = Services(Settings.create(data=tmp_path))
+    services = ServiceContainer(Settings.create(data=tmp_path))
     services.data.create()
     services.database.migrate()
     looks, plain = [], services.ledger.unfinished
     monkeypatch.setattr(services.ledger, "unfinished", lambda: looks.append(1) or plain())
-    feed = Feed(services)
+    feed = EventBroadcaster(services)
 
     async def hear(progress):
-        async for _ in feed.listen(progress=progress):
+        async for _ in feed.subscribe(progress=progress):
             if progress and not looks:
                 continue
             return await asyncio.sleep(0 if progress else 1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from steradian.benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
-from steradian.scans.importing.geometry import place_sensors
+from steradian.scans.importing.geometry import fit_sensor_plane
 
 ROOT = Path(__file__).parents[3]
 
@@ -59,7 +59,7 @@ def test_readmes_first_example_shows_the_amplitude_beside_its_truth():
 def test_an_imported_rectangular_field_stands_for_its_own_area():
     """A field of 16 × 10 mm, every 200 µm, in the square aperture that an import finds for it."""
     field = np.argwhere(np.ones((80, 50))) * 2e-4
-    sensors = place_sensors(field)
+    sensors = fit_sensor_plane(field)
     assert sensors.aperture == pytest.approx(16e-3)
     mask = sensors.mask("npy")
     assert mask.sensed_area == pytest.approx(160e-6)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steradian.benchmarks import arrivals
-from steradian.benchmarks.arrivals import SCANNERS, scanners, waiting_times, workers_for
+from steradian.benchmarks.arrivals import SCANNERS, fifo_waiting_times, load_of_scanners, required_workers
 
 
 def erlang_c(load, workers):
@@ -20,7 +20,7 @@ def erlang_c(load, workers):
 def test_the_mean_wait_is_that_of_erlangs_formula(load, workers):
     chance, jobs = np.random.default_rng(3), 300_000
     come = np.cumsum(chance.exponential(1.0, jobs))
-    waits = waiting_times(come, chance.exponential(load, jobs), workers)
+    waits = fifo_waiting_times(come, chance.exponential(load, jobs), workers)
     assert waits.mean() == pytest.approx(erlang_c(load, workers) * load / (workers - load), rel=0.06)
     assert (waits > 1e-9).mean() == pytest.approx(erlang_c(load, workers), rel=0.03)
 
@@ -29,7 +29,7 @@ def test_the_mean_wait_of_equal_jobs_is_that_of_pollaczek_and_khinchine():
     """Half of what it is where service times are exponential."""
     chance, jobs, load = np.random.default_rng(4), 300_000, 0.7
     come = np.cumsum(chance.exponential(1.0, jobs))
-    assert waiting_times(come, np.full(jobs, load), 1).mean() == pytest.approx(load**2 / 2 / (1 - load), rel=0.04)
+    assert fifo_waiting_times(come, np.full(jobs, load), 1).mean() == pytest.approx(load**2 / 2 / (1 - load), rel=0.04)
 
 
 def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
@@ -41,12 +41,12 @@ def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
         return erlang_c(load, workers) * np.exp(-(workers - load) * 5.0 / 4.0)
 
     enough = next(workers for workers in range(13, 40) if late(workers) <= 0.05)
-    assert workers_for(3.0, lasting, together=1) == enough
-    assert workers_for(3.0, lasting, together=4) > enough
+    assert required_workers(3.0, lasting, together=1) == enough
+    assert required_workers(3.0, lasting, together=4) > enough
 
 
 def test_what_ten_times_the_scanners_ask_for_is_ten_times_as_much_but_workers_share_the_waiting():
-    rows = scanners([30.0] * 10, api_cpu_s=0.003, scan_bytes=5e6, volume_bytes=2e8, events=40, event_s=0.002)
+    rows = load_of_scanners([30.0] * 10, api_cpu_s=0.003, scan_bytes=5e6, volume_bytes=2e8, events=40, event_s=0.002)
     assert [row["scanners"] for row in rows] == list(SCANNERS)
     for fewer, more in pairwise(rows):
         for part in ("jobs_per_second", "api_processors", "store_gb_per_day", "event_lock"):

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, over
+from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, limit_violations
 from steradian.benchmarks.gpu_page import BEGIN, END, tables
 from steradian.cli.benchmark import app
 from steradian.imaging.engines.cuda import backend
 
 
-@pytest.mark.skipif(backend.missing() is None, reason="there is a GPU")
+@pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
 def test_without_a_gpu_it_says_what_is_missing() -> None:
     result = CliRunner().invoke(app, ["gpu", "--quick"])
     assert result.exit_code != 0
@@ -24,8 +24,8 @@ def test_without_a_gpu_it_says_what_is_missing() -> None:
 
 @pytest.mark.long
 def test_it_runs_to_its_end_and_names_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    if backend.missing():
-        monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    if backend.unavailable_reason():
+        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     result = CliRunner().invoke(app, ["gpu", "--quick", "--repeats", "1", "--json", str(tmp_path / "gpu.json")])
     assert result.exit_code == 0, result.output
     rows = {row["case"]: row for row in json.loads((tmp_path / "gpu.json").read_text())["rows"]}
@@ -52,16 +52,16 @@ def test_it_runs_to_its_end_and_names_the_device(monkeypatch: pytest.MonkeyPatch
 
 
 def test_only_some_cases(monkeypatch: pytest.MonkeyPatch) -> None:
-    if backend.missing():
-        monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    if backend.unavailable_reason():
+        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     (row,) = gpu(quick=True, repeats=1, only="lateral")
     assert row["gpu_s"] > 0
 
 
 def test_what_misses_its_bound_is_told() -> None:
     good = {"case": "direct 226", "ratio": LIMIT, "faster": FASTER}
-    assert over([good, {"case": "fit", "fit_s": 1.0, "faster": 3.0}]) == []
-    assert over([good | {"ratio": 3.0, "faster": 4.0}, {"case": "fit", "fit_s": 2.5}]) == [
+    assert limit_violations([good, {"case": "fit", "fit_s": 1.0, "faster": 3.0}]) == []
+    assert limit_violations([good | {"ratio": 3.0, "faster": 4.0}, {"case": "fit", "fit_s": 2.5}]) == [
         "direct 226: 3.00 pairs instead of 2",
         "direct 226: 4.0 times faster instead of 15",
         "fit: 2.50 s instead of 2",

@@ -30,7 +30,7 @@ def statuses_from(replies, asked):
     async def talk():
         async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
             client = Connection(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}")
-            found = [(await client.ask("/", method=method)).status for method in asked]
+            found = [(await client.request("/", method=method)).status for method in asked]
             client.close()
             await asyncio.gather(*tasks)
             return found

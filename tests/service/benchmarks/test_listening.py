@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 
 from steradian.benchmarks import listening
-from steradian.benchmarks.listening import Told, compare
+from steradian.benchmarks.listening import DeliveryReport, compare
 
 
 def frames(numbers):
@@ -37,20 +37,20 @@ async def log_of(numbers, heard, whole=None):
 
 
 async def met(numbers, heard, whole=None):
-    async with log_of(numbers, heard, whole) as url, listening.listening([url], len(heard)) as listeners:
+    async with log_of(numbers, heard, whole) as url, listening.open_listeners([url], len(heard)) as listeners:
         async with asyncio.timeout(250):
             for listener, one in zip(listeners, heard, strict=True):
-                await listener.reach(one[-1])
+                await listener.wait_for(one[-1])
         return await compare(listeners)
 
 
 @pytest.mark.parametrize(
     ("heard", "told"),
     [
-        ([[4, 5, 6, 7]] * 3, Told(9, 0, 0)),
-        ([[4, 5, 6, 7], [4, 5, 7]], Told(5, 1, 0)),
-        ([[4, 5, 5, 6, 7], [4, 5, 6, 7]], Told(7, 0, 1)),
-        ([[4, 5, 6, 7, 8]], Told(3, 0, 0)),
+        ([[4, 5, 6, 7]] * 3, DeliveryReport(9, 0, 0)),
+        ([[4, 5, 6, 7], [4, 5, 7]], DeliveryReport(5, 1, 0)),
+        ([[4, 5, 5, 6, 7], [4, 5, 6, 7]], DeliveryReport(7, 0, 1)),
+        ([[4, 5, 6, 7, 8]], DeliveryReport(3, 0, 0)),
     ],
     ids=["all", "one is lost", "one comes again", "what comes later"],
 )
@@ -60,7 +60,7 @@ def test_what_each_listener_was_told_is_compared_with_the_log(heard, told):
 
 def test_a_stream_that_ends_early_has_lost_the_rest(monkeypatch):
     monkeypatch.setattr(listening, "PATIENCE", 0.5)
-    assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == Told(1, 2, 0)
+    assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == DeliveryReport(1, 2, 0)
 
 
 def test_where_the_log_itself_is_cut_off_nothing_is_said_of_losses(monkeypatch):

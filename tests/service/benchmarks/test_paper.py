@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from steradian.benchmarks.paper import paper
 from steradian.benchmarks.paper.markdown import number, spread, table
 from steradian.benchmarks.paper.page import BEGIN, END, claims_of, page, put_into_readme, readme_block
-from steradian.benchmarks.paper.sections import NAMES, Claim, Verdict, sections
+from steradian.benchmarks.paper.sections import SECTION_NAMES, Claim, Verdict, sections
 from steradian.cli.app import app
 from steradian.core.exceptions import Cancelled, InvalidInput
 
@@ -102,7 +102,7 @@ def test_a_file_without_markers_is_left_alone() -> None:
 
 
 def test_every_name_is_a_section_of_that_name() -> None:
-    assert [section.name for section in sections()] == list(NAMES)
+    assert [section.name for section in sections()] == list(SECTION_NAMES)
 
 
 def test_the_page_in_the_documentation_is_what_the_json_says(committed) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.tuning import BEGIN, END, optima, tables, write_page
+from steradian.benchmarks.tuning import BEGIN, END, optimal_wavelengths, tables, write_page
 from steradian.masks import equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, preview
 
@@ -36,7 +36,7 @@ def test_the_figures_are_those_of_today():
     cost = preview(
         ScanPlan.create(
             mask=mask,
-            wavelengths=optima(mask, "scatter"),
+            wavelengths=optimal_wavelengths(mask, "scatter"),
             max_sensitivity_loss=0.1,
             order="bands",
             pulse_rate=1000.0,

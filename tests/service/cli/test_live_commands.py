@@ -10,7 +10,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
+from steradian.plans.files import write_json
 from steradian.reconstructions.volumes.file import read_volume
 from support.commands import run_here
 
@@ -38,7 +38,7 @@ def run(*arguments, cwd, code=0):
 @pytest.mark.long
 def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
     plan = ScanPlan.create(mask=equi_steradian_mask(6e-3, 2e-3, 100), samples=512)
-    write_value(plan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
     follower = start(
         "reconstruct", "scan.h5", "-o", "live", "--follow", "--interval", "200ms", "--modes", "32", cwd=tmp_path
     )
@@ -60,7 +60,7 @@ def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
 def test_what_if_prints_and_writes_how_good_a_sparse_mask_would_have_been(tmp_path):
     with np.load(YARN) as archive:
         aperture = 64 * float(archive["dx"])
-    write_value(equi_steradian_mask(aperture, 1.5e-3, 400), tmp_path / "mask.json")
+    write_json(equi_steradian_mask(aperture, 1.5e-3, 400), tmp_path / "mask.json")
     output = run_here("what-if", YARN, "out", "--mask", "mask.json", cwd=tmp_path)
     report = json.loads((tmp_path / "out" / "what-if.json").read_text())
     assert report["quality"]["mip_z_correlation"] > 0.85

@@ -67,8 +67,8 @@ def test_scan_resume_on_a_latched_fault_names_the_command_that_clears_it_and_goe
             stderr=subprocess.PIPE,
             text=True,
         )
-        until(lambda: scanner.command("report", fired=False)["shots"] > 20)
-        scanner.command("interlock", closed=False)
+        until(lambda: scanner.send_command("report", fired=False)["shots"] > 20)
+        scanner.send_command("interlock", closed=False)
         said = scan.communicate(timeout=200)[1]
         clearing = f"steradian scanner clear-fault --scanner {scanner.url}"
         assert scan.returncode == 5
@@ -78,7 +78,7 @@ def test_scan_resume_on_a_latched_fault_names_the_command_that_clears_it_and_goe
         refused = command("scanner", "clear-fault", "--scanner", scanner.url)
         assert refused.returncode == 4
         assert "the interlock is open" in refused.stderr
-        scanner.command("interlock", closed=True)
+        scanner.send_command("interlock", closed=True)
         resumed = command("scan", "resume", "s.h5", "--scanner", scanner.url, cwd=tmp_path)
         assert resumed.returncode == 5
         assert clearing in resumed.stderr.replace("\n", " ")

@@ -11,7 +11,7 @@ from steradian.cli.app import app
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.dbos import prepare
+from steradian.jobs.queue.dbos import migrate_queue
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
@@ -21,13 +21,13 @@ from steradian.storage.repositories.deletion import InUse
 @pytest.fixture
 def ledger(tmp_path):
     settings = Settings.create(data=tmp_path)
-    prepare(settings)
+    migrate_queue(settings)
     database = Database(metadata_url(settings))
     ledger = JobLedger(database)
     with database.write() as session:
         ledger.add(session, JobRequest("j1", "sound-speed", {}))
         ledger.add(session, JobRequest("j2", "sound-speed", {}, promised=7_000_000))
-    ledger.settle("j1", ledger.start("j1", "test").fence, Succeeded({}), "test")
+    ledger.finish_attempt("j1", ledger.start_attempt("j1", "test").fence, Succeeded({}), "test")
     data = DataDirectory(tmp_path)
     data.job("j1").root.mkdir()
     (data.job("j1").root / "curve.csv").write_bytes(bytes(3_000_000))

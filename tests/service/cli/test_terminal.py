@@ -18,7 +18,7 @@ pexpect = pytest.importorskip("pexpect")
 from fabry_perot.simulator import launch  # noqa: E402
 from steradian.masks import grid_mask  # noqa: E402
 from steradian.plans import ScanPlan  # noqa: E402
-from steradian.plans.files import write_value  # noqa: E402
+from steradian.plans.files import write_json  # noqa: E402
 
 POINTS = 2116
 ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
@@ -62,7 +62,7 @@ def hears():
 def plan(tmp_path_factory):
     mask = grid_mask(13.56e-3, 46, 280e-6)
     path = tmp_path_factory.mktemp("plan") / "plan.json"
-    write_value(ScanPlan.create(mask=mask, samples=256, order="shortest"), path)
+    write_json(ScanPlan.create(mask=mask, samples=256, order="shortest"), path)
     return path
 
 
@@ -142,14 +142,14 @@ def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, 
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         stop_at(scan)
         scan.expect(ANSWER)
-        then = simulator.command("report")
+        then = simulator.send_command("report")
         assert then["state"] == "safe_hold"
         assert then["shots"] == int(scan.match[1].replace(",", ""))
         scan.expect(pexpect.EOF)
         scan.close()
         assert scan.exitstatus == 130
-        wait_for(lambda: simulator.command("report")["time"] > then["time"] + 1_000_000)
-        assert simulator.command("report")["shots"] == then["shots"]
+        wait_for(lambda: simulator.send_command("report")["time"] > then["time"] + 1_000_000)
+        assert simulator.send_command("report")["shots"] == then["shots"]
     with launch(speed=100.0, seed=3, **EXACT) as simulator:
         for words in (["resume", "scan.h5"], ["run", plan, "--output", "whole.h5"]):
             process = terminal("scan", *words, "--scanner", simulator.url)
@@ -170,8 +170,8 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
         scan.expect(bar)
-        simulator.command("stall", way="up", seconds=1000)
-        simulator.command("stall", way="down", seconds=1000)
+        simulator.send_command("stall", way="up", seconds=1000)
+        simulator.send_command("stall", way="down", seconds=1000)
         scan.sendcontrol("c")
         scan.expect("not confirmed")
         scan.sendcontrol("c")
@@ -179,7 +179,7 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
         scan.expect(pexpect.EOF)
         scan.close()
         assert scan.exitstatus == 130
-        wait_for(lambda: simulator.command("report")["state"] == "safe_hold")  # its lease has run out
+        wait_for(lambda: simulator.send_command("report")["state"] == "safe_hold")  # its lease has run out
     check = terminal("scan", "check", "scan.h5", "--no-repair")
     check.expect("A-lines intact")
     check.expect(pexpect.EOF)
@@ -199,14 +199,14 @@ def test_scan_run_after_sighup_ends_as_after_ctrl_c(plan, terminal, tmp_path, wa
             about = {"stdin": slave, "stdout": slave, "stderr": errors, "start_new_session": True, "preexec_fn": own}
             scan = subprocess.Popen(command, cwd=tmp_path, **about)
         os.close(slave)
-        wait_for(lambda: simulator.command("report")["shots"] > 100)
+        wait_for(lambda: simulator.send_command("report")["shots"] > 100)
         if way == "signal alone":
             scan.send_signal(signal.SIGHUP)
             scan.send_signal(signal.SIGHUP)
         else:
             os.close(master)  # the system sends SIGHUP to the terminal's session
         assert scan.wait(250) == 130
-        report, stored = simulator.command("report"), int(read(tmp_path / "scan.h5")[1].sum())
+        report, stored = simulator.send_command("report"), int(read(tmp_path / "scan.h5")[1].sum())
         assert (report["state"], report["shots"]) == ("safe_hold", stored)
         found = re.search(ANSWER, (tmp_path / "said").read_text())
         assert found or errors == slave, (tmp_path / "said").read_text()
@@ -249,7 +249,7 @@ def test_ctrl_c_is_heard_before_anything_else_is_read():
 def test_ctrl_c_before_the_scan_begins_leaves_nothing_behind(plan, terminal, tmp_path):
     """While the scanner does not answer yet, Ctrl-C ends the command, which says that nothing was measured."""
     with launch(speed=1.0, tcp="127.0.0.1:0") as simulator:
-        simulator.command("cut", way="up", seconds=1000)
+        simulator.send_command("cut", way="up", seconds=1000)
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         scan.expect("connecting")
         scan.sendcontrol("c")

@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 
 from steradian.core.settings import Settings
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.db.database import Database, metadata_url
 from support.cluster import Cluster, Worker
 from support.proxy import Proxy
@@ -82,15 +82,15 @@ def at_work(node, job):
 def all_kept(cluster):
     """Whether all that succeeded is in the store."""
     with store_of(cluster) as store:
-        return not store.contents(timedelta(0)).missing
+        return not store.audit(timedelta(0)).missing
 
 
 def standing(cluster, node, job):
     """All that anybody can see of a job: its view, the bytes of its volume and what the store keeps of it, swept."""
     volume = node.get(f"/reconstructions/{job['id']}/volume", headers={"Accept": "application/octet-stream"})
     with store_of(cluster) as store:
-        store.sweep(timedelta(0))
-        contents = store.contents(timedelta(0))
+        store.collect_orphans(timedelta(0))
+        contents = store.audit(timedelta(0))
         assert (contents.missing, contents.orphans) == ([], [])
         rows = {row.name: row.sha256 for row in store.rows() if job["id"] in row.name}
         assert rows
@@ -105,6 +105,6 @@ def store_of(cluster):
     settings = Settings.create(data=cluster.first.folder, **cluster.shared)
     database = Database(metadata_url(settings))
     try:
-        yield ObjectStore(settings, database)
+        yield S3BlobStore(settings, database)
     finally:
         database.close()

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import text
 
 from steradian.core.settings import Settings
-from steradian.security.admission import require_key
+from steradian.security.admission import require_api_key
 from steradian.security.keys import KeyStore
 from steradian.storage.db.database import Database, metadata_url
 
@@ -26,7 +26,7 @@ def test_of_several_nodes_that_start_at_once_one_makes_the_first_key(postgres, t
         with database.read() as session:  # who is connected begins at once
             session.execute(text("SELECT 1"))
         ready.wait(250)
-        return require_key(each, database)
+        return require_api_key(each, database)
 
     try:
         with ThreadPoolExecutor(len(settings)) as nodes:

@@ -18,8 +18,8 @@ from sqlalchemy import select
 
 from fabry_perot.simulator import launch
 from steradian.core.settings import Settings
-from steradian.storage.blobs.object_store import ObjectStore
-from steradian.storage.blobs.staleness import has_moved_on
+from steradian.storage.blobs.object_store import S3BlobStore
+from steradian.storage.blobs.staleness import is_stale
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScanRow
 from support.cluster import Cluster
@@ -159,7 +159,7 @@ def test_what_was_asked_for_ends_once_whatever_is_killed(tmp_path, postgres, sea
             print(f"\n  seed {seed}; killed {dict(killer.killed)}; failures answered {dict(client.unanswered)}")
             print(f"  {len(set(seen))} jobs: {dict(told)}, by their starts {dict(sorted(starts.items()))}")
             print(f"  scan {done['state']}: {done['summary']}, interrupted {again} times")
-            print(f"  the scanner fired {laser.command('report')['shots']} shots")
+            print(f"  the scanner fired {laser.send_command('report')['shots']} shots")
         assert len(set(seen)) == JOBS
         assert set(told) <= {"succeeded", "failed"}
         assert all(job["state"] == "succeeded" or job["attempt"] >= 3 for job in jobs), "only the third death is final"
@@ -184,7 +184,7 @@ def is_kept_whole(store, database, scan):
     with database.read() as session:
         row = session.scalar(select(ScanRow).where(ScanRow.id == scan))
     found = store.kept(f"scans/{scan}.h5")
-    return found is not None and not has_moved_on(row, found)
+    return found is not None and not is_stale(row, found)
 
 
 def kept(cluster, seen, jobs, scan, capsys):
@@ -192,11 +192,11 @@ def kept(cluster, seen, jobs, scan, capsys):
     settings = Settings.create(data=cluster.first.folder, **cluster.shared)
     database = Database(metadata_url(settings))
     try:
-        store = ObjectStore(settings, database)
+        store = S3BlobStore(settings, database)
         until(lambda: is_kept_whole(store, database, scan))
-        before = store.contents(timedelta(0))
-        swept = store.sweep(timedelta(0))
-        after, rows = store.contents(timedelta(0)), store.rows()
+        before = store.audit(timedelta(0))
+        swept = store.collect_orphans(timedelta(0))
+        after, rows = store.audit(timedelta(0)), store.rows()
         with capsys.disabled():
             print(f"  {before.objects} objects, {before.bytes / 1e6:.1f} MB; {swept} orphans swept")
         assert (after.missing, after.orphans) == ([], [])

@@ -10,16 +10,16 @@ from typer.testing import CliRunner
 import steradian
 from steradian import InvalidInput
 from steradian.cli.mask import app
-from steradian.comparisons import Simulation, compare_masks, phantom, promised
+from steradian.comparisons import Simulation, compare_masks, evaluate, phantom
 from steradian.core.exceptions import Cancelled
-from steradian.imaging import Axes, Volume
-from steradian.masks import counted_mask, equiangular_mask, write_mask
-from steradian.masks.promises import promises
-from steradian.phantoms import Balls, sampled
+from steradian.imaging import Volume, VoxelAxes
+from steradian.masks import equiangular_mask, mask_by_count, write_mask
+from steradian.masks.promises import evaluate_mask
+from steradian.phantoms import Balls, rasterise
 
 APERTURE, DEPTH = 6e-3, 1.5e-3
 POINT = (0.0, 0.0, DEPTH)
-STERADIAN, GRID = (counted_mask(name, APERTURE, 300, depth=DEPTH) for name in ("equi-steradian", "grid"))
+STERADIAN, GRID = (mask_by_count(name, APERTURE, 300, depth=DEPTH) for name in ("equi-steradian", "grid"))
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +44,9 @@ def test_a_mask_of_another_aperture_is_judged_by_the_object_on_its_own_voxels():
     thing = Balls(np.array([[0.5e-3, 0.0, 1.5e-3]]), np.array([120e-6]), np.array([1.0]))
     shared = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0)
     for aperture in (4e-3, 6e-3):
-        mask = counted_mask("grid", aperture, 100, depth=DEPTH)
-        alone = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0).through(mask)
-        found = shared.through(mask)
+        mask = mask_by_count("grid", aperture, 100, depth=DEPTH)
+        alone = Simulation(thing, (0.0, 0.0), 3e-3, None, 40, iterations=0).simulate(mask)
+        found = shared.simulate(mask)
         np.testing.assert_array_equal(found.truth_mip, alone.truth_mip)
         assert found.by["direct"].field == alone.by["direct"].field
 
@@ -68,7 +68,7 @@ def test_figures_are_those_of_closed_forms(vessels):
     assert grid.steepest_deg == pytest.approx(np.degrees(np.arctan(np.sqrt(2) * corner / DEPTH)))
     # in solid angle cells of one size differ as cos³ of the angle of incidence does
     cosine = DEPTH / np.hypot(np.linalg.norm(GRID.positions, axis=1), DEPTH)
-    angles = promises(GRID, POINT).solid_angles
+    angles = evaluate_mask(GRID, POINT).solid_angles
     np.testing.assert_allclose(angles / angles.mean(), cosine**3 / (cosine**3).mean(), rtol=1e-6)
     assert steradian_.solid_angle_spread < grid.solid_angle_spread / 2
     assert steradian_.travel_m > 0.9 * STERADIAN.count * steradian_.finest_m
@@ -76,7 +76,7 @@ def test_figures_are_those_of_closed_forms(vessels):
 
 def test_the_spread_of_solid_angles_is_the_evenness_that_mask_and_page_tell(vessels, tmp_path):
     for name, mask in (("grid", GRID), ("steradian", STERADIAN)):
-        assert vessels.promised[name].solid_angle_spread == promises(mask, POINT).evenness
+        assert vessels.promised[name].solid_angle_spread == evaluate_mask(mask, POINT).evenness
     size = ("--aperture", "6mm", "--depth", "1.5mm")
     words = ("equi-steradian", *size, "--count", "309", "-o", str(tmp_path / "mask.json"))
     told = CliRunner().invoke(app, words, catch_exceptions=False).output
@@ -86,11 +86,11 @@ def test_the_spread_of_solid_angles_is_the_evenness_that_mask_and_page_tell(vess
 
 
 def test_noise_takes_contrast_from_the_ball_and_likeness_from_the_object():
-    quiet, loud = (promised(GRID, POINT, noise=noise)[0] for noise in (80.0, 5.0))
+    quiet, loud = (evaluate(GRID, POINT, noise=noise)[0] for noise in (80.0, 5.0))
     assert quiet.contrast_db > loud.contrast_db + 3
     thing = phantom("vessels", POINT)
     silent, some, much = (
-        Simulation(thing, (0.0, 0.0), 3e-3, noise, 40, iterations=0).through(GRID).by["direct"].field
+        Simulation(thing, (0.0, 0.0), 3e-3, noise, 40, iterations=0).simulate(GRID).by["direct"].field
         for noise in (None, 30.0, 0.0)
     )
     assert silent > some > much + 0.05
@@ -101,16 +101,16 @@ def test_a_volume_is_seen_like_the_balls_it_shows():
     balls = Balls(np.array([[0.4e-3, 0.0, 1.4e-3], [-1e-3, 0.8e-3, 1.7e-3]]), np.full(2, 150e-6), np.ones(2))
     step, x = 24e-6, (np.arange(60) - 30) * (APERTURE / 60)
     frame = Volume(
-        np.zeros((60, 60, 120), np.float32), Axes(x, x, step * np.arange(120)), (APERTURE / 60,) * 2 + (step,)
+        np.zeros((60, 60, 120), np.float32), VoxelAxes(x, x, step * np.arange(120)), (APERTURE / 60,) * 2 + (step,)
     )
     outcomes = []
-    for thing in (balls, sampled(balls, frame)):
+    for thing in (balls, rasterise(balls, frame)):
         simulation = Simulation(thing, (0.0, 0.0), 3e-3, None, 60, iterations=0)
-        outcomes.append(simulation.through(GRID).by["direct"])
+        outcomes.append(simulation.simulate(GRID).by["direct"])
     assert outcomes[0].field_mip == pytest.approx(outcomes[1].field_mip, abs=0.01)
     assert outcomes[0].around_mip == pytest.approx(outcomes[1].around_mip, abs=0.01)
     with pytest.raises(InvalidInput, match="of the aperture"):
-        Simulation(sampled(balls, frame), (0.0, 0.0), 3e-3).through(counted_mask("grid", 2 * APERTURE, 100))
+        Simulation(rasterise(balls, frame), (0.0, 0.0), 3e-3).simulate(mask_by_count("grid", 2 * APERTURE, 100))
 
 
 def test_it_tells_how_far_it_is_and_can_be_stopped():

@@ -13,7 +13,7 @@ HERE = Path(__file__)
 
 def worker_child(settings, slot, output):
     command = [sys.executable, str(HERE.with_name("worker_main.py")), str(slot)]
-    return supervisor.Child(settings.executor(slot), command, settings.environment(), output=output)
+    return supervisor.ManagedProcess(settings.executor(slot), command, settings.environment(), output=output)
 
 
 if __name__ == "__main__":
@@ -21,5 +21,5 @@ if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     supervisor._worker = worker_child
-    run = {"serve": supervisor.serve, "worker": supervisor.work}[sys.argv[1]]
+    run = {"serve": supervisor.run_service, "worker": supervisor.run_workers}[sys.argv[1]]
     run(Settings.create(), lambda line: print(line, flush=True), stop)

@@ -7,7 +7,7 @@ import sys
 import h5py
 import pytest
 
-from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.verify import verify_scan_file
 from support.services import Service
 from support.waiting import until
 
@@ -72,7 +72,7 @@ def test_what_was_answered_before_a_backup_is_there_after_its_restoration(databa
         steradian(other.settings, "check", other.folder)
         copied = other.folder / "scans" / f"{running}.h5"
         assert alines <= stored(copied)
-        assert check_scan_file(copied, repair=False).is_sound
+        assert verify_scan_file(copied, repair=False).is_consistent
         other.start()
         after = everything(other)
         assert {noun: known - after[noun] for noun, known in before.items()} == {noun: set() for noun in before}

@@ -6,21 +6,23 @@ import sys
 import threading
 from pathlib import Path
 
-from steradian.core.exit_with_parent import end_with_stdin
+from steradian.core.exit_with_parent import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.jobs.worker.main import run_worker
-from steradian.jobs.worker.readiness import join
+from steradian.jobs.worker.readiness import wait_until_ready
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.storage.data_dir.layout import DataDirectory
 
 if __name__ == "__main__":
     settings, slot = Settings.create(), int(sys.argv[1])
-    configure_logging(settings, settings.executor(slot))
-    threading.Thread(target=end_with_stdin, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True).start()
+    configure_logging(settings, settings.worker_slot_name(slot))
+    threading.Thread(
+        target=exit_when_stdin_closes, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True
+    ).start()
     echo = Path(__file__).parents[1] / "jobs" / "echo_job.py"
-    join(settings)
-    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.executor(slot))):
+    wait_until_ready(settings)
+    with Heartbeat(DataDirectory(settings.data).heartbeat(settings.worker_slot_name(slot))):
         run_worker(
             settings,
             slot,

@@ -9,14 +9,14 @@ import pytest
 from matplotlib.text import Text
 
 from steradian.comparisons import compare_masks, phantom
-from steradian.comparisons.picture import comparison_page
-from steradian.drawing.painting import Inside, coloured, paint
+from steradian.comparisons.picture import comparison_figure
+from steradian.drawing.painting import PlotArea, apply_colour_map, render_page
 from steradian.drawing.ticks import Axis
-from steradian.imaging import Axes, Display, Volume
-from steradian.masks import counted_mask, equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask
-from steradian.masks.picture import mask_page
+from steradian.imaging import Display, Volume, VoxelAxes
+from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask, mask_by_count
+from steradian.masks.picture import mask_figure
 from steradian.plans import ScanPlan, VisitOrder
-from steradian.plans.picture import plan_page
+from steradian.plans.picture import plan_figure
 from steradian.reconstructions.volumes.images import draw_depth_coded, draw_mip
 
 SIZES = (240, 720, 1500)
@@ -56,14 +56,14 @@ def labels_of(figure):
 
 
 def painted(plot):
-    return np.asarray(Inside(plot, 300, 300).drawn()).astype(int)
+    return np.asarray(PlotArea(plot, 300, 300).drawn()).astype(int)
 
 
 def volume(*shape):
     values = np.random.default_rng(0).normal(size=shape).astype(np.float32) ** 2
     x, z = 1e-4 * (np.arange(shape[0]) - shape[0] // 2), 1e-3 + 5e-5 * np.arange(shape[-1])
     y = 1e-4 * (np.arange(shape[1]) - shape[1] // 2) if len(shape) == 3 else None
-    return Volume(values, Axes(x, y, z), (*[1e-4] * (len(shape) - 1), 5e-5))
+    return Volume(values, VoxelAxes(x, y, z), (*[1e-4] * (len(shape) - 1), 5e-5))
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -85,14 +85,14 @@ def test_labels_of_projections(tmp_path, size, shape, log_range):
 @cache
 def page_of(name, with_point_spread):
     """A page is worked out once and drawn in several sizes."""
-    return mask_page(MASKS[name], with_point_spread=with_point_spread)
+    return mask_figure(MASKS[name], with_point_spread=with_point_spread)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", MASKS)
 @pytest.mark.parametrize("with_point_spread", [True, False])
 def test_labels_of_masks(width, name, with_point_spread):
-    drawn = paint(replace(page_of(name, with_point_spread), width=width))
+    drawn = render_page(replace(page_of(name, with_point_spread), width=width))
     assert len(drawn.labels) > 20
     assert not overlapping(drawn.labels, drawn.image.size)
     assert drawn.image.width == width
@@ -102,7 +102,7 @@ def test_labels_of_masks(width, name, with_point_spread):
 @pytest.mark.parametrize("name", ["equi-steradian", "line"])
 @pytest.mark.parametrize("order", [VisitOrder.SNAKE, VisitOrder.PROGRESSIVE])
 def test_labels_of_plans(width, name, order):
-    drawn = paint(plan_page(ScanPlan.create(mask=MASKS[name], order=order), width=width))
+    drawn = render_page(plan_figure(ScanPlan.create(mask=MASKS[name], order=order), width=width))
     assert len(drawn.labels) > 20
     assert not overlapping(drawn.labels, drawn.image.size)
     assert drawn.image.width == width
@@ -111,7 +111,7 @@ def test_labels_of_plans(width, name, order):
 @pytest.fixture(scope="module")
 def comparison():
     names = ("equi-steradian", "grid", "poisson-disc", "random")
-    masks = {name: counted_mask(name, 4e-3, 120, depth=1e-3) for name in names}
+    masks = {name: mask_by_count(name, 4e-3, 120, depth=1e-3) for name in names}
     return compare_masks(masks, phantom=phantom("vessels", (0.0, 0.0, 1e-3)), modes=40, iterations=1)
 
 
@@ -119,17 +119,17 @@ def comparison():
 @pytest.mark.parametrize(("width", "simulated"), [(700, True), (1320, False), (2600, True)])
 def test_labels_of_comparisons(width, simulated, comparison):
     compared = comparison if simulated else replace(comparison, simulation=None, simulated={})
-    figure = comparison_page(compared, width=width)
+    figure = comparison_figure(compared, width=width)
     assert not overlapping(labels_of(figure), figure.canvas.get_width_height())
 
 
 def test_titles_describe_and_hold_no_identifier():
     mask = MASKS["equi-steradian"]
     plan = ScanPlan.create(mask=mask)
-    title = mask_page(mask, with_point_spread=False).title
+    title = mask_figure(mask, with_point_spread=False).title
     assert "Equi-steradian" in title
     assert "3.6 mm deep" in title
-    for words in (title, plan_page(plan).title):
+    for words in (title, plan_figure(plan).title):
         assert f"{mask.count:,} points" in words
         assert mask.id not in words
         assert plan.id not in words
@@ -138,15 +138,15 @@ def test_titles_describe_and_hold_no_identifier():
 def test_no_quarter_of_a_mask_is_empty():
     """What has no point of interest, or shall not be simulated, shows how even the sensors are."""
     for mask, simulated in ((MASKS["grid"], True), (MASKS["equi-steradian"], False)):
-        plots = mask_page(mask, with_point_spread=simulated).plots
+        plots = mask_figure(mask, with_point_spread=simulated).plots
         assert len(plots) == 4
         assert all(np.ptp(painted(plot)) > 0 for plot in plots)
 
 
 def test_the_same_distance_everywhere_is_one_colour_with_a_number():
     """Distances of a lattice differ by their rounding, which is nothing to colour."""
-    sensors, _, spacings, _ = mask_page(hexagonal_mask(13.56e-3, count=1600), with_point_spread=False).plots
+    sensors, _, spacings, _ = mask_figure(hexagonal_mask(13.56e-3, count=1600), with_point_spread=False).plots
     for plot in (sensors, spacings):
-        tones = coloured(plot.parts[0].values, plot.colours).reshape(-1, 3).astype(int)
+        tones = apply_colour_map(plot.parts[0].values, plot.colours).reshape(-1, 3).astype(int)
         assert np.ptp(tones, axis=0).max() < 3
         assert Axis(plot.colours.high, plot.colours.low, "").marks(300)

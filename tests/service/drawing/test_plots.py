@@ -5,15 +5,28 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steradian.drawing.painting import paint
-from steradian.drawing.plots import Bars, Colours, Curve, Dots, Field, Page, Plot, Sign, Steps, Upright, Way, histogram
-from steradian.drawing.plotted import figure_of
+from steradian.drawing.painting import render_page
+from steradian.drawing.plots import (
+    Bars,
+    Colours,
+    Curve,
+    Heatmap,
+    Histogram,
+    Marker,
+    Page,
+    Path,
+    Plot,
+    Scatter,
+    VerticalLine,
+    histogram,
+)
+from steradian.drawing.plotted import to_figure
 from steradian.drawing.ticks import Axis, LogAxis, NamedRows
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.masks.limited_view import limited_view
-from steradian.masks.picture import draw_mask, mask_page
+from steradian.masks.picture import draw_mask, mask_figure
 from steradian.plans import ScanPlan
-from steradian.plans.picture import draw_plan, plan_page
+from steradian.plans.picture import draw_plan, plan_figure
 
 RED = (255, 0, 0)
 
@@ -21,7 +34,7 @@ RED = (255, 0, 0)
 def drawn(*parts, across=None, up=None, equal=False):
     """The pixels of a page with one plot, and the middle of each of its labels."""
     axes = across or Axis(-3.0, 5.0, "x"), up or Axis(40.0, 10.0, "y")
-    painted = paint(Page("page", [[Plot("plot", *axes, parts, equal)]], [1], 1100, 0.7))
+    painted = render_page(Page("page", [[Plot("plot", *axes, parts, equal)]], [1], 1100, 0.7))
     middles = {}
     for text, (left, top, right, bottom) in painted.labels:  # axes before bars of colours
         middles.setdefault(text, ((left + right) / 2, (top + bottom) / 2))
@@ -35,13 +48,13 @@ def middle_of(pixels, colour=RED):
 
 
 def test_a_sign_stands_above_and_beside_the_numbers_of_its_place():
-    pixels, middles = drawn(Sign(3.0, 25.0, "o", 12, "#ff0000"))
+    pixels, middles = drawn(Marker(3.0, 25.0, "o", 12, "#ff0000"))
     assert middle_of(pixels) == pytest.approx((middles["3"][0], middles["25"][1]), abs=2)
 
 
 def test_a_logarithmic_axis_has_equal_steps_for_powers_of_ten():
     pixels, middles = drawn(
-        Sign(30.0, 10.0, "s", 9, "#ff0000"), across=Axis(20, 40, "x"), up=LogAxis(2000.0, 0.7, "points")
+        Marker(30.0, 10.0, "s", 9, "#ff0000"), across=Axis(20, 40, "x"), up=LogAxis(2000.0, 0.7, "points")
     )
     assert middle_of(pixels)[1] == pytest.approx(middles["10"][1], abs=2)
     assert middles["1"][1] - middles["10"][1] == pytest.approx(middles["100"][1] - middles["1000"][1], abs=2)
@@ -50,7 +63,7 @@ def test_a_logarithmic_axis_has_equal_steps_for_powers_of_ten():
 def test_a_fields_first_row_is_at_the_top_and_its_first_column_on_the_left():
     values = np.zeros((4, 8))
     values[1, 6] = 1.0  # of four rows the second, of eight columns the seventh
-    pixels, middles = drawn(Field(values, Colours("gray", 0.0, 1.0, "")))
+    pixels, middles = drawn(Heatmap(values, Colours("gray", 0.0, 1.0, "")))
     left, right, top, bottom = middles["−3"][0], middles["5"][0], middles["40"][1], middles["10"][1]
     inside = pixels[round(top) + 3 : round(bottom) - 3, round(left) + 3 : round(right) - 3]
     x, y = middle_of(inside, (255, 255, 255))
@@ -63,8 +76,8 @@ def test_dots_ways_and_curves_go_through_their_places_in_the_colours_of_their_va
     reds = Colours("gray", 0.0, 1.0, "value")
     black = (0, 0, 0)
     for part in (
-        Dots(places, np.array([0.0, 0.0]), reds, 14),
-        Way(places, np.array([0.0]), reds, 5),
+        Scatter(places, np.array([0.0, 0.0]), reds, 14),
+        Path(places, np.array([0.0]), reds, 5),
         Curve(places, "#000000", 5),
     ):
         pixels, middles = drawn(part)
@@ -85,14 +98,16 @@ def test_both_scales_are_one_where_that_is_asked_for():
 def test_steps_count_what_there_is():
     steps = histogram(np.array([11.0, 11.0, 12.0, 15.0]), 4, 0.5)
     assert (steps.counts.tolist(), steps.edges.tolist()) == ([2, 1, 0, 1], [10.5, 11.75, 13.0, 14.25, 15.5])
-    pixels, middles = drawn(Steps(steps.edges, steps.counts, "#ff0000"), across=Axis(10, 16, "x"), up=Axis(4, 0, "n"))
+    pixels, middles = drawn(
+        Histogram(steps.edges, steps.counts, "#ff0000"), across=Axis(10, 16, "x"), up=Axis(4, 0, "n")
+    )
     rows = np.nonzero((pixels == RED).all(axis=-1))[0]
     assert rows.min() == pytest.approx(middles["2"][1], abs=3)
 
 
 def test_bars_of_rows_end_at_their_values_with_their_texts():
     bars = Bars([2.0, 4.0], ["two", "four"], ["#ff0000", "#00ff00"])
-    pixels, middles = drawn(bars, Upright(3.0), across=Axis(0, 6, "s"), up=NamedRows(("a", "b")))
+    pixels, middles = drawn(bars, VerticalLine(3.0), across=Axis(0, 6, "s"), up=NamedRows(("a", "b")))
     for name, text, value, colour in (("a", "two", "2", RED), ("b", "four", "4", (0, 255, 0))):
         columns = np.nonzero((pixels == colour).all(axis=-1))[1]
         assert columns.max() == pytest.approx(middles[value][0], abs=3)
@@ -105,7 +120,7 @@ def test_the_lines_of_the_limited_view_are_where_edges_of_a_tilt_are_just_seen_f
     mask = equi_steradian_mask(8e-3, 2e-3, 100, offset=(1e-3, 0))
     seen = limited_view(mask, 4e-3, pixels=400)
     both = np.degrees(np.minimum(seen.steepest_left, seen.steepest_right))
-    plot = mask_page(mask, deepest=4e-3, with_point_spread=False).plots[1]
+    plot = mask_figure(mask, deepest=4e-3, with_point_spread=False).plots[1]
     lines = [part.places for part in plot.parts if isinstance(part, Curve)]
     assert len(lines) == 5
     for tilt, line in zip((15, 30, 45, 60, 75), lines, strict=True):
@@ -119,8 +134,8 @@ def test_the_lines_of_the_limited_view_are_where_edges_of_a_tilt_are_just_seen_f
 @pytest.mark.parametrize("mask", [equi_steradian_mask(8e-3, 2e-3, 100), equiangular_mask(1e-2, 2e-3, 30)])
 def test_matplotlib_draws_the_same_pages(mask):
     """For formats that are enlarged without loss: the same titles, names and limits, and something in each plot."""
-    for page in (mask_page(mask, with_point_spread=False), plan_page(ScanPlan.create(mask=mask))):
-        figure = figure_of(page)
+    for page in (mask_figure(mask, with_point_spread=False), plan_figure(ScanPlan.create(mask=mask))):
+        figure = to_figure(page)
         assert figure.get_suptitle() == page.title
         for plot, axes in zip(page.plots, figure.axes, strict=True):
             assert (axes.get_title(), axes.get_xlabel(), axes.get_ylabel()) == (

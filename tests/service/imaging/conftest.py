@@ -15,4 +15,4 @@ def cuda() -> Callable[..., Any]:
     from steradian.imaging.engines.cuda import backend
     from steradian.imaging.engines.cuda.engine import CudaEngine
 
-    return partial(CudaEngine, backend=backend.Simulated() if backend.missing() else backend.device())
+    return partial(CudaEngine, backend=backend.SimulatorBackend() if backend.unavailable_reason() else backend.device())

@@ -11,9 +11,9 @@ import pytest
 
 from steradian.benchmarks import accuracy, speed
 from steradian.benchmarks.cases import speed_cases
-from steradian.benchmarks.speed import over
+from steradian.benchmarks.speed import limit_violations
 from steradian.benchmarks.speed_page import BEGIN, END, table, write_page
-from steradian.benchmarks.yardsticks import pairs
+from steradian.benchmarks.yardsticks import fft_pair_baselines
 
 
 @pytest.mark.long
@@ -60,7 +60,7 @@ def test_cases_of_one_shape_have_one_yardstick_the_faster_of_both(rows: list[dic
 
 
 def test_both_yardsticks_give_the_array_back() -> None:
-    first, *others = (pair() for pair in pairs((6, 5, 8), 1).values())
+    first, *others = (pair() for pair in fft_pair_baselines((6, 5, 8), 1).values())
     for other in others:
         np.testing.assert_allclose(other, first, atol=1e-6)
 
@@ -75,8 +75,10 @@ def test_a_limit_that_is_exceeded_is_named() -> None:
         "part": 1.0,
         "part_limit": None,
     }
-    assert over([row, {**row, "ratio": 0.5}]) == ["x: 0.60 instead of 0.55 (ratio)"]
-    assert over([{**row, "limit": None, "one_shot_ratio": 0.76}]) == ["x: 0.76 instead of 0.75 (one_shot_ratio)"]
+    assert limit_violations([row, {**row, "ratio": 0.5}]) == ["x: 0.60 instead of 0.55 (ratio)"]
+    assert limit_violations([{**row, "limit": None, "one_shot_ratio": 0.76}]) == [
+        "x: 0.76 instead of 0.75 (one_shot_ratio)"
+    ]
 
 
 def test_the_page_takes_the_table_between_its_marks(rows: list[dict[str, Any]], tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Axes, Conditioning, Display, Volume, rim_weights
+from steradian.imaging import Conditioning, Display, Volume, VoxelAxes, rim_weights
 
 DT = 1e-8
 T = np.arange(400) * DT
@@ -88,7 +88,7 @@ def test_display_compensates_envelops_and_compresses() -> None:
     z = np.arange(512) * 10e-6
     line = np.exp(-(((z - 2.5e-3) / 0.3e-3) ** 2)) * np.cos(2 * np.pi * z / 0.1e-3)
     volume = Volume(
-        np.tile(line, (2, 3, 1)).astype(np.float32), Axes(np.arange(2.0), np.arange(3.0), z), (1.0, 1.0, 1e-5)
+        np.tile(line, (2, 3, 1)).astype(np.float32), VoxelAxes(np.arange(2.0), np.arange(3.0), z), (1.0, 1.0, 1e-5)
     )
     envelope = Display(envelope=True).apply(volume).values[1, 2]
     np.testing.assert_allclose(envelope, np.exp(-(((z - 2.5e-3) / 0.3e-3) ** 2)), atol=0.01)

@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.imaging import Correction, ElasticFilm, ReconstructionPlan, direct_spectrum, kaiser_bessel, spectrum_of
-from steradian.imaging.engines import Watch, image_of, traces_of
-from steradian.imaging.engines.array import ArrayEngine
+from steradian.imaging import (
+    ElasticFilm,
+    InverseFilter,
+    ReconstructionPlan,
+    direct_spectrum,
+    kaiser_bessel,
+    spectrum_of,
+)
+from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
+from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.operators import ForwardOperator
 
 SIDE = 1e-3
@@ -44,7 +51,7 @@ SETTINGS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
     "linear": (ANYWHERE, {"modes": 6, "method": "linear"}),
     "nearest": (_grid(4), {"modes": 4, "method": "nearest"}),
     "interpolated": (ANYWHERE, {"modes": 6, "method": "interpolated"}),
-    "filtered": (ANYWHERE, {"modes": 6, "correction": Correction(ElasticFilm())}),
+    "filtered": (ANYWHERE, {"modes": 6, "correction": InverseFilter(ElasticFilm())}),
     "the paper's window": (ANYWHERE, {"modes": 6, "window": kaiser_bessel(3, 2.0)}),
     "a band": (ANYWHERE, {"modes": 6, "samples": 130, "highest_frequency": 4e6}),
 }  # fmt: skip
@@ -55,20 +62,20 @@ def test_both_engines_make_the_same_image(setting: str, cuda: Make) -> None:
     positions, options = SETTINGS[setting]
     plan = ReconstructionPlan(positions, **{**COMMON, **options})
     engine = cuda(plan.tables)
-    traces = plan.decimated(RNG.standard_normal((len(positions), plan.geometry.samples)))
-    expected = image_of(ArrayEngine(plan.tables), traces)
-    found = engine.host(image_of(engine, traces))
+    traces = plan.decimate(RNG.standard_normal((len(positions), plan.geometry.samples)))
+    expected = run_inverse(ReferenceEngine(plan.tables), traces)
+    found = engine.host(run_inverse(engine, traces))
     assert np.linalg.norm(found - expected) <= 1e-12 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("setting", ["anywhere", "padded", "line", "grid"])
 def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str, cuda: Make) -> None:
     model = _model(*((_grid(4), {"modes": 4}) if setting == "grid" else SETTINGS[setting]))
-    array, engine = ArrayEngine(model.tables), cuda(model.tables)
+    array, engine = ReferenceEngine(model.tables), cuda(model.tables)
     volume, traces = RNG.standard_normal(model.volume_shape), RNG.standard_normal(model.trace_shape)
     for found, expected in (
-        (traces_of(engine, volume), traces_of(array, volume)),
-        (image_of(engine, traces), image_of(array, traces)),
+        (run_forward(engine, volume), run_forward(array, volume)),
+        (run_inverse(engine, traces), run_inverse(array, traces)),
     ):
         assert np.linalg.norm(engine.host(found) - expected) <= 1e-12 * np.linalg.norm(expected)
 
@@ -83,7 +90,7 @@ def test_the_adjoint_is_one(cuda: Make) -> None:
     model = _model(*SETTINGS["anywhere"])
     engine = cuda(model.tables)
     volume, traces = RNG.standard_normal(model.volume_shape), RNG.standard_normal(model.trace_shape)
-    forward, backward = engine.host(traces_of(engine, volume)), engine.host(image_of(engine, traces))
+    forward, backward = engine.host(run_forward(engine, volume)), engine.host(run_inverse(engine, traces))
     size = np.linalg.norm(forward) * np.linalg.norm(traces)
     assert abs(np.vdot(forward, traces) - np.vdot(volume, backward)) <= 1e-13 * size
 
@@ -92,7 +99,7 @@ def test_the_image_has_the_spectrum_of_the_direct_sums(cuda: Make) -> None:
     plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32", "tolerance": 1e-4})
     traces = RNG.standard_normal((9, 18)).astype(np.float32)
     engine = cuda(plan.tables)
-    image = engine.host(image_of(engine, traces))
+    image = engine.host(run_inverse(engine, traces))
     assert image.dtype == np.float32
     j = np.array([(x, y) for x in (-3, -1, 0, 2) for y in (-2, 0, 1)])
     l = np.repeat([[1, 3, 8]], len(j), axis=0)  # noqa: E741
@@ -116,8 +123,8 @@ def test_in_pieces_it_is_the_same_image(setting: str, cuda: Make) -> None:
     assert whole.room.whole
     assert not pieces.room.whole
     assert pieces.room.frequencies < whole.room.frequencies
-    expected = whole.host(image_of(whole, traces))
-    found = image_of(pieces, traces)
+    expected = whole.host(run_inverse(whole, traces))
+    found = run_inverse(pieces, traces)
     assert isinstance(found, np.ndarray)
     assert np.linalg.norm(found - expected) <= 1e-13 * np.linalg.norm(expected)
 
@@ -126,7 +133,7 @@ def test_in_pieces_the_model_is_the_same(cuda: Make) -> None:
     model = _model(*SETTINGS["padded"])
     whole, pieces = cuda(model.tables), cuda(model.tables, device_memory=_least(model.tables, cuda))
     volume, traces = RNG.standard_normal(model.volume_shape), RNG.standard_normal(model.trace_shape)
-    for make, given in ((traces_of, volume), (image_of, traces)):
+    for make, given in ((run_forward, volume), (run_inverse, traces)):
         expected = whole.host(make(whole, given))
         found = pieces.host(make(pieces, given))
         assert np.linalg.norm(found - expected) <= 1e-13 * np.linalg.norm(expected)
@@ -143,7 +150,7 @@ def _least(tables: Any, cuda: Make) -> int:
 def test_it_is_the_same_bits_every_time(cuda: Make) -> None:
     plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
     engine, traces = cuda(plan.tables), RNG.standard_normal((9, 18)).astype(np.float32)
-    first, again = (engine.host(image_of(engine, traces)) for _ in range(2))
+    first, again = (engine.host(run_inverse(engine, traces)) for _ in range(2))
     np.testing.assert_array_equal(first, again)
 
 
@@ -155,7 +162,7 @@ def test_some_sensors_are_added_to_what_is_there(cuda: Make) -> None:
     kept = engine.host(engine.to_image(engine.to_depth(both, kept=True)))
     again = engine.host(engine.to_image(engine.to_depth(both)))
     np.testing.assert_array_equal(kept, again)
-    expected = engine.host(image_of(engine, traces))
+    expected = engine.host(run_inverse(engine, traces))
     np.testing.assert_allclose(again, expected, atol=1e-13 * np.abs(expected).max())
 
 
@@ -164,8 +171,8 @@ def test_it_decimates_as_the_processor_does(cuda: Make) -> None:
     assert plan.tables.decimation is not None
     traces = RNG.standard_normal((9, 130))
     engine = cuda(plan.tables)
-    expected = engine.host(image_of(engine, plan.decimated(traces)))
-    found = engine.host(image_of(engine, traces))
+    expected = engine.host(run_inverse(engine, plan.decimate(traces)))
+    found = engine.host(run_inverse(engine, traces))
     assert np.linalg.norm(found - expected) <= 1e-13 * np.linalg.norm(expected)
 
 
@@ -175,7 +182,7 @@ def test_what_it_cannot_do_is_refused(cuda: Make) -> None:
     with pytest.raises(NotImplementedError):
         engine.to_image_adjoint(np.zeros(plan.geometry.shape))
     with pytest.raises(Cancelled):
-        engine.lateral(np.zeros((9, 18)), Watch(cancelled=lambda: True))
+        engine.lateral(np.zeros((9, 18)), ProgressMonitor(cancelled=lambda: True))
     for value, what in ((np.nan, "nan at row 2, column 5"), (3e30, "beyond the range")):
         traces = np.ones((9, 18))
         traces[2, 5] = value

@@ -22,14 +22,14 @@ TRACES = RNG.standard_normal((9, 18))
 COMMON: dict[str, Any] = {
     "aperture": SIDE, "modes": (6, 5), "sampling_interval": 8e-9, "sound_speed": 1500.0, "dtype": "float64",
 }  # fmt: skip
-without_gpu = pytest.mark.skipif(backend.missing() is None, reason="there is a GPU")
+without_gpu = pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
 
 
 @pytest.fixture
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """A GPU for who asks for one: where there is none, Numba's simulator."""
-    if backend.missing():
-        monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    if backend.unavailable_reason():
+        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
 
 
 @without_gpu
@@ -123,7 +123,7 @@ def test_a_full_gpu_goes_back_to_pieces_and_to_the_processor(
         launch(*given)
 
     monkeypatch.setattr(kind, "launch", full_at_first)
-    monkeypatch.setattr(kind, "is_full", lambda _, error: isinstance(error, MemoryError))
+    monkeypatch.setattr(kind, "is_out_of_memory", lambda _, error: isinstance(error, MemoryError))
     found: Any = plan.run(TRACES)
     expected = reconstruct(TRACES, POSITIONS, **COMMON).values
     assert np.linalg.norm(found.values - expected) <= 1e-9 * np.linalg.norm(expected)

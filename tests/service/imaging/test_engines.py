@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Cancelled
-from steradian.imaging import Correction, ElasticFilm, ReconstructionPlan, kaiser_bessel
-from steradian.imaging.engines import Watch, image_of, traces_of
-from steradian.imaging.engines.array import ArrayEngine
+from steradian.imaging import ElasticFilm, InverseFilter, ReconstructionPlan, kaiser_bessel
+from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
+from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import empty
-from steradian.imaging.engines.numba.sizes import LINE
+from steradian.imaging.engines.numba.room import aligned_empty
+from steradian.imaging.engines.numba.sizes import CACHE_LINE_BYTES
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 
@@ -48,7 +48,7 @@ SETTINGS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
     "linear": (ANYWHERE, {"modes": 24, "method": "linear"}),
     "nearest": (_grid(24), {"modes": 24, "method": "nearest"}),
     "interpolated": (ANYWHERE, {"modes": 24, "method": "interpolated"}),
-    "filtered": (ANYWHERE, {"modes": 24, "correction": Correction(ElasticFilm())}),
+    "filtered": (ANYWHERE, {"modes": 24, "correction": InverseFilter(ElasticFilm())}),
     "the paper's window": (ANYWHERE, {"modes": 24, "window": kaiser_bessel(6, 2.0)}),
 }  # fmt: skip
 
@@ -58,7 +58,7 @@ def test_both_engines_make_the_same_image(setting: str) -> None:
     positions, options = SETTINGS[setting]
     plan = ReconstructionPlan(positions, **{"samples": 101, "aperture": SIDE, **COMMON, **options})
     traces = RNG.standard_normal((len(positions), plan.geometry.samples))
-    expected = image_of(ArrayEngine(plan.tables), traces)
+    expected = run_inverse(ReferenceEngine(plan.tables), traces)
     found = plan.run(traces).values  # type: ignore[union-attr]
     assert np.linalg.norm(found - expected) <= 1e-9 * np.linalg.norm(expected)
 
@@ -72,11 +72,11 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) ->
         response=ElasticFilm(),
         **{"samples": 64, "aperture": SIDE, "depth_range": (1e-4, 7e-4), **COMMON, **options},
     )
-    engine = ArrayEngine(model.tables)
+    engine = ReferenceEngine(model.tables)
     volume, traces = RNG.standard_normal(model.volume_shape), RNG.standard_normal(model.trace_shape)
     for found, expected in (
-        (model.forward(volume), traces_of(engine, volume)),
-        (model.backward(traces), image_of(engine, traces)),
+        (model.forward(volume), run_forward(engine, volume)),
+        (model.backward(traces), run_inverse(engine, traces)),
     ):
         assert np.linalg.norm(found - expected) <= 1e-11 * np.linalg.norm(expected)
 
@@ -84,7 +84,7 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) ->
 def test_some_sensors_are_added_to_what_is_there() -> None:
     plan = ReconstructionPlan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
     traces = RNG.standard_normal((60, 101))
-    for engine in (plan.engine, ArrayEngine(plan.tables)):
+    for engine in (plan.engine, ReferenceEngine(plan.tables)):
         both = engine.lateral(
             traces[40:], sensors=np.arange(40, 60), onto=engine.lateral(traces[:40], sensors=np.arange(40))
         )
@@ -102,7 +102,7 @@ def test_at_full_size_they_agree_within_the_tolerance() -> None:
     plan = ReconstructionPlan(mask, samples=1024, sampling_interval=8e-9, sound_speed=1480.0, modes=226)
     traces = np.random.default_rng(1).standard_normal((mask.count, 1024), dtype=np.float32)
     found = plan.run(traces).values  # type: ignore[union-attr]
-    expected = image_of(ArrayEngine(plan.tables), traces)
+    expected = run_inverse(ReferenceEngine(plan.tables), traces)
     assert found.dtype == expected.dtype == np.float32
     assert np.linalg.norm(found - expected) <= 1e-5 * np.linalg.norm(expected)
 
@@ -113,12 +113,12 @@ def test_an_inversion_has_no_transpose_and_work_is_cancelled() -> None:
     with pytest.raises(NotImplementedError):
         engine.to_image_adjoint(np.zeros(plan.geometry.shape))
     with pytest.raises(Cancelled):
-        engine.lateral(np.zeros((60, 101)), Watch(cancelled=lambda: True))
+        engine.lateral(np.zeros((60, 101)), ProgressMonitor(cancelled=lambda: True))
 
 
 @pytest.mark.parametrize(("count", "dtype"), [(1, "float32"), (7, "float32"), (32, "float64"), (1 << 20, "float32")])
 def test_room_for_vectors_begins_on_a_line_of_the_cache(count: int, dtype: str) -> None:
-    found = empty(count, dtype)
+    found = aligned_empty(count, dtype)
     assert found.shape == (count,)
     assert found.dtype == dtype
-    assert found.ctypes.data % LINE == 0
+    assert found.ctypes.data % CACHE_LINE_BYTES == 0

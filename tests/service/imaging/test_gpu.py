@@ -11,8 +11,8 @@ import pytest
 
 from steradian import phantoms, quality
 from steradian.imaging import ReconstructionPlan, Volume, reconstruct
-from steradian.imaging.engines import image_of, traces_of
-from steradian.imaging.engines.array import ArrayEngine
+from steradian.imaging.engines import run_forward, run_inverse
+from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.cuda.backend import device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.imaging.operators import ForwardOperator
@@ -54,8 +54,8 @@ def test_at_full_size_it_agrees_with_the_array_engine() -> None:
     plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="gpu", **COMMON)
     engine = plan.engine
     assert isinstance(engine, CudaEngine)
-    expected = image_of(ArrayEngine(plan.tables, xp=engine.backend.xp, dtype="float64"), _traces(1024))
-    found = image_of(engine, _traces(1024))
+    expected = run_inverse(ReferenceEngine(plan.tables, xp=engine.backend.xp, dtype="float64"), _traces(1024))
+    found = run_inverse(engine, _traces(1024))
     norm = engine.backend.xp.linalg.norm
     assert float(norm(found - expected)) <= 1e-5 * float(norm(expected))
 
@@ -74,7 +74,7 @@ def test_the_model_s_adjoint_is_one_at_full_size() -> None:
     assert isinstance(engine, CudaEngine)
     rng = engine.backend.xp.random.default_rng(2)
     volume, traces = rng.standard_normal(model.volume_shape), rng.standard_normal(model.trace_shape)
-    forward, backward = traces_of(engine, volume), image_of(engine, traces)
+    forward, backward = run_forward(engine, volume), run_inverse(engine, traces)
     norm, dot = engine.backend.xp.linalg.norm, engine.backend.xp.vdot
     apart = abs(float(dot(forward, traces)) - float(dot(volume, backward)))
     assert apart <= 1e-12 * float(norm(forward)) * float(norm(traces))
@@ -84,7 +84,7 @@ def test_a_volume_larger_than_the_memory_allowed_goes_in_pieces() -> None:
     images = []
     for limit in (None, 150_000_000):
         plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="gpu", device_memory=limit, **COMMON)
-        assert plan.engine.room.whole == (limit is None)  # type: ignore[union-attr]
+        assert plan.engine.room.fits_in_one_pass == (limit is None)  # type: ignore[union-attr]
         found = plan.run(_traces(1024))
         assert isinstance(found, Volume)
         images.append(found.values)
@@ -94,7 +94,7 @@ def test_a_volume_larger_than_the_memory_allowed_goes_in_pieces() -> None:
 def test_a_full_device_goes_back_to_pieces(memory: Any) -> None:
     pool = memory.xp.get_default_memory_pool()
     plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="auto", **COMMON)
-    assert plan.engine.room.whole  # type: ignore[union-attr]
+    assert plan.engine.room.fits_in_one_pass  # type: ignore[union-attr]
     expected = plan.run(_traces(1024))
     memory.release()
     pool.set_limit(size=pool.used_bytes() + 900_000_000)

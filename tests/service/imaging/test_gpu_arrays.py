@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Iterative, ReconstructionPlan, Volume
-from steradian.imaging.engines.array_namespace import beside, in_memory
-from steradian.imaging.iterative.fista import Descent
-from steradian.imaging.iterative.ista import Thresholding
+from steradian.imaging.engines.array_namespace import like, to_numpy
+from steradian.imaging.iterative.fista import Fista
+from steradian.imaging.iterative.ista import IterativeSoftThresholding
 from steradian.imaging.operators import ForwardOperator
-from steradian.imaging.signal.bandwidth import refined
+from steradian.imaging.signal.bandwidth import sinc_upsample
 from support.remote import Remote
 
 SIDE = 1e-3
@@ -59,7 +59,7 @@ def test_the_image_is_the_one_found_in_memory(regularisation: Any) -> None:
     for inside in (lambda thing: thing, Elsewhere):
         given: Any = measured.copy() if inside is not Elsewhere else Remote(measured.copy())
         rest = inside(model), given, options, 0.0, None, None
-        solution = Thresholding(inside(plan), *rest) if regularisation == "thresholding" else Descent(*rest)
+        solution = IterativeSoftThresholding(inside(plan), *rest) if regularisation == "thresholding" else Fista(*rest)
         found.append(solution.run())
     here, there = found
     assert isinstance(there, Remote)
@@ -69,14 +69,14 @@ def test_the_image_is_the_one_found_in_memory(regularisation: Any) -> None:
 
 def test_it_is_refined_where_it_is() -> None:
     values = RNG.standard_normal((5, 6, 16)).astype(np.float32)
-    expected = refined(values, (2, 2, 3), slice(4, 30))
-    found: Any = refined(Remote(values), (2, 2, 3), slice(4, 30))  # type: ignore[arg-type]
+    expected = sinc_upsample(values, (2, 2, 3), slice(4, 30))
+    found: Any = sinc_upsample(Remote(values), (2, 2, 3), slice(4, 30))  # type: ignore[arg-type]
     assert isinstance(found, Remote)
     np.testing.assert_allclose(found.get(), expected, atol=1e-5)
 
 
 def test_arrays_go_there_and_back() -> None:
-    there = beside(np.arange(3.0), Remote(np.zeros(2)))
+    there = like(np.arange(3.0), Remote(np.zeros(2)))
     assert isinstance(there, Remote)
-    np.testing.assert_array_equal(in_memory(there), np.arange(3.0))
-    assert isinstance(beside(np.arange(3.0), np.zeros(2)), np.ndarray)
+    np.testing.assert_array_equal(to_numpy(there), np.arange(3.0))
+    assert isinstance(like(np.arange(3.0), np.zeros(2)), np.ndarray)

@@ -9,7 +9,7 @@ import pytest
 
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
-from steradian.imaging.incremental import GrowingReconstruction
+from steradian.imaging.incremental import IncrementalReconstruction
 
 SIDE = 0.01
 AXIS = (np.arange(16) - 8) * SIDE / 16
@@ -54,7 +54,7 @@ def test_after_each_batch_it_is_the_image_of_a_plan_made_for_the_sensors_so_far(
     weights *= SIDE ** (1 if "line" in kind else 2) / weights.sum()
     options = COMMON | {"modes": 32 if "line" in kind else 16}
     plan = ReconstructionPlan(positions, weights=weights, **options)
-    growing = GrowingReconstruction(plan, fitted=fitted)
+    growing = IncrementalReconstruction(plan, fitted=fitted)
     for batch in np.array_split(random.permutation(count), 5):
         growing.add(batch, traces[batch])
         now = growing.measured
@@ -70,7 +70,7 @@ def test_a_thousand_single_alines_lose_no_accuracy() -> None:
     positions = (random.random((1000, 2)) - 0.5) * SIDE
     traces = random.standard_normal((1000, 70)).astype(np.float32)
     plan = ReconstructionPlan(positions, modes=16, **COMMON)
-    growing = GrowingReconstruction(plan)
+    growing = IncrementalReconstruction(plan)
     for sensor in range(1000):
         growing.add([sensor], traces[sensor : sensor + 1])
     assert _distance(growing.volume(), plan.run(traces)) < 1e-4  # type: ignore[arg-type]
@@ -79,36 +79,36 @@ def test_a_thousand_single_alines_lose_no_accuracy() -> None:
 def test_where_half_the_points_of_one_side_are_missing_the_others_there_stand_for_them() -> None:
     positions = _positions("grid")
     plan = ReconstructionPlan(positions, modes=16, **COMMON)
-    growing = GrowingReconstruction(plan)
+    growing = IncrementalReconstruction(plan)
     left = positions[:, 0] < 0
     thinned = left & (np.arange(256) % 2 == 0)
     chosen = np.flatnonzero(thinned | ~left)
     growing.add(chosen, np.ones((len(chosen), 70), np.float32))
     sides = [growing.weights[thinned].sum(), growing.weights[~left].sum()]
     assert sides[0] / sides[1] == pytest.approx(1.0, abs=0.07)  # a column at the border is shared by both
-    unfitted = GrowingReconstruction(plan, fitted=False)
+    unfitted = IncrementalReconstruction(plan, fitted=False)
     unfitted.add(chosen, np.ones((len(chosen), 70), np.float32))
     assert unfitted.weights[thinned].sum() / unfitted.weights[~left].sum() == pytest.approx(0.5)
 
 
 def test_the_edge_of_what_is_measured_does_not_stand_for_all_that_is_missing() -> None:
     positions = _positions("grid")
-    growing = GrowingReconstruction(ReconstructionPlan(positions, modes=16, **COMMON))
+    growing = IncrementalReconstruction(ReconstructionPlan(positions, modes=16, **COMMON))
     strip = np.flatnonzero(positions[:, 0] < AXIS[3])
     growing.add(strip, np.ones((len(strip), 70), np.float32))
     weights = growing.weights[strip]
     assert weights.max() / weights.min() < 3
-    assert growing.share == pytest.approx(len(strip) / 256)
+    assert growing.covered_fraction == pytest.approx(len(strip) / 256)
 
 
 def test_clear_forgets_everything() -> None:
     positions = _positions("anywhere")
     traces = np.random.default_rng(7).standard_normal((90, 70)).astype(np.float32)
     plan = ReconstructionPlan(positions, modes=16, **COMMON)
-    growing = GrowingReconstruction(plan)
+    growing = IncrementalReconstruction(plan)
     growing.add(np.arange(40), traces[:40] + 1)
     growing.clear()
-    assert growing.share == 0
+    assert growing.covered_fraction == 0
     growing.add(np.arange(90), traces)
     assert _distance(growing.volume(), plan.run(traces)) < 2e-5  # type: ignore[arg-type]
 
@@ -117,7 +117,7 @@ def test_integers_and_a_limited_depth_are_taken_like_by_a_plan() -> None:
     positions = _positions("coarse grid")
     counts = np.random.default_rng(8).integers(-100, 100, (64, 70)).astype(np.int16)
     plan = ReconstructionPlan(positions, modes=16, depth_range=(1e-4, 5e-4), upsampling=2, **COMMON)
-    growing = GrowingReconstruction(plan)
+    growing = IncrementalReconstruction(plan)
     growing.add(np.arange(64), counts)
     assert _distance(growing.volume(), plan.run(counts)) < 2e-5  # type: ignore[arg-type]
 
@@ -127,7 +127,7 @@ def test_integers_and_a_limited_depth_are_taken_like_by_a_plan() -> None:
     [([0, 0], 2, "sensors"), ([5], 1, "sensors"), ([90], 1, "sensors"), ([-1], 1, "sensors"), ([1, 2], 1, "traces")],
 )
 def test_what_does_not_fit_is_refused_and_leaves_the_sum_alone(sensors: list[int], rows: int, field: str) -> None:
-    growing = GrowingReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
     growing.add([5], np.ones((1, 70)))
     before = growing.volume().values
     with pytest.raises(InvalidInput) as refused:
@@ -141,14 +141,14 @@ def test_what_does_not_fit_is_refused_and_leaves_the_sum_alone(sensors: list[int
 
 
 def test_there_is_no_image_of_nothing_and_none_of_a_method_that_is_no_sum() -> None:
-    growing = GrowingReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
     with pytest.raises(InvalidInput, match="at least one A-line"):
         growing.volume()
     with pytest.raises(InvalidInput, match="grows"):
-        GrowingReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, method="interpolated", **COMMON))
+        IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, method="interpolated", **COMMON))
 
 
 def test_it_can_be_cancelled() -> None:
-    growing = GrowingReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
     with pytest.raises(Cancelled):
         growing.add([0], np.ones((1, 70)), cancelled=lambda: True)

@@ -10,10 +10,10 @@ import pytest
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, ReconstructionPlan, Volume, direct_spectrum, reconstruct, spectrum_of
-from steradian.imaging.engines import image_of
-from steradian.imaging.engines.array import ArrayEngine
-from steradian.imaging.incremental import GrowingReconstruction
-from steradian.imaging.transforms.decimation import decimation
+from steradian.imaging.engines import run_inverse
+from steradian.imaging.engines.array import ReferenceEngine
+from steradian.imaging.incremental import IncrementalReconstruction
+from steradian.imaging.transforms.decimation import plan_decimation
 from steradian.masks import equi_steradian_mask
 
 SIDE, INTERVAL, SPEED = 0.01, 8e-9, 1500.0
@@ -117,9 +117,9 @@ def test_both_engines_agree_and_an_image_that_grows_is_the_same() -> None:
     plan = ReconstructionPlan(positions, samples=200, modes=24, highest_frequency=20e6, **COMMON)
     found = plan.run(traces)
     assert isinstance(found, Volume)
-    expected = image_of(ArrayEngine(plan.tables), plan.decimated(traces))
+    expected = run_inverse(ReferenceEngine(plan.tables), plan.decimate(traces))
     assert np.linalg.norm(found.values - expected) <= 1e-5 * np.linalg.norm(expected)
-    growing = GrowingReconstruction(plan)
+    growing = IncrementalReconstruction(plan)
     growing.add(np.arange(40), traces[:40])
     growing.add(np.arange(40, 60), traces[40:])
     np.testing.assert_allclose(growing.volume().values, found.values, atol=1e-5 * float(np.abs(expected).max()))
@@ -134,7 +134,7 @@ def test_at_full_size_it_is_the_array_engines() -> None:
     )
     traces = np.random.default_rng(1).standard_normal((mask.count, 1024), dtype=np.float32)
     found = plan.run(traces).values  # type: ignore[union-attr]
-    expected = image_of(ArrayEngine(plan.tables), plan.decimated(traces))
+    expected = run_inverse(ReferenceEngine(plan.tables), plan.decimate(traces))
     assert np.linalg.norm(found - expected) <= 1e-4 * np.linalg.norm(expected)
 
 
@@ -206,7 +206,7 @@ def test_another_word_the_method_iterative_and_samples_that_are_no_numbers_are_r
 def test_a_decimation_keeps_the_transform_within_its_accuracy() -> None:
     rng = np.random.default_rng(6)
     for samples, band, accuracy in ((1024, 0.16, 1e-5), (1021, 0.3, 1e-5), (64, 0.1, 1e-6), (512, 0.1, 1e-10)):
-        fewer = decimation(samples, band, accuracy)
+        fewer = plan_decimation(samples, band, accuracy)
         assert fewer is not None
         traces, f = rng.standard_normal((3, samples)), np.linspace(-band, band, 301)
         expected = traces @ np.exp(-2j * np.pi * np.arange(samples)[:, None] * f)

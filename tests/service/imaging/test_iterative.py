@@ -12,7 +12,7 @@ from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure, ya
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Iterative, reconstruct
 from steradian.imaging.iterative.solve import reconstruct_iteratively
-from steradian.imaging.signal.bandwidth import refined, signal_band, thinned, thinning
+from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 
@@ -163,12 +163,12 @@ def test_the_band_of_noisy_traces_and_their_noise_are_found() -> None:
     assert 7e6 < highest < 16e6  # balls of 45 µm
     clean = traces - np.median(traces)
     assert noise == pytest.approx(np.std(clean[:, -40:]), rel=0.1)
-    assert thinning(highest, INTERVAL) in (2, 3, 4, 5)
+    assert decimation_factor(highest, INTERVAL) in (2, 3, 4, 5)
 
 
 def test_thinned_traces_are_the_same_signal_and_refining_undoes_it() -> None:
     n = np.arange(300)
     signal = np.exp(-(((n - 150) / 20.0) ** 2)) * np.cos(0.3 * n)
-    thin = thinned(np.tile(signal, (3, 1)), 4, "float64")
+    thin = decimate(np.tile(signal, (3, 1)), 4, "float64")
     np.testing.assert_allclose(thin[0], signal[::4], atol=1e-6)
-    np.testing.assert_allclose(refined(thin, (1, 4))[0], signal, atol=1e-6)
+    np.testing.assert_allclose(sinc_upsample(thin, (1, 4))[0], signal, atol=1e-6)

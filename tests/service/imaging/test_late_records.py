@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, ReconstructionPlan, Volume, direct_spectrum, reconstruct
-from steradian.imaging.engines import image_of
-from steradian.imaging.engines.array import ArrayEngine
+from steradian.imaging.engines import run_inverse
+from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
 from steradian.phantoms import Balls, pressure
@@ -66,7 +66,7 @@ def test_late_record_gives_the_image_of_the_record_filled_with_zeros(positions: 
 
     def image(lines: np.ndarray, **more: Any) -> np.ndarray:
         plan = ReconstructionPlan(positions, samples=lines.shape[1], **{**options, **more})
-        made = plan.run(lines).values if engine == "numba" else image_of(ArrayEngine(plan.tables), lines)
+        made = plan.run(lines).values if engine == "numba" else run_inverse(ReferenceEngine(plan.tables), lines)
         return np.asarray(made)
 
     expected, zero = image(filled), begins * INTERVAL
@@ -82,7 +82,7 @@ def test_late_record_on_the_gpu_engine_is_that_of_the_array_engine(cuda: Any) ->
     plan = ReconstructionPlan(PLANE[::40], samples=16, time_zero=31 * INTERVAL, **options)
     traces = RNG.standard_normal((len(PLANE[::40]), 16))
     engine = cuda(plan.tables)
-    assert apart(engine.host(image_of(engine, traces)), image_of(ArrayEngine(plan.tables), traces)) < 1e-12
+    assert apart(engine.host(run_inverse(engine, traces)), run_inverse(ReferenceEngine(plan.tables), traces)) < 1e-12
 
 
 @settings(max_examples=12, deadline=None)

@@ -93,7 +93,7 @@ def test_in_single_precision_the_products_agree_to_its_rounding() -> None:
 class Smooth:
     """A response with a loss and a delay that grow with frequency and angle."""
 
-    def at(self, frequencies: np.ndarray, sines: np.ndarray, sound_speed: float) -> np.ndarray:
+    def evaluate(self, frequencies: np.ndarray, sines: np.ndarray, sound_speed: float) -> np.ndarray:
         return self.pointwise(frequencies[:, None], sines[None, :])
 
     def pointwise(self, frequency: np.ndarray, sine: np.ndarray) -> np.ndarray:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.system_resources import cores
-from steradian.imaging import Axes, ReconstructionPlan, Volume, reconstruct, voronoi_weights
-from steradian.imaging.geometry.polygons import holds
-from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.core.system_resources import cpu_count
+from steradian.imaging import ReconstructionPlan, Volume, VoxelAxes, reconstruct, voronoi_weights
+from steradian.imaging.geometry.polygons import contains
+from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.imaging.parameters import Parameters
 
 RNG = np.random.default_rng(0)
@@ -33,10 +33,12 @@ def test_a_plan_runs_many_times_and_batches_are_the_single_runs() -> None:
     assert single.values.flags.c_contiguous
 
 
-@pytest.mark.parametrize(("said", "found"), [("1", 1), ("1,4", 1), ("", cores()), ("many", cores()), ("9999", cores())])
+@pytest.mark.parametrize(
+    ("said", "found"), [("1", 1), ("1,4", 1), ("", cpu_count()), ("many", cpu_count()), ("9999", cpu_count())]
+)
 def test_no_more_threads_than_the_environment_allows(monkeypatch, said, found) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", said)
-    assert Parameters(**COMMON).most_threads == found
+    assert Parameters(**COMMON).max_threads == found
 
 
 def test_the_number_of_threads_does_not_change_a_bit() -> None:
@@ -206,7 +208,7 @@ def test_voronoi_areas_are_the_cells_within_what_is_sensed() -> None:
     assert weights.min() > 0
     # a Monte Carlo of the same cells
     points = 1.2 * (RNG.random((40000, 2)) - 0.5)
-    points = points[holds(sensed_outline(scattered, 1.0), points)]
+    points = points[contains(sensed_region(scattered, 1.0), points)]
     owner = ((points[:, None] - scattered[None]) ** 2).sum(-1).argmin(1)
     assert np.abs(np.bincount(owner, minlength=200) * 1.44 / 40000 - weights).max() < 0.002
 
@@ -222,13 +224,13 @@ def test_cells_of_a_line_end_half_a_mean_spacing_beyond_it_and_sensors_at_one_pl
 def test_each_mip_removes_its_own_axis() -> None:
     values = np.zeros((3, 4, 5), np.float32)
     values[2, 1, 3] = 7
-    axes = Axes(np.arange(3.0), np.arange(4.0), np.arange(5.0))
+    axes = VoxelAxes(np.arange(3.0), np.arange(4.0), np.arange(5.0))
     volume = Volume(values, axes, (1.0, 1.0, 1.0))
     assert volume.mip("z").shape == (3, 4)
     assert volume.mip("z")[2, 1] == 7
     assert volume.mip("x")[1, 3] == 7
     assert volume.mip("y")[2, 3] == 7
-    flat = Volume(values[:, 0], Axes(np.arange(3.0), None, np.arange(5.0)), (1.0, 1.0))
+    flat = Volume(values[:, 0], VoxelAxes(np.arange(3.0), None, np.arange(5.0)), (1.0, 1.0))
     assert flat.mip("z").shape == (3,)
     with pytest.raises(InvalidInput, match="axis"):
         flat.mip("y")

@@ -13,8 +13,16 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.system_resources import available, cores, room_of_groups
-from steradian.imaging import Correction, ElasticFilm, Iterative, ReconstructionPlan, Window, kaiser_bessel, reconstruct
+from steradian.core.system_resources import available_memory, cgroup_memory_headroom, cpu_count
+from steradian.imaging import (
+    ElasticFilm,
+    InverseFilter,
+    Iterative,
+    ReconstructionPlan,
+    Window,
+    kaiser_bessel,
+    reconstruct,
+)
 from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask, equiangular_mask
@@ -72,7 +80,7 @@ OFF_UNIT: dict[str, Any] = {
         ("time_padding", {"method": "iterative", "time_padding": 2.0}, "no use for another"),
         (
             "correction.max_gain",
-            {"method": "iterative", "correction": Correction(ElasticFilm(), 20.0)},
+            {"method": "iterative", "correction": InverseFilter(ElasticFilm(), 20.0)},
             "no use for another",
         ),
         ("correction", {"correction": ElasticFilm()}, "is ElasticFilm; allowed: a Correction"),
@@ -223,7 +231,7 @@ def test_a_prime_whose_tables_the_limit_cannot_hold_is_refused() -> None:
 
 
 def test_what_is_available_is_less_than_the_machine_has() -> None:
-    there = available()
+    there = available_memory()
     assert there is not None
     assert 1 << 20 < there < 1 << 50
 
@@ -262,7 +270,7 @@ def test_the_room_of_control_groups_is_read_as_the_kernel_writes_it(
     for name, content in files.items():
         (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "groups" / name).write_text(content)
-    assert list(room_of_groups(tmp_path / "mine", tmp_path / "groups")) == room
+    assert list(cgroup_memory_headroom(tmp_path / "mine", tmp_path / "groups")) == room
 
 
 @pytest.mark.parametrize(
@@ -283,4 +291,4 @@ def test_the_processors_are_those_that_control_groups_allow(
     for name, content in files.items():
         (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "groups" / name).write_text(content + "\n")
-    assert cores(tmp_path / "mine", tmp_path / "groups") == (most or len(os.sched_getaffinity(0)))
+    assert cpu_count(tmp_path / "mine", tmp_path / "groups") == (most or len(os.sched_getaffinity(0)))

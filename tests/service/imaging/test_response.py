@@ -10,10 +10,10 @@ import pytest
 from fabry_perot.simulator.film import directivity, low_pass
 from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Correction, ElasticFilm, MeasuredFilm, reconstruct
-from steradian.imaging.film_response import tabulated
+from steradian.imaging import ElasticFilm, InverseFilter, MeasuredFilm, reconstruct
+from steradian.imaging.film_response import tabulate
 from steradian.masks.sensor import attenuation_db
-from steradian.reconstructions.film import Film, SimulatedFilm
+from steradian.reconstructions.film import Film, SimulatedFilmResponse
 
 SPEED, INTERVAL, SIDE, DEPTH = 1500.0, 10e-9, 6.4e-3, 1.4e-3
 COMMON: dict[str, Any] = {
@@ -33,7 +33,7 @@ def ring() -> np.ndarray:
     return points[(angle >= 50) & (angle <= 62)]
 
 
-def peak(traces: np.ndarray, sensors: np.ndarray, correction: Correction | None) -> float:
+def peak(traces: np.ndarray, sensors: np.ndarray, correction: InverseFilter | None) -> float:
     volume = reconstruct(traces, sensors, correction=correction, **COMMON)
     near = np.abs(volume.axes.z - DEPTH) < 0.2e-3
     return float(volume.values[38:43, 38:43, near].max())
@@ -48,7 +48,7 @@ def test_a_ball_seen_at_50_to_62_degrees_regains_its_amplitude_within_a_tenth() 
     wanted = peak(ideal, sensors, None)
     assert peak(real, sensors, None) < 0.75 * wanted
     for gain in (4.0, 10.0):  # |S| is 0.42 at 62°, above 1.5 / 4
-        assert peak(real, sensors, Correction(SimulatedFilm(), gain)) == pytest.approx(wanted, rel=0.1)
+        assert peak(real, sensors, InverseFilter(SimulatedFilmResponse(), gain)) == pytest.approx(wanted, rel=0.1)
 
 
 @pytest.mark.parametrize("gain", [2.0, 10.0])
@@ -56,12 +56,12 @@ def test_noise_is_amplified_no_more_than_stated(gain: float) -> None:
     sensors = ring()
     noise = np.random.default_rng(0).standard_normal((len(sensors), 400)).astype(np.float32)
     plain = reconstruct(noise, sensors, **COMMON).values
-    filtered = reconstruct(noise, sensors, correction=Correction(SimulatedFilm(), gain), **COMMON).values
+    filtered = reconstruct(noise, sensors, correction=InverseFilter(SimulatedFilmResponse(), gain), **COMMON).values
     assert 1.2 < np.linalg.norm(filtered) / np.linalg.norm(plain) <= gain
     frequencies, sines = np.linspace(0, 50e6, 60), np.linspace(0, 1, 50)
-    for film in (SimulatedFilm(), ElasticFilm()):
-        filter_ = np.abs(Correction(film, gain).at(frequencies, sines, SPEED))
-        response = np.abs(film.at(frequencies, sines, SPEED))
+    for film in (SimulatedFilmResponse(), ElasticFilm()):
+        filter_ = np.abs(InverseFilter(film, gain).evaluate(frequencies, sines, SPEED))
+        response = np.abs(film.evaluate(frequencies, sines, SPEED))
         assert filter_.max() <= gain * (1 + 1e-12)
         enough = response >= 1.5 / gain
         assert (filter_ * response)[enough].min() >= 0.899
@@ -78,7 +78,7 @@ def test_an_elastic_film_at_normal_incidence_is_the_three_layer_formula() -> Non
     down = 1 / (1 - above * below * np.exp(-2j * k * h))
     mean = down * (1 - np.exp(-1j * k * h)) * (1 + below * np.exp(-1j * k * h)) / (1j * k * h)
     still = (1 + below) / (1 - above * below)
-    found = film.at(f, np.zeros(1), SPEED)[:, 0]
+    found = film.evaluate(f, np.zeros(1), SPEED)[:, 0]
     np.testing.assert_allclose(found, mean / still, rtol=1e-4)
 
 
@@ -102,18 +102,18 @@ def test_a_film_of_its_backing_s_material_is_the_half_space_under_all_angles() -
     f, angles = np.array([1e6, 5e6, 20e6]), np.radians([0.0, 15.0, 30.0, 40.0, 55.0, 75.0])
     expected = np.array([[thinning(a, b) for b in angles] for a in f]) / thinning(1e3, 0.0)
     # its time goes the other way
-    np.testing.assert_allclose(film.at(f, np.sin(angles), SPEED), expected.conj(), rtol=1e-3)
+    np.testing.assert_allclose(film.evaluate(f, np.sin(angles), SPEED), expected.conj(), rtol=1e-3)
 
 
 def test_an_elastic_film_is_deaf_where_its_longitudinal_wave_would_run_along_it() -> None:
     angles = np.radians(np.linspace(1, 60, 119))
-    loss = np.abs(ElasticFilm().at(np.array([2e6]), np.sin(angles), SPEED))[0]
+    loss = np.abs(ElasticFilm().evaluate(np.array([2e6]), np.sin(angles), SPEED))[0]
     assert np.degrees(angles[loss.argmin()]) == pytest.approx(np.degrees(np.arcsin(SPEED / 2200)), abs=1.5)
 
 
 def test_a_measured_response_is_read_between_its_points() -> None:
     film = MeasuredFilm([0.0, 10e6], np.radians([0.0, 60.0]), [[1.0, 0.5], [0.8, 0.1j]])
-    found = film.at(np.array([0.0, 5e6, 30e6]), np.sin(np.radians([0.0, 30.0])), SPEED)
+    found = film.evaluate(np.array([0.0, 5e6, 30e6]), np.sin(np.radians([0.0, 30.0])), SPEED)
     np.testing.assert_allclose(found, [[1.0, 0.75], [0.9, (0.75 + 0.4 + 0.05j) / 2], [0.8, 0.4 + 0.05j]])
     with pytest.raises(InvalidInput, match="gains"):
         MeasuredFilm([0.0, 1e6], [0.0], [[1.0, 1.0]])
@@ -121,14 +121,14 @@ def test_a_measured_response_is_read_between_its_points() -> None:
 
 def test_a_complex_filter_shifts_every_wave_by_its_phase() -> None:
     class Delay:
-        def at(self, frequencies: np.ndarray, sines: np.ndarray, sound_speed: float) -> np.ndarray:
+        def evaluate(self, frequencies: np.ndarray, sines: np.ndarray, sound_speed: float) -> np.ndarray:
             return np.exp(-2j * np.pi * frequencies[:, None] * 3 * INTERVAL) * np.ones(len(sines))
 
     sensors, ball = ring()[::4], Balls(np.array([[0.3e-3, 0.0, DEPTH]]), np.array([90e-6]), np.array([1.0]))
     times = np.arange(400) * INTERVAL
     on_time = reconstruct(pressure(ball, sensors, times, SPEED), sensors, **COMMON).values
     late = pressure(ball, sensors, times - 3 * INTERVAL, SPEED)
-    mended = reconstruct(late, sensors, correction=Correction(Delay(), 1e4), **COMMON).values
+    mended = reconstruct(late, sensors, correction=InverseFilter(Delay(), 1e4), **COMMON).values
     assert np.linalg.norm(mended - on_time) < 0.02 * np.linalg.norm(on_time)
 
 
@@ -136,7 +136,7 @@ def test_the_rule_of_thumb_is_the_masks_own() -> None:
     film = Film(kind="rule").correction()
     assert film is not None
     for angle, frequency in ((0.3, 1e6), (1.0, 2e6)):
-        loss = -20 * np.log10(np.abs(film.response.at(np.array([frequency]), np.sin([angle]), SPEED)[0, 0]))
+        loss = -20 * np.log10(np.abs(film.response.evaluate(np.array([frequency]), np.sin([angle]), SPEED)[0, 0]))
         assert loss == pytest.approx(attenuation_db(angle, frequency))
 
 
@@ -145,8 +145,8 @@ def test_impossible_films_are_refused_by_name() -> None:
         with pytest.raises(InvalidInput, match=field):
             ElasticFilm(**film)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="max_gain"):
-        Correction(SimulatedFilm(), 0.5)
+        InverseFilter(SimulatedFilmResponse(), 0.5)
     with pytest.raises(InvalidInput, match="speeds"):
         Film(kind="elastic", speeds=(1.0, 2.0)).correction()
     assert Film().correction() is None
-    assert tabulated(None, nyquist=1.0, bandwidth=1.0, sound_speed=1.0)[0].shape == (2, 1, 1)
+    assert tabulate(None, nyquist=1.0, bandwidth=1.0, sound_speed=1.0)[0].shape == (2, 1, 1)

@@ -14,7 +14,7 @@ import pytest
 from steradian import phantoms
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Iterative, reconstruct
-from steradian.imaging.iterative.ista import level, spread
+from steradian.imaging.iterative.ista import noise_level, rms_per_depth
 from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
@@ -147,9 +147,9 @@ def test_thresholds_follow_the_streaks_at_each_depth() -> None:
     width = np.linspace(0.1, 2.0, 50)
     values = np.random.default_rng(0).standard_normal((60, 60, 50)) * width
     values[20:25, 20:25] = 100.0
-    np.testing.assert_allclose(level(values)[2:-2], width[2:-2], rtol=0.1)
+    np.testing.assert_allclose(noise_level(values)[2:-2], width[2:-2], rtol=0.1)
     values[20:25, 20:25] = 0.0
-    np.testing.assert_allclose(spread(values)[2:-2], width[2:-2], rtol=0.1)
+    np.testing.assert_allclose(rms_per_depth(values)[2:-2], width[2:-2], rtol=0.1)
 
 
 def test_a_step_that_makes_it_worse_is_not_taken() -> None:

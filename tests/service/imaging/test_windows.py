@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from steradian.imaging.transforms.sizes import lateral_grid, time_grid
-from steradian.imaging.transforms.windows import Shape, choose, kaiser_bessel
+from steradian.imaging.transforms.windows import Shape, kaiser_bessel, narrowest_window
 
 
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])
 @pytest.mark.parametrize("tolerance", [1e-2, pytest.param(2.3e-13, marks=pytest.mark.long)])
 def test_no_window_is_taken_that_misses_the_tolerance(shape: Shape, tolerance: float) -> None:
     for oversampling in (1.2, 1.5):
-        window = choose(shape, tolerance, oversampling)
+        window = narrowest_window(shape, tolerance, oversampling)
         assert window is None or window.error() < tolerance
     # ten million sensors want the narrowest stencil, three the smallest grid
     for sensors in (3, 10**7):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from steradian import Volume
-from steradian.imaging import Axes
+from steradian.imaging import VoxelAxes
 
 VALUES = np.arange(2 * 3 * 4, dtype=np.float32).reshape(2, 3, 4)
-AXES = Axes(x=np.array([-1e-4, 0.0]), y=np.array([-2e-4, 0.0, 2e-4]), z=np.array([1e-3, 1.1e-3, 1.2e-3, 1.3e-3]))
+AXES = VoxelAxes(x=np.array([-1e-4, 0.0]), y=np.array([-2e-4, 0.0, 2e-4]), z=np.array([1e-3, 1.1e-3, 1.2e-3, 1.3e-3]))
 
 
 @pytest.mark.long
@@ -27,7 +27,7 @@ def test_a_volume_has_its_places_in_metres_and_shares_its_values():
 
 
 def test_an_image_below_a_line_has_two_dimensions():
-    image = Volume(VALUES[:, 0], Axes(AXES.x, None, AXES.z), (1e-4, 1e-4)).to_xarray()
+    image = Volume(VALUES[:, 0], VoxelAxes(AXES.x, None, AXES.z), (1e-4, 1e-4)).to_xarray()
     assert image.dims == ("x", "z")
     assert "sound_speed_m_s" not in image.attrs
 

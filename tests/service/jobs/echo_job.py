@@ -40,7 +40,7 @@ def work(job, progress):
         case "die":
             os.kill(os.getpid(), signal.SIGKILL)
         case "lock":
-            with JobDirectory(Path(job["job"])).running(timeout=0.5):
+            with JobDirectory(Path(job["job"])).hold_running_lock(timeout=0.5):
                 return {"answer": payload["answer"]}
         case "stale":
             if job["start"] == 1:
@@ -63,9 +63,9 @@ def work(job, progress):
             time.sleep(payload.get("seconds", 0))
             return {"start": job["start"]}
         case "count threads":
-            from steradian.imaging.compute.thread_pool import available
+            from steradian.imaging.compute.thread_pool import available_threads
 
-            return {"threads": available()}
+            return {"threads": available_threads()}
         case "hang":
             while True:
                 time.sleep(60)

@@ -10,12 +10,19 @@ import pytest
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
-from steradian.core.system_resources import installed
+from steradian.core.system_resources import total_memory
 from steradian.jobs.model import JobRequest, Requirements
 from steradian.jobs.queue.estimates import backlog, forecast
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.queue.matching import Capabilities, Notice, awaited, check_met, count_unmet, workers
-from steradian.jobs.registry import LIVE
+from steradian.jobs.queue.matching import (
+    Capabilities,
+    WorkerRegistration,
+    count_unsatisfiable,
+    missing_capability,
+    present_workers,
+    require_satisfiable,
+)
+from steradian.jobs.registry import LIVE_KIND
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.states import ReconstructionState
@@ -104,7 +111,7 @@ def ledger(tmp_path):
 
 
 def note(ledger, name, *has, ago=timedelta()):
-    Notice(ledger.database, name, Capabilities(*has), lambda: NOW - ago).write()
+    WorkerRegistration(ledger.database, name, Capabilities(*has), lambda: NOW - ago).publish()
 
 
 @pytest.mark.parametrize(
@@ -124,9 +131,9 @@ def test_what_no_worker_has_is_refused_with_what_they_have(ledger, wanted, field
     note(ledger, "large-0", 8 * GIB, 1, "a card")
     with ledger.database.read() as session:
         if field is None:
-            return check_met(session, NOW, None, wanted)
+            return require_satisfiable(session, NOW, None, wanted)
         with pytest.raises(InvalidInput) as refused:
-            check_met(session, NOW, None, wanted)
+            require_satisfiable(session, NOW, None, wanted)
     assert refused.value.field == field
     for has in ("2147483648 bytes of memory, 4 cores, no GPU", "8589934592 bytes of memory, 1 core, a card"):
         assert has in str(refused.value)
@@ -139,16 +146,16 @@ def test_a_gpu_that_no_worker_has_is_refused_by_the_parameter_that_asks_for_it(l
         ledger.database.read() as session,
         pytest.raises(InvalidInput, match=r"parameters\.device.*gpu.*memory of unknown size, 4 cores, no GPU"),
     ):
-        check_met(session, NOW, None, Requirements(gpu=True))
+        require_satisfiable(session, NOW, None, Requirements(gpu=True))
 
 
 def test_where_no_worker_was_here_lately_nothing_is_refused(ledger):
     with ledger.database.read() as session:
-        check_met(session, NOW, None, Requirements(memory=2**49, gpu=True))
+        require_satisfiable(session, NOW, None, Requirements(memory=2**49, gpu=True))
     note(ledger, "worker-0", GIB, 1, ago=timedelta(hours=2))
     with ledger.database.read() as session:
-        check_met(session, NOW, None, Requirements(memory=2**49, gpu=True))
-        assert workers(session, NOW) == {}
+        require_satisfiable(session, NOW, None, Requirements(memory=2**49, gpu=True))
+        assert present_workers(session, NOW) == {}
 
 
 def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_gone(ledger):
@@ -160,20 +167,20 @@ def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_
     note(ledger, "large-0", 8 * GIB, 2, "a card")
     assert ledger.status("j1").requires == wanted
     with ledger.database.read() as session:
-        present = workers(session, NOW)
+        present = present_workers(session, NOW)
         assert set(present) == {"small-0", "large-0"}
-        assert awaited(None, wanted, present) is None
-        assert count_unmet(session, present) == 0
+        assert missing_capability(None, wanted, present) is None
+        assert count_unsatisfiable(session, present) == 0
 
     note(ledger, "large-0", 8 * GIB, 2, "a card", ago=timedelta(minutes=5))
     with ledger.database.read() as session:
-        present = workers(session, NOW)
-        said = awaited(None, wanted, present)
+        present = present_workers(session, NOW)
+        said = missing_capability(None, wanted, present)
         assert said == (
             "a worker with 4294967296 bytes of memory and a GPU; present: 1073741824 bytes of memory, 2 cores, no GPU"
         )
-        assert count_unmet(session, present) == 1
-        assert awaited(None, Requirements(), present) is None
+        assert count_unsatisfiable(session, present) == 1
+        assert missing_capability(None, Requirements(), present) is None
         first, second = (forecast(session, job, 2, NOW) for job in ("j1", "j2"))
     assert (first.position, first.awaited) == (None, said)
     assert second.position == 1, "what nobody here can do holds up nobody"
@@ -185,13 +192,13 @@ def test_a_worker_of_a_scanner_s_node_counts_for_images_that_grow_and_nothing_el
     note(ledger, "scanner-0-0", GIB, 2, "a card", "scanner-0")
     wanted = Requirements(memory=2 * GIB)
     with ledger.database.read() as session:
-        present = workers(session, NOW)
-        check_met(session, NOW, None, wanted)  # of those who would do it nothing is known
-        assert awaited(None, wanted, present) is None
+        present = present_workers(session, NOW)
+        require_satisfiable(session, NOW, None, wanted)  # of those who would do it nothing is known
+        assert missing_capability(None, wanted, present) is None
         with pytest.raises(InvalidInput, match=r"requires\.memory"):
-            check_met(session, NOW, "scanner-0", wanted)
-        assert awaited("scanner-0", wanted, present).startswith("a worker with 2147483648 bytes")
-        check_met(session, NOW, "scanner-0", Requirements(gpu=True))
+            require_satisfiable(session, NOW, "scanner-0", wanted)
+        assert missing_capability("scanner-0", wanted, present).startswith("a worker with 2147483648 bytes")
+        require_satisfiable(session, NOW, "scanner-0", Requirements(gpu=True))
 
 
 def test_a_worker_of_another_scanner_s_node_makes_no_image_of_this_one(ledger):
@@ -199,11 +206,13 @@ def test_a_worker_of_another_scanner_s_node_makes_no_image_of_this_one(ledger):
     note(ledger, "scanner-1-0", GIB, 2, "a card", "scanner-1")
     wanted = Requirements(gpu=True)
     with ledger.database.read() as session:
-        present = workers(session, NOW)
+        present = present_workers(session, NOW)
         with pytest.raises(InvalidInput, match=r"parameters\.device"):
-            check_met(session, NOW, "scanner-0", wanted)
-        assert awaited("scanner-0", wanted, present).startswith("a worker with a GPU; present: 1073741824 bytes")
-        assert awaited("scanner-1", wanted, present) is None
+            require_satisfiable(session, NOW, "scanner-0", wanted)
+        assert missing_capability("scanner-0", wanted, present).startswith(
+            "a worker with a GPU; present: 1073741824 bytes"
+        )
+        assert missing_capability("scanner-1", wanted, present) is None
 
 
 def test_what_waits_counts_while_only_a_scanner_s_own_workers_are_here(ledger):
@@ -211,7 +220,7 @@ def test_what_waits_counts_while_only_a_scanner_s_own_workers_are_here(ledger):
     with ledger.database.write() as session:
         ledger.add(session, JobRequest("j1", "echo", {}, requires=Requirements(gpu=True)))
     with ledger.database.read() as session:
-        assert backlog(session, NOW + timedelta(seconds=7), workers(session, NOW)).oldest == 7
+        assert backlog(session, NOW + timedelta(seconds=7), present_workers(session, NOW)).oldest == 7
 
 
 def test_what_only_a_scanner_s_own_worker_could_do_holds_up_nobody(ledger):
@@ -227,16 +236,16 @@ def test_what_only_a_scanner_s_own_worker_could_do_holds_up_nobody(ledger):
 def test_a_growing_image_that_no_worker_can_make_is_counted(ledger):
     note(ledger, "any-0", GIB, 2)
     with ledger.database.write() as session:
-        ledger.add(session, JobRequest("j1", LIVE, {}, requires=Requirements(gpu=True)))
+        ledger.add(session, JobRequest("j1", LIVE_KIND, {}, requires=Requirements(gpu=True)))
     with ledger.database.read() as session:
-        assert count_unmet(session, workers(session, NOW)) == 1
+        assert count_unsatisfiable(session, present_workers(session, NOW)) == 1
 
 
 @pytest.mark.parametrize("ahead", [timedelta(minutes=-30), timedelta(minutes=30)])
 def test_a_worker_whose_clock_is_far_off_is_not_believed_to_be_present(ledger, ahead):
     note(ledger, "worker-0", GIB, 1, ago=-ahead)
     with ledger.database.read() as session:
-        assert workers(session, NOW) == {}
+        assert present_workers(session, NOW) == {}
 
 
 def test_a_worker_has_the_machine_s_memory_unless_it_is_told_otherwise(tmp_path):
@@ -244,5 +253,5 @@ def test_a_worker_has_the_machine_s_memory_unless_it_is_told_otherwise(tmp_path)
     assert Capabilities.of_this_machine(told, "a card") == Capabilities(3 * GIB, told.threads_per_job, "a card")
     there = next(line for line in Path("/proc/meminfo").read_text().splitlines() if line.startswith("MemTotal:"))
     found = Capabilities.of_this_machine(Settings.create(data=tmp_path), None).memory
-    assert found == installed()
+    assert found == total_memory()
     assert 0 < found <= 1024 * int(there.split()[1])

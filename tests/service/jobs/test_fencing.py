@@ -6,9 +6,9 @@ from pathlib import Path
 import filelock
 import pytest
 
-from steradian.core.atomic_files import draft, signed
-from steradian.core.exceptions import Superseded
-from steradian.jobs.model import MAX_INTERRUPTIONS, Died, Interrupted, JobRequest, Succeeded
+from steradian.core.atomic_files import atomic_write, fenced_drafts
+from steradian.core.exceptions import StaleFence
+from steradian.jobs.model import MAX_INTERRUPTIONS, Crashed, JobRequest, Requeued, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.storage.data_dir.job_directory import JobDirectory
 from steradian.storage.data_dir.layout import DataDirectory
@@ -39,7 +39,7 @@ def seen(ledger):
     "change",
     [
         lambda ledger, old: ledger.settle("job", old, Succeeded({"of": "the old one"}), "cut-off"),
-        lambda ledger, old: ledger.settle("job", old, Died("killed"), "cut-off"),
+        lambda ledger, old: ledger.settle("job", old, Crashed("killed"), "cut-off"),
         lambda ledger, old: ledger.put_back("job", old, "cut-off"),
         lambda ledger, old: ledger.report("job", old, "working", 3, 4),
         lambda ledger, old: ledger.cancelled("job", "cut-off", old),
@@ -53,7 +53,7 @@ def test_what_an_earlier_start_says_is_refused(ledger, change, wanted):
     if not wanted:
         ledger.want_cancelled("job", "somebody", None)
     before = seen(ledger)
-    with pytest.raises(Superseded, match=f"start {old} of job job counts no more"):
+    with pytest.raises(StaleFence, match=f"start {old} of job job counts no more"):
         change(ledger, old)
     assert seen(ledger) == before
     ledger.settle("job", new, Succeeded({"of": "the new one"}), "other")
@@ -67,16 +67,16 @@ def test_a_number_is_not_used_again_after_a_start_was_put_back(ledger):
     new = ledger.start("job", "other")
     assert (old.attempt, new.attempt) == (1, 1)
     assert new.fence > old.fence
-    with pytest.raises(Superseded):
+    with pytest.raises(StaleFence):
         ledger.settle("job", old.fence, Succeeded({}), "asked-to-end")
     assert [(a["start"], a["outcome"]) for a in ledger.status("job").attempts] == [(1, "put back"), (2, None)]
 
 
 def test_interruptions_are_not_counted_as_attempts_but_do_not_go_on_for_ever(ledger):
     for _ in range(MAX_INTERRUPTIONS - 1):
-        row = ledger.settle("job", ledger.start("job", "one").fence, Interrupted("the folder is gone"), "one")
+        row = ledger.settle("job", ledger.start("job", "one").fence, Requeued("the folder is gone"), "one")
         assert (row.state, row.attempt) == (R.QUEUED, 0)
-    row = ledger.settle("job", ledger.start("job", "one").fence, Interrupted("the folder is gone"), "one")
+    row = ledger.settle("job", ledger.start("job", "one").fence, Requeued("the folder is gone"), "one")
     assert (row.state, row.error_code) == (R.FAILED, "interrupted")
     assert "the folder is gone" in row.error
 
@@ -85,30 +85,30 @@ def test_two_starts_never_write_into_one_draft_and_the_old_one_does_not_rename_o
     job, result = JobDirectory(tmp_path), tmp_path / "volume.h5"
 
     def of(start):
-        return signed(str(start), lambda: job.check(start))
+        return fenced_drafts(str(start), lambda: job.check_fence(start))
 
     def overtaken():
-        with of(1), draft(result) as old:
+        with of(1), atomic_write(result) as old:
             old.write_text("old")
-            job.begin(2)
-            with of(2), draft(result) as new:
+            job.begin_attempt(2)
+            with of(2), atomic_write(result) as new:
                 assert new != old
                 new.write_text("new")
             assert result.read_text() == "new"
 
-    job.begin(1)
-    with pytest.raises(Superseded, match=r"start 1 of job .* start 2 has begun"):
+    job.begin_attempt(1)
+    with pytest.raises(StaleFence, match=r"start 1 of job .* start 2 has begun"):
         overtaken()
     assert result.read_text() == "new"
     assert {path.name for path in tmp_path.iterdir()} == {"volume.h5", "start"}
-    with pytest.raises(Superseded):
-        job.begin(1)
+    with pytest.raises(StaleFence):
+        job.begin_attempt(1)
 
 
 def test_a_start_removes_the_drafts_that_killed_ones_left(tmp_path):
     (tmp_path / "volume.h5.1.new").write_text("half")
     (tmp_path / ".export.1.new.zarr").mkdir()
-    with JobDirectory(tmp_path).running():
+    with JobDirectory(tmp_path).hold_running_lock():
         assert {path.name for path in tmp_path.iterdir()} == {"lock"}
 
 
@@ -150,7 +150,7 @@ def test_a_lost_file_system_or_database_interrupts_a_job(bench, lost, said):
 @pytest.mark.long
 def test_the_newest_start_survives_in_the_folder(tmp_path):
     job = JobDirectory(tmp_path / "job")
-    job.begin(3)
+    job.begin_attempt(3)
     assert os.listdir(job.root) == ["start"]
-    job.check(3)
+    job.check_fence(3)
     assert Path(job.root / "start").read_text() == "3"

@@ -7,8 +7,8 @@ import pytest
 from steradian.core.exceptions import Conflict
 from steradian.jobs import request_versions as forms
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import KINDS
-from steradian.jobs.requests import EXAMPLES, ReconstructionRequest, SoundSpeedRequest, job_of
+from steradian.jobs.registry import JOB_TYPES
+from steradian.jobs.requests import EXAMPLES, ReconstructionRequest, SoundSpeedRequest, to_job_request
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.db.database import Database, metadata_url
 from support.services import Service
@@ -43,7 +43,7 @@ def test_today_of_a_request_of_form_0_keeps_the_options_of_the_method_iterative(
 
 def test_job_of_stores_the_form_of_its_request_and_today_reads_it():
     wanted = ReconstructionRequest.create(scan_id="s1", parameters={"method": "iterative"})
-    kept = json.loads(json.dumps(job_of("r1", wanted).payload))
+    kept = json.loads(json.dumps(to_job_request("r1", wanted).payload))
     assert kept["form"] == forms.FORM
     assert ReconstructionRequest.create(**forms.today(kept)) == wanted
     assert "form" not in forms.asked(kept)
@@ -52,7 +52,7 @@ def test_job_of_stores_the_form_of_its_request_and_today_reads_it():
 @pytest.mark.parametrize("form", [forms.FORM + 1, -1, "1", None])
 def test_a_job_whose_request_has_an_unknown_form_is_refused_naming_the_form(form):
     with pytest.raises(Conflict, match=rf"has form {form!r}; this Steradian reads forms 0 to {forms.FORM}"):
-        KINDS["export"].run(None, EXAMPLES["export"] | {"form": form})
+        JOB_TYPES["export"].run(None, EXAMPLES["export"] | {"form": form})
 
 
 @pytest.mark.long
@@ -68,7 +68,7 @@ def test_a_waiting_job_whose_request_has_form_0_succeeds(tmp_path):
         service.close()
     database = Database(metadata_url(service.settings))
     with database.write() as session:
-        JobLedger(database).reread(session, job).payload = FORM_0 | {"scan_id": scan}
+        JobLedger(database).lock_row(session, job).payload = FORM_0 | {"scan_id": scan}
     database.close()
     service = Service(tmp_path / "data", log=tmp_path / "log").start()
     try:

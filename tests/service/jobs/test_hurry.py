@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from steradian.jobs.worker.polling import BUSY_POLL, HURRIED_POLL, hurried
+from steradian.jobs.worker.polling import BUSY_POLL, FAST_POLL, adaptive_wait
 
 
 class Runner:
@@ -39,35 +39,35 @@ class Event:
 
 def test_after_a_job_the_next_look_comes_at_once():
     event = Event()
-    assert hurried(event, Runner(is_hurried=True), Changes(), 0.1)(0.1) is False
-    assert event.waits == [HURRIED_POLL]
+    assert adaptive_wait(event, Runner(is_hurried=True), Changes(), 0.1)(0.1) is False
+    assert event.waits == [FAST_POLL]
 
 
 @pytest.mark.parametrize("timeout", [None, 1.0, 5.0])
 def test_other_waits_of_the_engine_are_left_alone(timeout):
     event = Event()
-    hurried(event, Runner(is_hurried=True), Changes(), 0.1)(timeout)
+    adaptive_wait(event, Runner(is_hurried=True), Changes(), 0.1)(timeout)
     assert event.waits == [timeout]
 
 
 def test_a_wait_under_way_ends_with_the_job():
     runner, event = Runner(is_hurried=False), Event()
     runner.ended.set()
-    assert hurried(event, runner, Changes(), 30.0)(30.0) is False, "it does not take thirty seconds"
+    assert adaptive_wait(event, runner, Changes(), 30.0)(30.0) is False, "it does not take thirty seconds"
     assert not runner.ended.is_set()
     assert event.waits == []
 
 
 def test_a_worker_without_work_looks_at_the_queue_when_something_was_written():
     runner, changes = Runner(is_hurried=False), Changes(False, False, True, False)
-    assert hurried(Event(), runner, changes, 0.001)(0.001) is False
+    assert adaptive_wait(Event(), runner, changes, 0.001)(0.001) is False
     assert changes.told == [False], "two looks at the file's number, and at the queue after the third"
 
 
 def test_a_wait_in_which_nothing_is_written_ends_when_the_engine_ends():
     event = threading.Event()
     event.set()
-    assert hurried(event, Runner(is_hurried=False), Changes(), 0.001)(0.001) is True
+    assert adaptive_wait(event, Runner(is_hurried=False), Changes(), 0.001)(0.001) is True
 
 
 class Busy:
@@ -88,7 +88,7 @@ def test_while_a_job_is_at_work_its_end_is_waited_for_and_the_queue_is_left_alon
     runner, event = Runner(is_hurried=False), Event()
     runner.idle = Busy()
     for _ in range(2):  # the queue of jobs and the engine's own; both are woken by what stays set
-        assert hurried(event, runner, Changes(), 0.1)(0.1) is False
+        assert adaptive_wait(event, runner, Changes(), 0.1)(0.1) is False
     assert runner.idle.waits == [BUSY_POLL] * 2
     assert event.waits == []
 
@@ -97,5 +97,5 @@ def test_while_a_job_is_at_work_its_end_is_waited_for_and_the_queue_is_left_alon
 def test_other_waits_of_the_engine_are_left_alone_while_a_job_is_at_work(timeout):
     runner, event = Runner(is_hurried=False), Event()
     runner.idle = Busy()
-    hurried(event, runner, Changes(), 0.1)(timeout)
+    adaptive_wait(event, runner, Changes(), 0.1)(timeout)
     assert event.waits == [timeout]

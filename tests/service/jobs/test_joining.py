@@ -11,10 +11,10 @@ from alembic import command
 from alembic.config import Config
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.dbos import prepare
+from steradian.jobs.queue.dbos import migrate_queue
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
-from steradian.storage.maintenance.binding import bind
+from steradian.storage.maintenance.binding import bind_folder
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 
@@ -69,7 +69,7 @@ def ended(settings, *module):
 def of_another_folder(postgres, tmp_path_factory):
     """The address of a database that a service has used with a folder of its own."""
     url = postgres.database()
-    prepare(Settings.create(data=tmp_path_factory.mktemp("service"), database_url=url))
+    migrate_queue(Settings.create(data=tmp_path_factory.mktemp("service"), database_url=url))
     return url
 
 
@@ -102,7 +102,7 @@ def test_a_worker_waits_for_a_service_of_its_version_and_changes_nothing_meanwhi
         case "the queue":
             upgraded(settings, "head")
             database = Database(metadata_url(settings))
-            bind(database, DataDirectory(tmp_path))
+            bind_folder(database, DataDirectory(tmp_path))
             database.close()
     before, tables = everything_below(tmp_path), []
     if lacking != "tables":
@@ -136,7 +136,7 @@ def test_a_worker_waits_for_a_service_of_its_version_and_changes_nothing_meanwhi
 
 def test_a_worker_refuses_tables_of_a_newer_service_and_leaves_them(tmp_path):
     settings = Settings.create(data=tmp_path)
-    prepare(settings)
+    migrate_queue(settings)
     asked(settings, "UPDATE alembic_version SET version_num = '9999'")
     code, said = ended(settings, *WORKERS["process"])
     assert code > 0

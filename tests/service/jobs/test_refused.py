@@ -85,11 +85,11 @@ def test_settling_what_was_deleted_meanwhile_does_not_keep_others_from_being_set
 def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_restored(bench):
     """Else each would be taken for one of before, which the later ones in the folder have overtaken."""
     job = DataDirectory(bench.settings.data).job("restored")
-    job.begin(7)
+    job.begin_attempt(7)
     bench.submit("restored", "tell")
     status = bench.queue.wait("restored", timeout=250)
     assert (status.state, status.result, status.attempt) == (R.SUCCEEDED, {"start": 8}, 1)
-    job.begin(8)
+    job.begin_attempt(8)
 
 
 def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_from_going_on(bench):
@@ -98,16 +98,16 @@ def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_fr
     (job.root / "start").write_text("")
     bench.submit("emptied", "tell")
     assert bench.queue.wait("emptied", timeout=250).result == {"start": 1}
-    job.begin(1)
-    job.check(1)
+    job.begin_attempt(1)
+    job.check_fence(1)
 
 
 class Overtaken(JobLedger):
     """A ledger in which another worker starts a job in the moment in which this one brings its result."""
 
-    def settle(self, job_id, fence, outcome, worker):
-        JobLedger(self.database).start(job_id, "other")
-        return super().settle(job_id, fence, outcome, worker)
+    def finish_attempt(self, job_id, fence, outcome, worker):
+        JobLedger(self.database).start_attempt(job_id, "other")
+        return super().finish_attempt(job_id, fence, outcome, worker)
 
 
 @pytest.mark.long

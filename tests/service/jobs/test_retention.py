@@ -6,11 +6,11 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from steradian.api.background.retention import tidy
-from steradian.api.services import Services
+from steradian.api.background.retention import apply_retention
+from steradian.api.services import ServiceContainer
 from steradian.core.settings import Settings
 from steradian.jobs.model import Failed, JobRequest, Succeeded
-from steradian.jobs.requests import ImportRequest, job_of
+from steradian.jobs.requests import ImportRequest, to_job_request
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.storage.db.database import Database, metadata_url
@@ -50,7 +50,7 @@ class Engine:
 def services(tmp_path):
     settings = Settings.create(data=tmp_path, retention_days=30, event_days=7)
     database = Database(metadata_url(settings))
-    services = Services(settings, Clock())
+    services = ServiceContainer(settings, Clock())
     services.data.create()
     database.migrate()
     database.close()
@@ -78,10 +78,10 @@ def test_finished_jobs_go_with_their_files_after_their_time_and_others_stay(serv
     old, running = job(services, "old", over=True), job(services, "running", over=False)
     services.clock.now += timedelta(days=29)
     young = job(services, "young", over=True)
-    tidy(services)
+    apply_retention(services)
     assert old.exists()
     services.clock.now += timedelta(days=2)
-    tidy(services)
+    apply_retention(services)
     assert (old.exists(), running.exists(), young.exists()) == (False, True, True)
     assert services.queue.forgotten == ["old"]
     assert {row.id for row in services.ledger.page(10).rows} == {"running", "young"}
@@ -95,7 +95,7 @@ def test_scans_and_masks_are_never_forgotten(services):
     scan = services.scans.queue(row, simulated=True)
     services.data.scan_file(scan.id).write_bytes(b"x")
     services.clock.now += timedelta(days=4000)
-    tidy(services)
+    apply_retention(services)
     assert services.scans.get(scan.id)
     assert services.masks.get(plan.mask.id)
     assert services.data.scan_file(scan.id).exists()
@@ -105,7 +105,7 @@ def test_without_a_retention_time_jobs_are_kept(services):
     services.settings = services.settings.model_copy(update={"retention_days": None})
     folder = job(services, "old", over=True)
     services.clock.now += timedelta(days=4000)
-    tidy(services)
+    apply_retention(services)
     assert folder.exists()
 
 
@@ -115,7 +115,7 @@ def test_uploads_that_nobody_imports_go_after_a_day(services):
         path.write_bytes(b"x")
         then = (services.clock.now - age).timestamp()
         os.utime(path, (then, then))
-    tidy(services)
+    apply_retention(services)
     assert [path.exists() for path in paths] == [False, True]
 
 
@@ -126,12 +126,12 @@ def test_an_upload_that_an_import_waits_for_stays_until_it_is_over(services):
         one.write_bytes(b"x")
         os.utime(one, (then, then))
     with services.database.write() as session:
-        services.ledger.add(session, job_of("j1", ImportRequest.create(upload_id="u1", companion_id="u2")))
-    tidy(services)
+        services.ledger.add(session, to_job_request("j1", ImportRequest.create(upload_id="u1", companion_id="u2")))
+    apply_retention(services)
     assert (path.exists(), beside.exists()) == (True, True)
     services.ledger.want_cancelled("j1", "ada", None)
     services.ledger.cancelled("j1", "ada")
-    tidy(services)
+    apply_retention(services)
     assert (path.exists(), beside.exists()) == (False, False)
 
 
@@ -140,7 +140,7 @@ def test_events_can_be_replayed_for_as_long_as_was_chosen(services):
     services.clock.now += timedelta(days=6)
     job(services, "second", over=True)
     services.clock.now += timedelta(days=2)
-    tidy(services)
+    apply_retention(services)
     with services.database.read() as session:
         left = {row.resource_id for row in session.query(EventRow)}
     assert left == {"second"}
@@ -157,9 +157,9 @@ def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(serv
         (folder / "volume.h5.1.new").write_bytes(b"half")
     with services.data.job("dying").running():
         (dying / "volume.h5.1.new").write_bytes(b"half")
-        tidy(services)
+        apply_retention(services)
         assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 1]
-    tidy(services)
+    apply_retention(services)
     assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 0]
     assert [(folder / "volume.h5").exists() for folder in (over, running, dying)] == [True] * 3
 
@@ -174,13 +174,13 @@ def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(
         for export in exports:
             services.ledger.add(session, export)
     services.clock.now += timedelta(days=31)
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in (image, reference, other)] == [True, True, False]
     assert {row.id for row in services.ledger.page(10).rows} == {"image", "reference", "j1", "j2"}
     for export in exports:
         services.ledger.want_cancelled(export.id, "ada", None)
         services.ledger.cancelled(export.id, "ada")
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in (image, reference)] == [False, False]
 
 
@@ -208,9 +208,9 @@ def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_kee
     for scan in ("s1.h5", f"{armed}.h5.new"):
         (scans / scan).write_bytes(b"A-lines")
     with services.data.job("j3").running():  # cancelled, and its process is still dying
-        tidy(services)
+        apply_retention(services)
         assert [draft.exists() for draft in drafts] == [False, False, True, True, True, True, False, False]
-    tidy(services)
+    apply_retention(services)
     left = {path.name for path in scans.iterdir()}
     assert left == {"s1.h5", "s2.h5.1.new", "s2.h5.2.new.importing", f"{armed}.h5.new"}
 
@@ -234,7 +234,7 @@ def test_each_deletion_by_age_is_a_line_that_names_what_when_and_why(services, c
     services.clock.now += timedelta(days=31)
     caplog.set_level("INFO", logger="steradian")
     caplog.clear()
-    tidy(services)
+    apply_retention(services)
     assert lines(caplog, logging.INFO) == [
         "upload u1 is deleted: it came at 2026-01-02 00:00:00+00:00, and none is kept for more than a day",
         "reconstruction old is deleted: it ended at 2026-01-02 00:00:00+00:00, more than 30 days ago (retention_days)",
@@ -247,17 +247,17 @@ def test_nothing_is_deleted_by_its_age_for_a_day_after_the_clock_jumped(services
     path.write_bytes(b"x")
     services.clock.now += timedelta(days=29, hours=23)
     os.utime(path, ((services.clock.now - timedelta(hours=23)).timestamp(),) * 2)
-    tidy(services)
+    apply_retention(services)
     services.clock.jump(**by)
     for _ in range(4):
-        tidy(services)
+        apply_retention(services)
         services.clock.now += timedelta(hours=6)
     assert (folder.exists(), path.exists()) == (True, True)
     (told,) = lines(caplog)
     assert f"the clock jumped {said} by" in told
     assert told.endswith("; nothing is deleted by its age for 24 h")
     services.clock.now += timedelta(hours=3)
-    tidy(services)
+    apply_retention(services)
     assert (folder.exists(), path.exists()) == (False, False)
 
 
@@ -267,7 +267,7 @@ def test_nothing_is_deleted_by_its_age_at_a_start_with_a_clock_before_the_newest
     job(services, "young", over=True)
     services.clock.now -= timedelta(days=200)
     started(services)
-    tidy(services)
+    apply_retention(services)
     assert old.exists()
     assert "the clock says 2026-06-16T00:00:00+00:00, before the newest record of 2027-01-02" in lines(caplog)[0]
 
@@ -276,13 +276,13 @@ def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_year
     old = job(services, "old", over=True)
     services.clock.now += timedelta(days=3650)
     started(services)
-    tidy(services)
+    apply_retention(services)
     assert old.exists()
     assert "the newest record is of 2026-01-02T00:00:00+00:00, the clock says 2035-12-31" in lines(caplog)[0]
     services.clock.jump(days=-3650)  # the network has told the time
-    tidy(services)
+    apply_retention(services)
     services.clock.now += HELD
-    tidy(services)
+    apply_retention(services)
     assert old.exists()
 
 
@@ -292,7 +292,7 @@ def test_a_record_of_this_start_says_nothing_for_a_clock_that_is_years_ahead(ser
     services.scanner.ensure(simulated=True)
     services.scanner.lease("Ada", 60, None, "local")  # an event by the wrong clock
     started(services)
-    tidy(services)
+    apply_retention(services)
     assert old.exists()
 
 
@@ -304,9 +304,9 @@ def test_jobs_asked_for_while_the_clock_was_ahead_do_not_keep_later_ones_for_eve
     services.clock.now += timedelta(days=31)
     job(services, "last", over=True)
     started(services)
-    tidy(services)
+    apply_retention(services)
     services.clock.now += HELD
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in (ahead, *later)] == [True, False, False]
 
 
@@ -322,7 +322,7 @@ def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(servi
     job(services, "last", over=True)
     services.clock.now += timedelta(hours=2)
     started(services)
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in folders] == [False, True, True]
     assert path.exists()
     told = [line for line in lines(caplog) if "was told by a wrong clock; its age is counted from now on" in line]
@@ -331,9 +331,9 @@ def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(servi
     ]
     services.clock.now += timedelta(days=29)
     caplog.clear()
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in folders] == [False, True, True]
     services.clock.now += timedelta(days=2)
-    tidy(services)
+    apply_retention(services)
     assert [folder.exists() for folder in folders] == [False, False, False]
     assert lines(caplog) == []

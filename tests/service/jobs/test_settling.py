@@ -4,9 +4,9 @@ import pytest
 from sqlalchemy import text
 
 from steradian.jobs.model import JobRequest, Requirements
-from steradian.jobs.queue.fair_queueing import TURNS
-from steradian.jobs.queue.matching import Capabilities, Notice
-from steradian.jobs.registry import LIVE
+from steradian.jobs.queue.fair_queueing import TAG_LIMIT
+from steradian.jobs.queue.matching import Capabilities, WorkerRegistration
+from steradian.jobs.registry import LIVE_KIND
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.storage.repositories.masks import MaskRepository
@@ -56,7 +56,7 @@ def test_a_priority_that_is_changed_while_a_job_is_given_to_the_engine_is_the_en
     idle.queue.set_priority("early", 7)
     idle.queue._settle(seen, None)
     found = in_engine(idle, "SELECT priority FROM workflow_status WHERE workflow_uuid = 'early'")
-    assert found.scalar_one() // TURNS == 7
+    assert found.scalar_one() // TAG_LIMIT == 7
 
 
 QUEUED_IN = "SELECT queue_name FROM workflow_status WHERE workflow_uuid = :job"
@@ -76,8 +76,8 @@ def growing(idle):
         scans.transition(scan.id, state, why="test")
 
     def queue(name, **requires):
-        payload = {"kind": LIVE, "scan_id": scan.id}
-        idle.queue.submit(JobRequest(name, LIVE, payload, requires=Requirements(**requires)))
+        payload = {"kind": LIVE_KIND, "scan_id": scan.id}
+        idle.queue.submit(JobRequest(name, LIVE_KIND, payload, requires=Requirements(**requires)))
         return name
 
     return queue
@@ -100,8 +100,8 @@ def test_an_image_that_waits_for_a_scanner_s_own_workers_is_anybody_s_where_its_
 
 def test_an_image_that_a_scanner_s_own_workers_cannot_make_is_anybody_s(idle, growing):
     database = idle.queue.ledger.database
-    Notice(database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).write()
-    Notice(database, "far-0", Capabilities(5000, 2)).write()
+    WorkerRegistration(database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).publish()
+    WorkerRegistration(database, "far-0", Capabilities(5000, 2)).publish()
     assert queue_of(idle, growing("small", memory=1000)) == "jobs-scanner-0"
     assert queue_of(idle, growing("large", memory=1001)) == "jobs"
 
@@ -109,6 +109,6 @@ def test_an_image_that_a_scanner_s_own_workers_cannot_make_is_anybody_s(idle, gr
 def test_an_image_that_waits_for_workers_which_turn_out_too_small_is_anybody_s(idle, growing):
     job = growing("large", memory=1001)
     assert queue_of(idle, job) == "jobs-scanner-0", "of the workers there nothing is known yet"
-    Notice(idle.queue.ledger.database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).write()
+    WorkerRegistration(idle.queue.ledger.database, "scanner-0-0", Capabilities(1000, 2, None, "scanner-0")).publish()
     idle.queue.reconcile()
     assert queue_of(idle, job) == "jobs"

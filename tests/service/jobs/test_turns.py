@@ -14,9 +14,9 @@ from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.client import JobQueue
 from steradian.jobs.queue.estimates import forecast
-from steradian.jobs.queue.fair_queueing import ORDER, place
+from steradian.jobs.queue.fair_queueing import QUEUE_ORDER, queue_priority
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import LIVE
+from steradian.jobs.registry import LIVE_KIND
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow
@@ -84,8 +84,10 @@ def _do_all(ledger):
 
 def _waiting(ledger):
     with ledger.database.read() as session:
-        rows = list(session.scalars(WAITING.order_by(*ORDER)))
-    assert [place(row) for row in rows] == sorted(place(row) for row in rows), "the engine has the same order"
+        rows = list(session.scalars(WAITING.order_by(*QUEUE_ORDER)))
+    assert [queue_priority(row) for row in rows] == sorted(queue_priority(row) for row in rows), (
+        "the engine has the same order"
+    )
     return rows
 
 
@@ -108,7 +110,7 @@ def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
             ledger.set_priority(session, batch[-1], 10)
         ledger.start(batch.pop(), "worker")
     elif why == "a live image":
-        ledger.start(_ask(ledger, "anna", kind=LIVE), "worker")
+        ledger.start(_ask(ledger, "anna", kind=LIVE_KIND), "worker")
     asked = _ask(ledger, "ben")
     assert [row.id for row in _waiting(ledger)].index(asked) <= 1
 

@@ -6,8 +6,8 @@ from scipy.spatial import KDTree
 
 from steradian import InvalidInput, equi_steradian_mask, equiangular_mask, grid_mask
 from steradian.imaging.geometry import polygons as outlines
-from steradian.imaging.geometry.voronoi import cell_areas
-from steradian.masks import beams_mask
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
+from steradian.masks import multi_beam_mask
 from steradian.masks.beams import read_beams
 
 SQUARE = read_beams("4x4", 0.5e-3)
@@ -20,14 +20,14 @@ def mask():
 
 @pytest.fixture(scope="module")
 def covered(mask):
-    return beams_mask(mask, SQUARE)
+    return multi_beam_mask(mask, SQUARE)
 
 
 @pytest.fixture(scope="module")
 def paper():
     """The mask of the paper's yarn, and what the pattern measures in its place."""
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
-    return mask, beams_mask(mask, SQUARE)
+    return mask, multi_beam_mask(mask, SQUARE)
 
 
 @pytest.mark.long
@@ -39,8 +39,8 @@ def test_points_are_the_pattern_moved_as_a_whole_and_as_few_places_as_there_can_
 
 
 def test_points_lie_in_what_the_mask_senses_and_stand_for_all_of_it(mask, covered):
-    assert outlines.holds(outlines.widened(mask.outline, 1e-9), covered.positions).all()
-    np.testing.assert_allclose(covered.weights, cell_areas(covered.positions, mask.outline), rtol=1e-9)
+    assert outlines.contains(outlines.buffered_hull(mask.outline, 1e-9), covered.positions).all()
+    np.testing.assert_allclose(covered.weights, voronoi_cell_areas(covered.positions, mask.outline), rtol=1e-9)
     assert covered.sensed_area == pytest.approx(mask.sensed_area, rel=1e-12)
     assert (covered.depth, covered.aperture) == (mask.depth, mask.aperture)
 
@@ -49,7 +49,7 @@ def test_points_lie_in_what_the_mask_senses_and_stand_for_all_of_it(mask, covere
 def test_the_density_is_the_masks(paper):
     """As many points, within a tenth, where the mask has its densest third of points, its middle and its sparsest."""
     mask, covered = paper
-    cells = cell_areas(mask.positions, mask.outline)
+    cells = voronoi_cell_areas(mask.positions, mask.outline)
     third = np.digitize(cells, np.quantile(cells, [1 / 3, 2 / 3]))
     assert cells[third == 2].mean() > 4 * cells[third == 0].mean()
     found = np.bincount(third[KDTree(mask.positions).query(covered.positions)[1]])
@@ -61,7 +61,7 @@ def test_the_cover_is_nearly_as_even_as_the_mask_and_far_evener_than_places_draw
     mask, covered = paper
     plane = np.random.default_rng(3).uniform(-6.7e-3, 6.7e-3, (40_000, 2))
     plane = plane[np.hypot(*plane.T) < 6.7e-3]
-    wanted = cell_areas(mask.positions, mask.outline)[KDTree(mask.positions).query(plane)[1]] ** -2
+    wanted = voronoi_cell_areas(mask.positions, mask.outline)[KDTree(mask.positions).query(plane)[1]] ** -2
     drawn = mask.positions[
         np.random.default_rng(4).choice(mask.count, len(covered.positions) // 16, replace=False)
     ] - np.mean(SQUARE, axis=0)
@@ -85,9 +85,9 @@ def test_what_was_asked_for_and_how_far_it_is_from_what_is_measured_is_stated(ma
 @pytest.mark.long
 def test_one_beam_is_any_mask_of_as_many_points_and_the_same_call_gives_the_same_mask():
     small = grid_mask(1e-2, 6, 1e-3)
-    alone = beams_mask(small, [(0, 0)])
+    alone = multi_beam_mask(small, [(0, 0)])
     assert alone.count == 36
-    assert alone.id == beams_mask(small, [(0, 0)]).id
+    assert alone.id == multi_beam_mask(small, [(0, 0)]).id
 
 
 @pytest.mark.parametrize(
@@ -103,30 +103,30 @@ def test_one_beam_is_any_mask_of_as_many_points_and_the_same_call_gives_the_same
 )
 def test_a_pattern_that_is_none_or_does_not_fit_is_refused(beams, field):
     with pytest.raises(InvalidInput, match=field):
-        beams_mask(equi_steradian_mask(10e-3, 3e-3, 60), beams)
+        multi_beam_mask(equi_steradian_mask(10e-3, 3e-3, 60), beams)
 
 
 @pytest.mark.parametrize("centred", [True, False])
 def test_beams_on_a_small_grid_stay_in_the_aperture_though_its_cells_reach_beyond(centred):
     """Cells of a grid that begins at the aperture's edge, as grids of a scanner's own interval do, are half outside."""
     small = grid_mask(8e-3, 4, 2e-3, centred=centred)
-    made = beams_mask(small, [(0, 0), (2e-3, 0)])
+    made = multi_beam_mask(small, [(0, 0), (2e-3, 0)])
     assert made.count == 16
     assert np.abs(made.positions).max() <= 4e-3
-    assert outlines.holds(outlines.widened(small.outline, 1e-9), made.positions).all()
+    assert outlines.contains(outlines.buffered_hull(small.outline, 1e-9), made.positions).all()
 
 
 @pytest.mark.long
 def test_a_pattern_that_is_too_wide_is_told_beside_what_would_fit():
     with pytest.raises(InvalidInput, match=r"beams is a pattern of 8 mm × 0 mm.* at its widest 7 mm × 7 mm"):
-        beams_mask(grid_mask(8e-3, 4, 2e-3), [(0, 0), (8e-3, 0)])
+        multi_beam_mask(grid_mask(8e-3, 4, 2e-3), [(0, 0), (8e-3, 0)])
 
 
 def test_a_line_and_more_places_than_points_are_refused(mask):
     with pytest.raises(InvalidInput, match="plane"):
-        beams_mask(equiangular_mask(1e-2, 3e-3, 32), SQUARE)
+        multi_beam_mask(equiangular_mask(1e-2, 3e-3, 32), SQUARE)
     with pytest.raises(InvalidInput, match="places"):
-        beams_mask(mask, SQUARE, places=mask.count + 1)
+        multi_beam_mask(mask, SQUARE, places=mask.count + 1)
 
 
 def test_patterns_are_read_from_words_and_from_a_table(tmp_path):

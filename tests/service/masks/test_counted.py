@@ -8,13 +8,13 @@ import pytest
 from steradian import InvalidInput, equi_steradian_mask, hexagonal_mask
 from steradian.masks import (
     Counted,
-    aimed,
     convenient_counts,
-    counted_mask,
     grid_mask,
     hexagonal_interval,
+    mask_by_count,
     nearest_square,
     poisson_disc_mask,
+    with_point_of_interest,
 )
 from steradian.masks.slices import slice_cap
 
@@ -62,7 +62,7 @@ def test_a_grid_has_the_nearest_square(count):
 @pytest.mark.parametrize("seed", [0, 3])
 def test_poisson_disc_points_come_within_half_a_percent(count, seed):
     """And keep their distance: the spacing found is the least distance."""
-    mask = counted_mask("poisson-disc", APERTURE, count, seed=seed)
+    mask = mask_by_count("poisson-disc", APERTURE, count, seed=seed)
     assert abs(mask.count - count) <= max(1, 0.005 * count)
     again = poisson_disc_mask(APERTURE, mask.arrangement["spacing"], seed=seed)
     np.testing.assert_array_equal(mask.positions, again.positions)
@@ -70,7 +70,7 @@ def test_poisson_disc_points_come_within_half_a_percent(count, seed):
 
 @pytest.mark.parametrize("name", get_args(Counted))
 def test_every_arrangement_takes_a_count_and_a_depth(name):
-    mask = counted_mask(name, APERTURE, 400, depth=DEPTH, offset=(1e-3, 0.0))
+    mask = mask_by_count(name, APERTURE, 400, depth=DEPTH, offset=(1e-3, 0.0))
     assert abs(mask.count - 400) < 30
     np.testing.assert_array_equal(mask.points_of_interest, [[1e-3, 0.0, DEPTH]])
     assert mask.arrangement["arrangement"] == name
@@ -78,11 +78,11 @@ def test_every_arrangement_takes_a_count_and_a_depth(name):
 
 def test_a_point_of_interest_changes_no_point():
     grid = grid_mask(APERTURE, 9, 1e-3)
-    seen = aimed(grid, DEPTH)
+    seen = with_point_of_interest(grid, DEPTH)
     np.testing.assert_array_equal(seen.positions, grid.positions)
     assert seen.id != grid.id
     with pytest.raises(InvalidInput, match="offset"):
-        aimed(grid, DEPTH, (1.0, 0.0))
+        with_point_of_interest(grid, DEPTH, (1.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -95,5 +95,5 @@ def test_a_point_of_interest_changes_no_point():
 )
 def test_nonsense_is_refused(wrong, field):
     with pytest.raises(InvalidInput) as refused:
-        counted_mask(**{"arrangement": "grid", "aperture": APERTURE, "count": 10} | wrong)
+        mask_by_count(**{"arrangement": "grid", "aperture": APERTURE, "count": 10} | wrong)
     assert refused.value.field == field

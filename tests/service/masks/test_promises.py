@@ -7,12 +7,12 @@ import pytest
 
 from steradian import InvalidInput, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask
-from steradian.masks.limited_view import limited_view, visible_share
+from steradian.masks.limited_view import limited_view, visible_fraction
 from steradian.masks.picture import draw_mask
 from steradian.masks.point_spread import point_spread
-from steradian.masks.promises import density_map, promises
+from steradian.masks.promises import density_map, evaluate_mask
 from steradian.masks.sensor import attenuation_db
-from steradian.masks.weights import outline_of
+from steradian.masks.weights import resolve_outline
 
 APERTURE, DEPTH = 13.56e-3, 3.6e-3
 MASK = equi_steradian_mask(APERTURE, DEPTH, 1600)
@@ -20,7 +20,7 @@ MASK = equi_steradian_mask(APERTURE, DEPTH, 1600)
 
 def test_the_papers_mask_opens_by_the_papers_angle():
     """The largest angle of incidence is 62° (paper, section 4.2), the opening twice that."""
-    seen = promises(MASK)
+    seen = evaluate_mask(MASK)
     assert degrees(seen.largest_angle) == pytest.approx(62, abs=0.5)
     assert degrees(seen.opening_angle) == pytest.approx(124, abs=1)
     assert seen.attenuation_db == pytest.approx(5, abs=0.1)
@@ -31,12 +31,12 @@ def test_the_papers_mask_opens_by_the_papers_angle():
 def test_figures_that_need_a_point_of_interest_are_left_out_without_one():
     """A grid promises a spacing; with a point of interest given also angles."""
     grid = grid_mask(1e-2, 11, 5e-4)
-    assert promises(grid).solid_angles is None
-    assert promises(grid).finest == pytest.approx(5e-4)
-    seen = promises(grid, (0.0, 0.0, 2e-3))
+    assert evaluate_mask(grid).solid_angles is None
+    assert evaluate_mask(grid).finest == pytest.approx(5e-4)
+    seen = evaluate_mask(grid, (0.0, 0.0, 2e-3))
     assert seen.largest_angle == pytest.approx(np.arctan(np.hypot(2.5e-3, 2.5e-3) / 2e-3))
     with pytest.raises(InvalidInput, match="z > 0"):
-        promises(grid, (0, 0, 0))
+        evaluate_mask(grid, (0, 0, 0))
 
 
 def test_the_density_map_counts_the_sensors():
@@ -71,7 +71,7 @@ def test_of_a_disc_the_share_and_the_edges_are_those_of_its_cone_and_its_chords(
     """On the axis of a disc with half-angle α it is 1 − cos α, and at y the steepest edge is that of its chord."""
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 400)
     radius = sqrt(mask.weights.sum() / np.pi)
-    assert visible_share(mask, (0, 0, 3.6e-3)) == pytest.approx(1 - 3.6e-3 / hypot(radius, 3.6e-3), abs=1e-3)
+    assert visible_fraction(mask, (0, 0, 3.6e-3)) == pytest.approx(1 - 3.6e-3 / hypot(radius, 3.6e-3), abs=1e-3)
     view = limited_view(mask, deepest=8e-3, y=0.8 * radius, pixels=101)
     assert np.tan(view.steepest_right[50]) * view.z == pytest.approx(0.6 * radius, rel=1e-3)
     passes_by = limited_view(mask, deepest=8e-3, y=1.01 * radius)
@@ -81,7 +81,7 @@ def test_of_a_disc_the_share_and_the_edges_are_those_of_its_cone_and_its_chords(
 
 def test_a_section_along_either_edge_of_the_aperture_meets_all_of_it():
     mask = grid_mask(1e-2, 51, 1e-4)
-    lower, upper = (limited_view(mask, deepest=8e-3, y=y).ends for y in np.unique(outline_of(mask)[:, 1]))
+    lower, upper = (limited_view(mask, deepest=8e-3, y=y).ends for y in np.unique(resolve_outline(mask)[:, 1]))
     assert lower == pytest.approx((-51 * 0.5e-4, 51 * 0.5e-4))
     assert upper == lower
 

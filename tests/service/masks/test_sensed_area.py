@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from steradian import InvalidInput, ScanPlan, custom_mask, equi_steradian_mask, grid_mask
-from steradian.imaging.geometry.polygons import holds
+from steradian.imaging.geometry.polygons import contains
 from steradian.masks import (
     Mask,
     PointOfInterest,
@@ -56,7 +56,7 @@ def test_each_point_has_the_area_of_its_cell_within_what_is_sensed(name):
     assert mask.sensed_area == pytest.approx(area, rel=0.025)  # explicit points: where the hull ends is a guess
     low, high = mask.outline.min(axis=0), mask.outline.max(axis=0)
     darts = low + np.random.default_rng(0).random((400_000, 2)) * (high - low)
-    hits = np.bincount(KDTree(mask.positions).query(darts[holds(mask.outline, darts)])[1], minlength=mask.count)
+    hits = np.bincount(KDTree(mask.positions).query(darts[contains(mask.outline, darts)])[1], minlength=mask.count)
     each = np.prod(high - low) / len(darts)
     assert np.abs(hits * each - mask.weights).max() < 5 * np.sqrt(hits.max()) * each
 

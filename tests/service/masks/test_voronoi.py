@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from steradian import custom_mask, equi_steradian_mask, grid_mask
-from steradian.masks import reweighted, voronoi_areas
+from steradian.masks import voronoi_areas, with_weights
 
 
 @settings(max_examples=40, deadline=None)
@@ -51,7 +51,7 @@ def test_analytic_weights_agree_with_the_cells():
 def test_reweighting_keeps_the_points():
     """Other weights make another mask of the same points."""
     mask = equi_steradian_mask(1e-2, 3e-3, 100)
-    uniform, cells = reweighted(mask, "uniform"), reweighted(mask, "voronoi")
+    uniform, cells = with_weights(mask, "uniform"), with_weights(mask, "voronoi")
     assert uniform.weight_ratio == pytest.approx(1)
     np.testing.assert_allclose(cells.weights, mask.weights, rtol=1e-12)
     assert uniform.sensed_area == pytest.approx(mask.sensed_area, rel=1e-12)

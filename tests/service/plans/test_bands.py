@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
-from steradian.benchmarks.tuning import optima, simulated_seconds
+from steradian.benchmarks.tuning import optimal_wavelengths, simulated_seconds
 from steradian.plans import Fringe, Link, Tuning, VisitOrder, preview
-from steradian.plans.bands import cut, held
-from steradian.plans.files import read_value, write_value
+from steradian.plans.bands import hold_wavelength, partition_bands
+from steradian.plans.files import read_json, write_json
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
 SLOW = Tuning(settling=5e-3, speed=1.0)
@@ -34,9 +34,9 @@ def test_a_loss_is_what_the_slope_of_the_fringe_lacks_of_its_steepest(free, flan
     best = offset[np.argmax(slope)]
     for detuning in (-60e-12, -10e-12, 0.0, 25e-12, 80e-12):
         expected = 1 - np.interp(side * (best + detuning), side * offset, slope) / slope.max()
-        assert float(fringe.loss(np.array(detuning))) == pytest.approx(expected, abs=2e-5)
-    low, high = fringe.reach(0.2)
-    np.testing.assert_allclose(fringe.loss(np.array([-low, high])), 0.2, atol=1e-6)
+        assert float(fringe.sensitivity_loss(np.array(detuning))) == pytest.approx(expected, abs=2e-5)
+    low, high = fringe.wavelength_tolerance(0.2)
+    np.testing.assert_allclose(fringe.sensitivity_loss(np.array([-low, high])), 0.2, atol=1e-6)
 
 
 def test_an_uncertain_optimum_loses_its_mean_over_the_uncertainty():
@@ -44,7 +44,7 @@ def test_an_uncertain_optimum_loses_its_mean_over_the_uncertainty():
     fringe = Fringe()
     drawn = np.random.default_rng(0).normal(20e-12, 40e-12, 1_000_000)
     expected = fringe.expected_loss(np.array([20e-12]), 40e-12)
-    assert expected == pytest.approx(fringe.loss(drawn).mean(), rel=5e-3)
+    assert expected == pytest.approx(fringe.sensitivity_loss(drawn).mean(), rel=5e-3)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -53,21 +53,21 @@ def test_there_are_as_few_bands_as_there_can_be_and_no_point_loses_more(seed):
     random = np.random.default_rng(seed)
     values = 1.55e-6 + random.choice([random.uniform(0, 4e-9, 700), random.normal(0, 5e-10, 700)][seed % 2], 700)
     fringe, loss = Fringe(), (0.02, 0.1, 0.5)[seed % 3]
-    reach = fringe.reach(loss)
+    reach = fringe.wavelength_tolerance(loss)
     fewest, end = 0, -np.inf
     for value in np.sort(values):
         if value > end:
             fewest, end = fewest + 1, value + sum(reach)
-    bias = cut(values, reach, fringe)
+    bias = partition_bands(values, reach, fringe)
     # optima are put into cells of a 64th of a band, so a band may have to be that much narrower
     assert fewest <= len(np.unique(bias)) <= np.ceil(fewest * 64 / 63)
-    assert fringe.loss(bias - values).max() <= loss
+    assert fringe.sensitivity_loss(bias - values).max() <= loss
 
 
 def test_of_as_few_bands_those_are_chosen_that_lose_little():
     """Three heaps that two bands could cover, but only one cut leaves the two close ones together."""
     heaps = 1.55e-6 + 1e-12 * np.repeat([0.0, 60.0, 140.0], 50)
-    bias = cut(heaps, (60e-12, 60e-12), Fringe())
+    bias = partition_bands(heaps, (60e-12, 60e-12), Fringe())
     assert len(np.unique(bias)) == 2
     assert bias[0] == bias[50] != bias[100]
 
@@ -75,7 +75,7 @@ def test_of_as_few_bands_those_are_chosen_that_lose_little():
 def test_a_wavelength_is_kept_while_it_is_within_reach():
     """Never beyond, and changed only when it must be."""
     values = np.cumsum(np.random.default_rng(3).normal(0, 3e-12, 500)) + 1.55e-6
-    bias = held(values, (20e-12, 30e-12))
+    bias = hold_wavelength(values, (20e-12, 30e-12))
     away = bias - values
     assert away.min() >= -20e-12
     assert away.max() <= 30e-12
@@ -88,7 +88,7 @@ def planned(order, film="scatter", loss=0.0, rate=1000.0, tuning=SLOW, mask=MASK
     return ScanPlan.create(
         mask=mask,
         order=order,
-        wavelengths=optima(mask, film),
+        wavelengths=optimal_wavelengths(mask, film),
         max_sensitivity_loss=loss,
         pulse_rate=rate,
         tuning=tuning,
@@ -164,8 +164,8 @@ def test_50_000_points_are_put_into_bands():
 def test_a_plan_with_bands_is_kept_and_one_without_is_what_it_was(tmp_path):
     """The file holds what was asked for, and names of plans made before there were bands stay."""
     plan = planned("bands", loss=0.1, mask=grid_mask(1e-2, 8, 1e-3))
-    write_value(plan, tmp_path / "plan.json")
-    again = read_value(ScanPlan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
+    again = read_json(ScanPlan, tmp_path / "plan.json")
     assert again.id == plan.id
     np.testing.assert_array_equal(again.bias, plan.bias)
     old = ScanPlan.create(mask=grid_mask(1e-2, 8, 1e-3), wavelengths=np.linspace(1.549e-6, 1.551e-6, 64))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask
-from steradian.masks import beams_mask
+from steradian.masks import multi_beam_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import Fringe, Link, VisitOrder, preview
-from steradian.plans.files import read_value, write_value
+from steradian.plans.files import read_json, write_json
 
 BEAMS = read_beams("3x2", 0.7e-3)
 FREE = Link(byte_rate=None)
@@ -20,7 +20,7 @@ def alone():
 
 @pytest.fixture(scope="module")
 def mask(alone):
-    return beams_mask(alone, BEAMS)
+    return multi_beam_mask(alone, BEAMS)
 
 
 @pytest.mark.long
@@ -30,7 +30,7 @@ def test_a_place_is_visited_once_with_all_its_beams_in_their_order(mask, order):
     visit = plan.visit.reshape(-1, 6)
     assert sorted(visit[:, 0]) == list(range(0, mask.count, 6))
     assert (np.diff(visit, axis=1) == 1).all()
-    np.testing.assert_array_equal(plan.way, mask.positions[visit[:, 0]])
+    np.testing.assert_array_equal(plan.path, mask.positions[visit[:, 0]])
 
 
 def test_the_time_is_that_of_the_places(alone, mask):
@@ -53,17 +53,17 @@ def test_all_beams_of_a_place_are_read_at_one_wavelength_and_the_loss_of_each_is
     )
     bias = plan.bias.reshape(-1, 6)
     assert (bias == bias[:, :1]).all()
-    lost = np.maximum(fringe.loss(plan.bias - best), 0)
+    lost = np.maximum(fringe.sensitivity_loss(plan.bias - best), 0)
     assert preview(plan).sensitivity_loss["max"] == pytest.approx(lost.max())
-    assert lost.max() > fringe.loss(plan.bias[::6] - best.reshape(-1, 6).mean(axis=1)).max()
+    assert lost.max() > fringe.sensitivity_loss(plan.bias[::6] - best.reshape(-1, 6).mean(axis=1)).max()
 
 
 def test_a_plan_of_one_beam_keeps_its_name_and_one_of_several_is_written_and_read(alone, mask, tmp_path):
     plan = ScanPlan.create(mask=mask, beams=BEAMS)
     assert ScanPlan.create(mask=alone, beams=()).id == ScanPlan.create(mask=alone).id
     assert plan.id != ScanPlan.create(mask=mask).id
-    write_value(plan, tmp_path / "plan.json")
-    assert read_value(ScanPlan, tmp_path / "plan.json").id == plan.id
+    write_json(plan, tmp_path / "plan.json")
+    assert read_json(ScanPlan, tmp_path / "plan.json").id == plan.id
     assert f"{mask.count} points by 6 beams" in repr(plan)
 
 
@@ -79,5 +79,5 @@ def test_points_that_are_not_of_the_beams_and_orders_of_single_points_are_refuse
 def test_only_the_first_beam_must_be_within_the_scanners_reach(mask):
     low, high = mask.positions[::6].min(axis=0), mask.positions[::6].max(axis=0)
     reach = {"x": (low[0], high[0]), "y": (low[1], high[1])}
-    assert not preview(ScanPlan.create(mask=mask, beams=BEAMS, scanner=reach, link=FREE)).is_refused
-    assert preview(ScanPlan.create(mask=mask, scanner=reach, link=FREE)).is_refused
+    assert not preview(ScanPlan.create(mask=mask, beams=BEAMS, scanner=reach, link=FREE)).has_errors
+    assert preview(ScanPlan.create(mask=mask, scanner=reach, link=FREE)).has_errors

@@ -9,7 +9,7 @@ from steradian import InvalidInput, ScanPlan, grid_mask
 from steradian.cli.plan import plan
 from steradian.core.exceptions import DamagedFile
 from steradian.masks import Mask, write_mask
-from steradian.plans.files import read_value
+from steradian.plans.files import read_json
 
 app = typer.Typer()
 app.command()(plan)
@@ -32,7 +32,7 @@ def test_the_cost_is_told_and_the_plan_written(mask, tmp_path):
     assert result.exit_code == 0
     assert "limited by the laser" in result.output
     assert "usable after" in result.output
-    assert read_value(ScanPlan, tmp_path / "plan.json").order == "progressive"
+    assert read_json(ScanPlan, tmp_path / "plan.json").order == "progressive"
     assert (tmp_path / "plan.png").exists()
 
 
@@ -45,7 +45,7 @@ def test_a_plan_the_link_cannot_carry_is_not_written(mask, tmp_path):
 
 def test_a_tuning_map_makes_bands_and_the_loss_is_told(mask, tmp_path):
     """A map of the mask's own points; what is set differs from the best, within the loss that was allowed."""
-    places = read_value(Mask, mask).positions
+    places = read_json(Mask, mask).positions
     best = 1550 + np.random.default_rng(0).uniform(-2, 2, len(places))
     table = np.column_stack([1e3 * places, best])
     np.savetxt(tmp_path / "map.csv", table, delimiter=",", header="x_mm,y_mm,wavelength_nm", comments="", fmt="%.9f")
@@ -53,7 +53,7 @@ def test_a_tuning_map_makes_bands_and_the_loss_is_told(mask, tmp_path):
     told = run(*words, "--max-sensitivity-loss", 0.2, "--retuning", "5ms").output
     assert "sensitivity lost" in told
     assert "at most 20 %" in told
-    made = read_value(ScanPlan, tmp_path / "plan.json")
+    made = read_json(ScanPlan, tmp_path / "plan.json")
     assert (made.order, made.max_sensitivity_loss, made.tuning.settling) == ("bands", 0.2, 5e-3)
     np.testing.assert_allclose(made.wavelengths, 1e-9 * best, rtol=1e-9)
     assert len(np.unique(made.bias)) < 40
@@ -66,7 +66,7 @@ def test_wavelengths_are_read_in_nanometres(mask, tmp_path):
     np.savetxt(tmp_path / "bias.csv", 1550 + np.arange(144) % 4)
     words = (mask, "--order", "wavelength", "--wavelengths", tmp_path / "bias.csv", "-o", tmp_path / "plan.json")
     assert "retunings" in run(*words).output
-    assert read_value(ScanPlan, tmp_path / "plan.json").wavelengths[1] == pytest.approx(1551e-9)
+    assert read_json(ScanPlan, tmp_path / "plan.json").wavelengths[1] == pytest.approx(1551e-9)
     (tmp_path / "bias.csv").write_text("red\n")
     with pytest.raises(DamagedFile, match=r"bias\.csv"):
         run(*words)
@@ -78,4 +78,4 @@ def test_beams_make_a_plan_of_the_points_that_they_measure(mask, tmp_path):
     assert result.exit_code == 0, result.output
     assert "4 at 36 places" in result.output
     assert "from a measured one (median)" in result.output
-    assert len(read_value(ScanPlan, tmp_path / "plan.json").beams) == 4
+    assert len(read_json(ScanPlan, tmp_path / "plan.json").beams) == 4

@@ -22,7 +22,7 @@ def test_a_good_plan_has_no_findings():
     """The default plan of the paper's mask passes."""
     cost = preview(ScanPlan.create(mask=MASK), free_bytes=10**9, resolution=1e-3)
     assert cost.findings == ()
-    assert not cost.is_refused
+    assert not cost.has_errors
 
 
 def test_points_out_of_the_field_refuse():

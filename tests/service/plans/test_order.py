@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask, random_mask
-from steradian.plans import VisitOrder, preview, travel, visit_order
+from steradian.plans import VisitOrder, path_length, preview, visit_order
 from steradian.plans.tour import nearest_neighbour
 
 SELF_CONTAINED = [order for order in VisitOrder if order not in (VisitOrder.WAVELENGTH, VisitOrder.BANDS)]
@@ -21,7 +21,7 @@ def mask():
 
 
 def way(positions, order):
-    return travel(positions, visit_order(positions, order))
+    return path_length(positions, visit_order(positions, order))
 
 
 @settings(max_examples=25, deadline=None)
@@ -56,7 +56,7 @@ def test_the_shortest_way_through_the_papers_mask(mask):
 def test_large_masks_get_orders_near_the_nearest_neighbours(kind):
     """Hilbert is within 30 % of nearest neighbour, and the improved way is shorter than both."""
     mask = random_mask(1e-2, 20_000) if kind == "random" else equi_steradian_mask(13.56e-3, 3.6e-3, 20_000)
-    nearest = travel(mask.positions, nearest_neighbour(mask.positions))
+    nearest = path_length(mask.positions, nearest_neighbour(mask.positions))
     assert way(mask.positions, "hilbert") < 1.3 * nearest
     assert way(mask.positions, "shortest") < nearest
 
@@ -68,7 +68,7 @@ def test_200_000_points_can_be_ordered(order):
     positions = random_mask(1.0, 200_000).positions
     visit = visit_order(positions, VisitOrder(order))
     assert np.bincount(visit).max() == 1
-    assert travel(positions, visit) < np.sqrt(200_000)
+    assert path_length(positions, visit) < np.sqrt(200_000)
 
 
 def test_no_two_edges_of_the_shortest_way_can_be_swapped_with_gain():

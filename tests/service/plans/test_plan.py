@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
-from steradian.plans import Link, Motion, Tuning, VisitOrder, preview, travel
+from steradian.plans import Link, Motion, Tuning, VisitOrder, path_length, preview
 from steradian.plans.picture import draw_plan
 
 
@@ -18,7 +18,7 @@ def mask():
 def test_snake_travels_less_than_the_rings(mask):
     """Visiting in strips is shorter than slice by slice."""
     rings, snake = (
-        travel(mask.positions, ScanPlan.create(mask=mask, order=order).visit) for order in ("given", "snake")
+        path_length(mask.positions, ScanPlan.create(mask=mask, order=order).visit) for order in ("given", "snake")
     )
     assert snake < rings
 

@@ -31,7 +31,7 @@ def device_seconds(plan: ScanPlan, *, speed: float, baud: int = 0) -> float:
         for batch in scanner.alines():
             fired += [aline.fire_time_s for aline in batch]
             if len(fired) == plan.mask.count:
-                ended = simulator.command("report")["time"] * 1e-6
+                ended = simulator.send_command("report")["time"] * 1e-6
             scanner.acknowledge(batch[-1])
     assert len(fired) == plan.mask.count
     if baud:  # shots wait for acknowledgements, which may come late; the line goes on meanwhile, to the last A-line

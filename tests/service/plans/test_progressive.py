@@ -21,8 +21,8 @@ def mask():
 def test_passes_double_in_size(mask):
     """An eighth, a quarter, a half and all of the points end a pass each."""
     plan = ScanPlan.create(mask=mask, order="progressive")
-    assert plan.passes == (201, 402, 803, 1605)
-    assert ScanPlan.create(mask=mask, order="snake").passes == (1605,)
+    assert plan.pass_ends == (201, 402, 803, 1605)
+    assert ScanPlan.create(mask=mask, order="snake").pass_ends == (1605,)
 
 
 def test_every_prefix_is_spread_as_evenly_as_a_mask_of_its_size(mask):
@@ -31,7 +31,7 @@ def test_every_prefix_is_spread_as_evenly_as_a_mask_of_its_size(mask):
     rays = np.column_stack([mask.positions, np.full(mask.count, mask.depth)])
     rays /= np.linalg.norm(rays, axis=1)[:, None]
     cap = 2 * np.pi * (1 - rays[:, 2].min())
-    for end in plan.passes:
+    for end in plan.pass_ends:
         prefix = rays[plan.visit[:end]]
         closest = KDTree(prefix).query(prefix, k=2)[0][:, 1]
         assert closest.min() > 0.6 * np.sqrt(cap / end)
@@ -59,7 +59,7 @@ def test_images_get_better_with_every_pass_and_sooner_than_in_rows(mask):
         return volume.mip("z")
 
     plan, rows = (ScanPlan.create(mask=mask, order=order) for order in ("progressive", "snake"))
-    _, quarter, half, whole = plan.passes
+    _, quarter, half, whole = plan.pass_ends
     full = image(plan, whole)
     rho = [quality.correlation(image(plan, points), full) for points in (quarter, half, whole)]
     assert rho[0] < rho[1] < rho[2]
@@ -89,8 +89,8 @@ def others():
 def test_any_prefix_has_weights_that_sum_to_what_it_senses(mask, share, weighting):
     """Weights are given for every prefix, whole passes or not, of any arrangement; none senses more than the mask."""
     plan = ScanPlan.create(mask=mask, order="progressive")
-    assert plan.passes[-1] == mask.count
-    prefix = plan.prefix(max(1, int(share * mask.count)), weighting)
+    assert plan.pass_ends[-1] == mask.count
+    prefix = plan.truncated_mask(max(1, int(share * mask.count)), weighting)
     assert prefix.weights.min() > 0
     assert abs(prefix.sensed_area / outlines.area(prefix.outline) - 1) < 1e-12
     assert prefix.sensed_area < mask.sensed_area * (1 + 1e-9)
@@ -99,4 +99,4 @@ def test_any_prefix_has_weights_that_sum_to_what_it_senses(mask, share, weightin
 def test_there_are_no_more_points_than_the_mask_has(mask):
     """A prefix outside of 1 to M is refused with that range."""
     with pytest.raises(InvalidInput, match="1 to 1605"):
-        ScanPlan.create(mask=mask).prefix(0)
+        ScanPlan.create(mask=mask).truncated_mask(0)

@@ -7,7 +7,7 @@ import fabry_perot
 from steradian import InvalidInput, grid_mask
 from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.plans import TuningMap
-from steradian.plans.files import write_value
+from steradian.plans.files import write_json
 
 RANDOM = np.random.default_rng(0)
 PLACES = RANDOM.uniform(-6e-3, 6e-3, (400, 2))
@@ -42,7 +42,7 @@ def test_a_film_that_scatters_is_known_nowhere_but_where_it_was_measured():
     known = TuningMap.create(positions=PLACES, wavelengths=wedge(PLACES) + noise)
     uncertainty = known.at(ASKED)[1]
     assert 250e-12 < np.sqrt((uncertainty**2).mean()) < 600e-12
-    fields = known.fields(grid_mask(1e-2, 10, 1e-3))
+    fields = known.as_plan_fields(grid_mask(1e-2, 10, 1e-3))
     assert 250e-12 < fields["wavelength_uncertainty"] < 600e-12
     assert fields["wavelengths"].shape == (100,)
 
@@ -65,7 +65,7 @@ def test_maps_are_read_as_the_driver_writes_them_from_tables_and_from_json(tmp_p
     fabry_perot.TuningMap(PLACES, wavelengths, level, level).save(tmp_path / "map.npz")
     table = np.column_stack([1e3 * PLACES, 1e9 * wavelengths])
     np.savetxt(tmp_path / "map.csv", table, delimiter=",", header="x_mm,y_mm,wavelength_nm", comments="", fmt="%.17g")
-    write_value(TuningMap.create(positions=PLACES, wavelengths=wavelengths), tmp_path / "map.json")
+    write_json(TuningMap.create(positions=PLACES, wavelengths=wavelengths), tmp_path / "map.json")
     for name in ("map.npz", "map.csv", "map.json"):
         found = TuningMap.read(tmp_path / name)
         np.testing.assert_allclose(found.positions, PLACES, rtol=1e-14)

@@ -81,7 +81,7 @@ def test_the_python_client_works_below_a_path_with_tls(laboratory, tmp_path, mon
         job = client.reconstructions.wait(client.reconstructions.create(scan.id, modes=32))
         volume = client.reconstructions.volume(job.id)
         assert volume.values.shape[:2] == (32, 32)
-        client.reconstructions.save_mip(job.id, tmp_path / "mip.png")
+        client.reconstructions.download_mip(job.id, tmp_path / "mip.png")
         with Image.open(tmp_path / "mip.png") as picture:
             assert picture.format == "PNG"
         path = client.scans.save_file(scan.id, tmp_path / "scan.h5")

@@ -8,16 +8,16 @@ import pytest
 
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging.geometry import polygons as outlines
-from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 from steradian.quality.signals import inspect_signals
-from steradian.reconstructions.live.follow import follow_scan
+from steradian.reconstructions.live.follow import reconstruct_live
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import Report, reconstruct_recording, write_reconstruction
-from steradian.reconstructions.shots import ShotTreatment, even_out
-from steradian.scans.recording import Recording, Shots
+from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write, reconstruct_in_memory
+from steradian.reconstructions.shots import ShotTreatment, normalise_shots
+from steradian.scans.recording import Recording, ShotMetadata
 from support.commands import run_here
 from support.faulty import KINDS, SPEED, STEP, points, pressure, spoil, square, vessels
 
@@ -26,8 +26,8 @@ APERTURE = 7e-3
 
 def recording(codes, positions, **about):
     """A recording of these A-lines, each with an equal weight."""
-    count, shots = len(codes), Shots.usual(np.zeros(len(codes)))
-    outline = sensed_outline(positions, APERTURE)
+    count, shots = len(codes), ShotMetadata.default(np.zeros(len(codes)))
+    outline = sensed_region(positions, APERTURE)
     weights = np.full(count, outlines.area(outline) / count)
     said = {"grid": None, "depth": None, "planned": count, "provenance": {}, "shots": shots, "outline": outline} | about
     return Recording(codes, 1.0, positions, weights, STEP, SPEED, APERTURE, 0.0, **said)
@@ -42,12 +42,12 @@ def small():
 
 def even(small, treatment, **about):
     faulty, positions = small
-    return even_out(recording(faulty.codes, positions, **about), ShotTreatment(bad_lines=treatment))
+    return normalise_shots(recording(faulty.codes, positions, **about), ShotTreatment(bad_lines=treatment))
 
 
 def test_even_out_without_a_request_keeps_bad_lines(small):
     faulty, positions = small
-    found, told = even_out(recording(faulty.codes, positions), ShotTreatment())
+    found, told = normalise_shots(recording(faulty.codes, positions), ShotTreatment())
     np.testing.assert_array_equal(found.traces, faulty.codes)
     assert (told.bad_lines, found.notes) == (None, ())
 
@@ -79,7 +79,7 @@ def test_even_out_mend_restores_inverted_and_shifted_lines(small):
 
 def test_even_out_bad_lines_of_an_evened_recording_are_not_sought_again(small):
     found, _ = even(small, "leave-out")
-    again, told = even_out(found, ShotTreatment(bad_lines="leave-out"))
+    again, told = normalise_shots(found, ShotTreatment(bad_lines="leave-out"))
     assert again is found
     assert told.bad_lines is None
 
@@ -101,7 +101,7 @@ def test_even_out_bad_lines_of_averaged_frames_are_found_in_each_frame(small):
         points=np.tile(np.arange(count), 2),
         rows=np.concatenate([np.arange(count) + 2 * count, np.arange(count) + 5 * count]),
     )
-    found, told = even_out(both, ShotTreatment(bad_lines="leave-out"))
+    found, told = normalise_shots(both, ShotTreatment(bad_lines="leave-out"))
     assert told.bad_lines.rows["dead"] == [aline + 5 * count for aline in faulty.of("dead")]
     assert len(found.traces) == count, "every point has its A-line of the other frame"
     np.testing.assert_array_equal(found.traces[faulty.of("dead")], faulty.clean[faulty.of("dead")])
@@ -112,19 +112,19 @@ def test_even_out_bad_lines_at_unlike_gain_are_no_noisy_ones(small):
     faulty, positions = small
     gain = np.where(np.arange(len(positions)) % 7 < 2, 3, 1)
     found = replace(recording(faulty.clean * gain[:, None].astype(np.int16), positions), scale=1 / gain)
-    assert even_out(found, ShotTreatment(bad_lines="leave-out"))[1].bad_lines.left_out == {}
+    assert normalise_shots(found, ShotTreatment(bad_lines="leave-out"))[1].bad_lines.left_out == {}
 
 
 def test_even_out_bad_lines_can_be_cancelled(small):
     faulty, positions = small
     with pytest.raises(Cancelled):
-        even_out(recording(faulty.codes, positions), ShotTreatment(bad_lines="mend"), cancelled=lambda: True)
+        normalise_shots(recording(faulty.codes, positions), ShotTreatment(bad_lines="mend"), cancelled=lambda: True)
 
 
 def test_follow_with_bad_lines_is_refused(tmp_path):
     parameters = ReconstructionParameters.create(shots={"bad_lines": "mend"})
     with pytest.raises(InvalidInput, match=r"shots\.bad_lines.*mend.*keep"):
-        follow_scan(tmp_path / "scan.h5", tmp_path, parameters, is_over=lambda: True)
+        reconstruct_live(tmp_path / "scan.h5", tmp_path, parameters, is_over=lambda: True)
     with pytest.raises(InvalidInput, match=r"shots\.bad_lines.*mend.*keep"):
         ReconstructionRequest.create(scan_id="s01jz0000000000000000000000", parameters=parameters, follow=True)
 
@@ -133,7 +133,7 @@ def test_follow_with_bad_lines_is_refused(tmp_path):
 def test_write_reconstruction_bad_lines_stand_in_report_and_notes(small, tmp_path):
     faulty, positions = small
     parameters = ReconstructionParameters.create(modes=30, shots={"bad_lines": "mend"})
-    write_reconstruction(recording(faulty.codes, positions), tmp_path, parameters, Report())
+    reconstruct_and_write(recording(faulty.codes, positions), tmp_path, parameters, Report())
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["sensors"] == 894
     assert report["shots"]["bad_lines"]["rows"]["shifted"] == faulty.of("shifted")
@@ -188,4 +188,4 @@ def test_bad_lines_of_20000_are_found_and_the_image_is_that_of_clean_lines():
 
 def _image(codes, positions, treatment):
     parameters = ReconstructionParameters.create(modes=128, shots={"bad_lines": treatment}, depth_range=(1e-3, 5e-3))
-    return reconstruct_recording(recording(codes, positions), parameters).values
+    return reconstruct_in_memory(recording(codes, positions), parameters).values

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import steradian
-from steradian.reconstructions.warmup import AHEAD, SECOND
+from steradian.reconstructions.warmup import SECOND_HALF, WARMUP_COMMAND
 from support.commands import run_here
 from support.services import Service
 from support.waiting import until
@@ -84,11 +84,11 @@ def test_a_service_compiles_by_itself_what_its_first_job_needs(fresh, tmp_path):
 
 @pytest.mark.long
 def test_each_half_comes_to_its_end_alone(fresh):
-    with subprocess.Popen([*AHEAD, SECOND], stdin=subprocess.PIPE) as second:
+    with subprocess.Popen([*WARMUP_COMMAND, SECOND_HALF], stdin=subprocess.PIPE) as second:
         assert second.wait() == 0
     assert fresh.names() >= LAST
     assert not any(name.startswith("type1.") for name in fresh.names())
-    with subprocess.Popen(AHEAD, stdin=subprocess.PIPE) as first:
+    with subprocess.Popen(WARMUP_COMMAND, stdin=subprocess.PIPE) as first:
         assert first.wait() == 0
     assert {"type1.pack", "type1.type1"} <= fresh.names()
 
@@ -102,7 +102,7 @@ def test_of_two_processes_one_is_at_it_and_it_ends_with_whoever_is_killed(fresh)
             for process in both:
                 os.kill(process, signal.SIGSTOP)
             try:
-                with subprocess.Popen(AHEAD, stdin=subprocess.PIPE) as another:
+                with subprocess.Popen(WARMUP_COMMAND, stdin=subprocess.PIPE) as another:
                     assert another.wait(200) == 0
             finally:
                 for process in both:

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from steradian import InvalidInput
-from steradian.drawing.sheet import Drawn
-from steradian.imaging import Axes, Volume
+from steradian.drawing.sheet import Layout
+from steradian.imaging import Volume, VoxelAxes
 from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.volumes.images import draw_depth_coded
 
@@ -22,10 +22,10 @@ def volume() -> Volume:
     values[23:27, 13:17, 35] = 1
     values[13:17, 8:12, 20] = 0.3
     x, y, z = 1e-4 * (np.arange(30.0) - 15), 1e-4 * (np.arange(20.0) - 10), 1e-3 + 5e-5 * np.arange(40.0)
-    return Volume(values, Axes(x, y, z), (1e-4, 1e-4, 5e-5))
+    return Volume(values, VoxelAxes(x, y, z), (1e-4, 1e-4, 5e-5))
 
 
-def spot(path: Path, drawn: Drawn, x: int, y: int) -> tuple[int, ...]:
+def spot(path: Path, drawn: Layout, x: int, y: int) -> tuple[int, ...]:
     """Colour at voxel x, y; the picture is 720 pixels wide for 30 voxels, y points up."""
     left, top, _, _ = drawn.frame
     return Image.open(path).convert("RGB").getpixel((left + int((x + 0.5) * 24), top + int((20 - y - 0.5) * 24)))
@@ -59,4 +59,4 @@ def test_an_empty_volume_is_drawn_black(tmp_path) -> None:
 def test_an_image_below_a_line_has_no_columns_to_look_down(tmp_path) -> None:
     axis = 1e-4 * np.arange(4.0)
     with pytest.raises(InvalidInput):
-        draw_depth_coded(Volume(np.ones((4, 4)), Axes(axis, None, axis), (1e-4, 1e-4)), tmp_path / "a.png")
+        draw_depth_coded(Volume(np.ones((4, 4)), VoxelAxes(axis, None, axis), (1e-4, 1e-4)), tmp_path / "a.png")

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.volumes.file import read_volume, write_volume
 from support.damage import BITS, spoil
@@ -53,7 +53,9 @@ def values():
 @pytest.fixture(scope="module")
 def volume(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("volume") / "volume.h5"
-    write_volume(path, Volume(values, Axes(*_lines()), SPACING), parameters={"modes": 24}, provenance={"scan_id": "s1"})
+    write_volume(
+        path, Volume(values, VoxelAxes(*_lines()), SPACING), parameters={"modes": 24}, provenance={"scan_id": "s1"}
+    )
     return path
 
 
@@ -62,7 +64,7 @@ def image(tmp_path_factory, values):
     """An image [x, z] from a line of sensors."""
     path = tmp_path_factory.mktemp("image") / "image.h5"
     x, z = _lines("xz")
-    plane = Volume(values[:, PLACE[1]], Axes(x, None, z), SPACING[::2])
+    plane = Volume(values[:, PLACE[1]], VoxelAxes(x, None, z), SPACING[::2])
     write_volume(path, plane, parameters={}, provenance={})
     return path
 

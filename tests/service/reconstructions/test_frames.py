@@ -9,11 +9,11 @@ import steradian
 from steradian import FrameChoice, InvalidInput, ScanPlan, grid_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
-from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.reconstructions.shots import ShotTreatment, normalise_shots
 from steradian.reconstructions.studies.sound_speed import scan_sound_speed
-from steradian.reconstructions.studies.what_if import what_if
+from steradian.reconstructions.studies.what_if import compare_subset
 from steradian.scans.exporting import export_scan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.frames import Frame, distinct_wavelengths
 from steradian.scans.opening import open_recording
 from support.alines import Aline
@@ -54,7 +54,7 @@ def scan(tmp_path_factory, measured):
     create_scan_file(path, plan)
     traces, energies = (values.reshape(-1, *values.shape[2:]) for values in measured)
     rows = [row for row in range(len(traces)) if row != ABSENT[0] * POINTS + ABSENT[1]]
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(Aline(row, traces[row], energy=energies[row]) for row in rows)
     return path
 
@@ -71,7 +71,7 @@ def mean_of(measured, frames):
 @pytest.mark.parametrize(("wavelength", "frames"), [(LIGHTS[0], [0, 1, 2]), (LIGHTS[1], [3, 4, 5])])
 def test_average_of_a_wavelength_is_the_mean_of_its_repetitions_at_each_point(scan, measured, wavelength, frames):
     recording = open_recording(scan, FrameChoice(wavelength=wavelength, average=True))
-    even, _ = even_out(recording, ShotTreatment())
+    even, _ = normalise_shots(recording, ShotTreatment())
     np.testing.assert_allclose(even.positions, MASK.positions, atol=1e-9)
     values = even.traces * np.asarray(even.scale)
     np.testing.assert_allclose(values, mean_of(measured, frames), rtol=1e-5, atol=1e-2)
@@ -82,7 +82,7 @@ def test_average_of_a_wavelength_is_the_mean_of_its_repetitions_at_each_point(sc
 def test_average_of_three_repetitions_has_the_noise_of_one_over_root_three(scan, clean):
     spread = []
     for choice in (FrameChoice(0), FrameChoice(wavelength=LIGHTS[0], average=True)):
-        even, _ = even_out(open_recording(scan, choice), ShotTreatment())
+        even, _ = normalise_shots(open_recording(scan, choice), ShotTreatment())
         spread.append(np.std(even.traces * np.broadcast_to(even.scale, POINTS)[:, None] - clean))
     assert spread[0] / spread[1] == pytest.approx(np.sqrt(3), rel=0.03)
 
@@ -90,11 +90,11 @@ def test_average_of_three_repetitions_has_the_noise_of_one_over_root_three(scan,
 def test_average_leaves_out_a_flagged_repetition_of_a_point_and_no_other(tmp_path):
     plan = ScanPlan.create(mask=MASK, samples=SAMPLES, frames=2, order="given")
     create_scan_file(tmp_path / "a.h5", plan)
-    with AlineStore(tmp_path / "a.h5") as store:
+    with ScanFileWriter(tmp_path / "a.h5") as store:
         lines = [Aline(row, np.full(SAMPLES, 100 if row < POINTS else 300, np.int16)) for row in range(2 * POINTS)]
         lines[5].quality = 1  # saturated
         store.append(lines)
-    even, found = even_out(open_recording(tmp_path / "a.h5", FrameChoice(average=True)), ShotTreatment())
+    even, found = normalise_shots(open_recording(tmp_path / "a.h5", FrameChoice(average=True)), ShotTreatment())
     expected = np.full(POINTS, 200.0)
     expected[5] = 300
     np.testing.assert_allclose(even.traces[:, 0] * np.asarray(even.scale), expected, rtol=1e-6)
@@ -128,7 +128,7 @@ def test_image_of_a_frame_that_was_not_chosen_says_so(scan, tmp_path, choice, nu
 @pytest.mark.long
 def test_speed_search_and_what_if_say_which_frame_they_took(scan, tmp_path):
     curve = scan_sound_speed(scan, tmp_path, first=1450, last=1550, steps=3)
-    report = what_if(scan, MASK, tmp_path, ReconstructionParameters.create(modes=24))
+    report = compare_subset(scan, MASK, tmp_path, ReconstructionParameters.create(modes=24))
     for notes in (curve.notes, report.notes):
         assert "frame 0 of 6" in notes[0]
     assert "frame 0 of 6" in json.loads((tmp_path / "sound-speed.json").read_text())["notes"][0]

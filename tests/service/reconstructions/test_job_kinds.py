@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.jobs.registry import KINDS
-from steradian.jobs.worker.child import work
+from steradian.jobs.registry import JOB_TYPES
+from steradian.jobs.worker.child import run_job
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volumes.file import read_volume
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
@@ -51,12 +51,12 @@ class Place:
     def measure(self, path, plan):
         create_scan_file(path, plan, scan_id=path.stem, simulated=True)
         times = np.arange(SAMPLES) * plan.sampling_interval
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             store.append(
                 Aline(point, self._wave(plan.mask.positions[index], times), point + 1)
                 for point, index in enumerate(plan.visit)
             )
-            store.set_fired(plan.mask.count)
+            store.record_shot_count(plan.mask.count)
 
     def _wave(self, position, times):
         distance = np.hypot(np.hypot(*position), 1.2e-3)
@@ -70,7 +70,7 @@ class Place:
         name = name or f"j{self.done}"
         about = {"kind": kind, "request": request, "principal": "ada", "start": 1}
         where = {"job": str(self.data.job(name).root), "data": str(self.data.root.absolute())}
-        return name, work(about | where, lambda *_: None, kept=[])
+        return name, run_job(about | where, lambda *_: None, kept=[])
 
     def reconstruct(self, **parameters):
         return self.do("reconstruction", scan_id=self.scan, parameters={"modes": 16} | parameters)
@@ -119,14 +119,14 @@ def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place,
     from steradian.reconstructions.pipeline import run as job
     from steradian.reconstructions.studies import what_if
 
-    reconstruct, sensors = job.reconstruct_recording, []
+    reconstruct, sensors = job.reconstruct_in_memory, []
 
     def counted(recording, *args, **how):
         sensors.append(len(recording.positions))
         return reconstruct(recording, *args, **how)
 
     for module in (job, what_if):
-        monkeypatch.setattr(module, "reconstruct_recording", counted)
+        monkeypatch.setattr(module, "reconstruct_in_memory", counted)
     old = place.data.reference("of-another-scan")  # on a worker's host, where no service looks through the folder
     old.write_bytes(b"image")
     os.utime(old, (0, 0))
@@ -137,7 +137,7 @@ def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place,
     assert sorted(sensors) == [16, 16, 64, 64], "each mask once, and all A-lines once"
     assert not old.exists()
     chosen = ReconstructionParameters.create(**parameters)
-    alone = what_if.what_if(place.data.scan_file(place.scan), place.sparse, place.data.root / "alone", chosen)
+    alone = what_if.compare_subset(place.data.scan_file(place.scan), place.sparse, place.data.root / "alone", chosen)
     for report in reports[::2]:
         for name, value in alone.quality.items():
             assert report["what_if"]["quality"][name] == pytest.approx(value, abs=1e-5), name
@@ -226,7 +226,7 @@ def test_following_a_scan_that_is_over_is_its_full_reconstruction(place):
     assert json.loads(place.data.job(name).revision.read_text())["final"] is True
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", JOB_TYPES)
 def test_what_a_kind_does_not_know_is_refused(place, kind):
     with pytest.raises(InvalidInput):
         place.do(kind, nonsense=1)

@@ -16,14 +16,14 @@ from steradian.imaging import Volume
 from steradian.masks import grid_mask
 from steradian.phantoms import Balls, pressure
 from steradian.plans import ScanPlan
-from steradian.reconstructions.live.follow import LiveView
+from steradian.reconstructions.live.follow import LiveReconstruction
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory, reconstruct_scan
 from steradian.reconstructions.studies import sound_speed_fit as speed_fit
 from steradian.reconstructions.studies.sound_speed import find_sound_speed, scan_sound_speed
-from steradian.reconstructions.studies.what_if import what_if
+from steradian.reconstructions.studies.what_if import compare_subset
 from steradian.reconstructions.volumes.file import read_volume
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.opening import open_recording
 from support.alines import Aline
 
@@ -51,7 +51,7 @@ def scan_of(path: Path, begins: float | np.ndarray = LATE) -> Path:
         begin = float(each[place])
         line = sound(MASK.positions[place : place + 1], begin)[0]
         lines.append(Aline(point, np.rint(line / SCALE).astype(np.int16), scale=SCALE, time_zero_offset_s=begin))
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(lines)
     return path
 
@@ -86,36 +86,36 @@ def test_late_scan_has_the_ball_at_its_depth_and_its_report_says_what_is_missing
 
 def test_late_scan_may_be_shown_from_the_film_to_its_last_sample(late: Path) -> None:
     recording = open_recording(late)
-    usual = reconstruct_recording(recording, PARAMETERS)
-    whole = reconstruct_recording(recording, PARAMETERS.replace(depth_range=(0.0, None)))
+    usual = reconstruct_in_memory(recording, PARAMETERS)
+    whole = reconstruct_in_memory(recording, PARAMETERS.replace(depth_range=(0.0, None)))
     assert whole.values.shape[-1] == 300
     near_the_ball(whole)
     for first, last, ends in ((None, 7e-3, (150, 233)), (None, 3e-3, (0, 100)), (6e-3, 9e-3, (200, 299))):
-        part = reconstruct_recording(recording, PARAMETERS.replace(depth_range=(first, last)))
+        part = reconstruct_in_memory(recording, PARAMETERS.replace(depth_range=(first, last)))
         np.testing.assert_allclose(part.axes.z[[0, -1]], np.array(ends) * STEP, rtol=1e-9)
     assert usual.values.max() == pytest.approx(whole.values.max(), rel=1e-3)
     with pytest.raises(InvalidInput, match=r"depth_range is .*within 0 … 0\.009$"):
-        reconstruct_recording(recording, PARAMETERS.replace(depth_range=(0.0, 9.1e-3)))
+        reconstruct_in_memory(recording, PARAMETERS.replace(depth_range=(0.0, 9.1e-3)))
     with pytest.raises(InvalidInput, match="depth_range"):
-        reconstruct_recording(recording, PARAMETERS.replace(depth_range=(0.01, None)))
+        reconstruct_in_memory(recording, PARAMETERS.replace(depth_range=(0.01, None)))
 
 
 def test_trigger_delay_counts_like_the_record_s_own_time_zero(late: Path, tmp_path: Path) -> None:
     recording = open_recording(late)
     delayed = replace(recording, time_zero=1e-6, shots=None)
     parameters = PARAMETERS.replace(conditioning={"delay": 2e-6})
-    image, truth = (reconstruct_recording(*each) for each in ((delayed, parameters), (recording, PARAMETERS)))
+    image, truth = (reconstruct_in_memory(*each) for each in ((delayed, parameters), (recording, PARAMETERS)))
     np.testing.assert_allclose(image.axes.z, truth.axes.z, rtol=1e-9)
     np.testing.assert_allclose(image.values, truth.values, atol=1e-5 * truth.values.max())
     pick_up = parameters.replace(conditioning={"delay": 2e-6, "zero_first": 5})
-    near_the_ball(reconstruct_recording(delayed, pick_up))
+    near_the_ball(reconstruct_in_memory(delayed, pick_up))
     with pytest.raises(InvalidInput, match=r"delay is 0\.5; allowed: at least -0\.0005, at most 0\.0005 \(s\)"):
         parameters.replace(conditioning={"delay": 0.5})
 
 
 def test_a_lines_that_begin_late_each_at_its_own_time_show_the_ball(tmp_path: Path) -> None:
     begins = LATE + np.random.default_rng(2).integers(0, 3000, MASK.count) * 1e-10
-    volume = reconstruct_recording(open_recording(scan_of(tmp_path / "scan.h5", begins)), PARAMETERS)
+    volume = reconstruct_in_memory(open_recording(scan_of(tmp_path / "scan.h5", begins)), PARAMETERS)
     near_the_ball(volume)
     assert volume.axes.z[0] == pytest.approx(np.ceil(begins.min() / INTERVAL) * STEP)
     assert volume.axes.z[-1] >= SPEED * (begins.max() + (SAMPLES - 2) * INTERVAL)
@@ -123,8 +123,8 @@ def test_a_lines_that_begin_late_each_at_its_own_time_show_the_ball(tmp_path: Pa
 
 def test_live_view_of_a_late_scan_has_the_depths_of_the_final_image(late: Path, tmp_path: Path) -> None:
     for detail in ("preview", "full"):
-        view = LiveView(late, tmp_path, PARAMETERS, detail)  # type: ignore[arg-type]
-        assert view.revise() is not None
+        view = LiveReconstruction(late, tmp_path, PARAMETERS, detail)  # type: ignore[arg-type]
+        assert view.update() is not None
         near_the_ball(view.volume())
         depths = view.volume().axes.z
         step = depths[1] - depths[0]
@@ -133,7 +133,7 @@ def test_live_view_of_a_late_scan_has_the_depths_of_the_final_image(late: Path, 
 
 
 def test_late_scan_through_a_sparser_mask_keeps_its_depths(late: Path, tmp_path: Path) -> None:
-    report = what_if(late, grid_mask(4e-3, 8, 0.5e-3), tmp_path, PARAMETERS)
+    report = compare_subset(late, grid_mask(4e-3, 8, 0.5e-3), tmp_path, PARAMETERS)
     assert report.shape[-1] == SAMPLES
     assert report.quality["volume_correlation"] > 0.5
 

@@ -12,29 +12,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fabry_perot import Recovery, simulator
+from fabry_perot import RecoveryPolicy, simulator
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.core.exceptions import Cancelled, InvalidInput, NotFound
 from steradian.imaging import Volume
-from steradian.imaging._reconstruct import image_by
+from steradian.imaging._reconstruct import reconstruct_with
 from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
-from steradian.quality import correlation, of_interest
+from steradian.quality import above_threshold, correlation
 from steradian.reconstructions.live import follow as live
-from steradian.reconstructions.live.follow import LiveView, follow_scan
-from steradian.reconstructions.live.preview import Preview, preview_of
+from steradian.reconstructions.live.follow import LiveReconstruction, reconstruct_live
+from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision import Revision
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import plan_parameters
+from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.volumes.file import read_volume
-from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.reconstructions.volumes.reader import VolumeReader
 from steradian.scans.acquisition.run import run_scan
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.tail import Quiet, ScanFollower
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.tail import IdleDetector, ScanTail
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from support.alines import Aline
 from support.pacing import InStep
 
@@ -64,7 +64,7 @@ class GrowingScan:
 
     def measure(self, count: int) -> None:
         points = range(self.done, min(self.done + count, self.plan.mask.count))
-        with AlineStore(self.path) as store:
+        with ScanFileWriter(self.path) as store:
             store.append(Aline(p, self.counts[self.plan.visit[p]], scale=self.scale) for p in points)
         self.done = points.stop
 
@@ -82,16 +82,16 @@ def test_a_growing_image_is_seen_and_judged_from_the_near_field_on(scan: Growing
     """As its picture is, and as the image is when the scan is over: the ball above the cut is not seen."""
     parameters, output = ReconstructionParameters.create(modes=32, display=Display(near_field=CUT)), tmp_path / "live"
     scan.measure(150)
-    view = LiveView(scan.path, output, parameters, "full")
-    revision = view.revise()
+    view = LiveReconstruction(scan.path, output, parameters, "full")
+    revision = view.update()
     assert revision is not None
     volume = view.volume()
     below = volume.values[..., volume.axes.z >= CUT].max(axis=2)
-    assert np.array_equal(StoredVolume(output / "projections.h5").projection("z"), below)
+    assert np.array_equal(VolumeReader(output / "projections.h5").projection("z"), below)
     assert below.max() < 0.8 * volume.values.max()
     assert revision.quality["maximum"] == pytest.approx(float(below.max()))
     scan.measure(1000)
-    follow_scan(scan.path, output, parameters, is_over=lambda: True, wait=lambda _: None)
+    reconstruct_live(scan.path, output, parameters, is_over=lambda: True, wait=lambda _: None)
     last = json.loads((output / "revision.json").read_text())
     whole = read_volume(output / "volume.h5")
     assert last["final"]
@@ -102,12 +102,14 @@ def _distance(image: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm(image - reference) / np.linalg.norm(reference))
 
 
-def _from_scratch(scan: GrowingScan, view: LiveView, parameters: ReconstructionParameters = PARAMETERS) -> Volume:
+def _from_scratch(
+    scan: GrowingScan, view: LiveReconstruction, parameters: ReconstructionParameters = PARAMETERS
+) -> Volume:
     """All A-lines of the file, with the view's voxels."""
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
-    chosen = view.preview.parameters(plan_parameters(recording, parameters))
-    return image_by(chosen, view.preview.reduce(traces), recording.positions)
+    chosen = view.preview.parameters(to_imaging_parameters(recording, parameters))
+    return reconstruct_with(chosen, view.preview.decimate(traces), recording.positions)
 
 
 @pytest.mark.long
@@ -122,11 +124,11 @@ def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from
         seen.append(json.loads((output / "revision.json").read_text()))
         for axis in "xyz":
             assert (output / f"mip-{axis}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-        stored = StoredVolume(output / ("volume.h5" if seen[-1]["final"] else "projections.h5"))
+        stored = VolumeReader(output / ("volume.h5" if seen[-1]["final"] else "projections.h5"))
         assert list(stored.lattice.shape) == seen[-1]["image"]["shape"]
         assert stored.projection("z").max() == pytest.approx(seen[-1]["quality"]["maximum"])
 
-    report = follow_scan(
+    report = reconstruct_live(
         scan.path,
         output,
         PARAMETERS,
@@ -165,7 +167,7 @@ def test_what_a_stopped_scan_has_sensed_is_told_as_area_not_as_a_share_of_points
         return next(looks, True)
 
     scan.measure(60)
-    follow_scan(scan.path, tmp_path / "out", PARAMETERS, is_over=is_over, interval=0.0, revised=told.append)
+    reconstruct_live(scan.path, tmp_path / "out", PARAMETERS, is_over=is_over, interval=0.0, revised=told.append)
     weights = scan.plan.mask.weights
     sensed = weights[scan.plan.visit[:60]].sum() / weights.sum()
     assert told[-1].final
@@ -180,10 +182,10 @@ def test_the_image_grown_from_all_alines_is_the_one_made_from_the_file_at_once(
     tmp_path: Path, order: str, detail: str
 ) -> None:
     scan = GrowingScan(tmp_path / "scan.h5", order)
-    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, detail)  # type: ignore[arg-type]
+    view = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS, detail)  # type: ignore[arg-type]
     while not scan.is_over:
         scan.measure(37)
-        view.revise()
+        view.update()
     assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
     if detail == "full":
         report = reconstruct_scan(scan.path, tmp_path / "whole", PARAMETERS)
@@ -192,9 +194,9 @@ def test_the_image_grown_from_all_alines_is_the_one_made_from_the_file_at_once(
 
 def test_a_preview_has_a_quarter_of_the_voxels_and_shows_the_same_projection(scan: GrowingScan, tmp_path: Path) -> None:
     scan.measure(1000)
-    views = [LiveView(scan.path, tmp_path / d, PARAMETERS, d) for d in ("preview", "full")]  # type: ignore[arg-type]
+    views = [LiveReconstruction(scan.path, tmp_path / d, PARAMETERS, d) for d in ("preview", "full")]  # type: ignore[arg-type]
     for view in views:
-        view.revise()
+        view.update()
     small, full = (view.volume() for view in views)
     assert small.values.size <= 0.25 * full.values.size
     assert small.spacing[:2] == full.spacing[:2]
@@ -204,60 +206,60 @@ def test_a_preview_has_a_quarter_of_the_voxels_and_shows_the_same_projection(sca
 def test_weights_fitted_to_the_points_so_far_make_a_half_done_pass_a_better_projection(tmp_path: Path) -> None:
     """In the middle of the last pass of a progressive order one half of the aperture is twice as dense as the other."""
     scan = GrowingScan(tmp_path / "scan.h5", count=800)
-    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, "full")
+    view = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS, "full")
     scan.measure(int(0.62 * scan.plan.mask.count))
-    view.revise()
+    view.update()
     grown, plain = view.volume(), _from_scratch(scan, view)
     scan.measure(1000)
     model = _from_scratch(scan, view).mip("z")
-    interest = of_interest(model)
+    interest = above_threshold(model)
     alike = [correlation(image.mip("z"), model, interest) for image in (grown, plain)]
     assert 1 - alike[0] < 0.7 * (1 - alike[1])
 
 
 def test_the_median_that_all_alines_share_is_found_anew_at_each_revision(scan: GrowingScan, tmp_path: Path) -> None:
     parameters = PARAMETERS.replace(conditioning=replace(PARAMETERS.conditioning, remove_common="median"))
-    view = LiveView(scan.path, tmp_path / "live", parameters, "full")
+    view = LiveReconstruction(scan.path, tmp_path / "live", parameters, "full")
     while not scan.is_over:
         scan.measure(90)
-        view.revise()
+        view.update()
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
     traces -= np.median(traces, axis=0)
-    whole = image_by(plan_parameters(recording, parameters), traces, recording.positions)
+    whole = reconstruct_with(to_imaging_parameters(recording, parameters), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4
 
 
 def test_an_aline_measured_again_replaces_the_first_one(scan: GrowingScan, tmp_path: Path) -> None:
-    view = LiveView(scan.path, tmp_path / "live", PARAMETERS, "full")
+    view = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS, "full")
     good = scan.counts[scan.plan.visit[0]].copy()
     scan.counts[scan.plan.visit[0]] = 30000
     scan.measure(1000)
-    view.revise()
-    with AlineStore(scan.path) as store:
+    view.update()
+    with ScanFileWriter(scan.path) as store:
         store.append([Aline(0, good, scale=scan.scale)])
-    view.revise()
+    view.update()
     assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
 
 
 def test_a_row_that_is_being_written_is_left_for_the_next_look(scan: GrowingScan) -> None:
     scan.measure(10)
-    follower = ScanFollower(scan.path)
+    follower = ScanTail(scan.path)
     place = int(scan.plan.visit[0])
     with scan.path.open("r+b") as file:  # half of the row has another value than its checksum says
         at = scan.path.read_bytes().index(scan.counts[place].tobytes())
         file.seek(at)
         file.write(b"\x55" * 64)
-    first = follower.take()
+    first = follower.read_new()
     assert len(first.points) == 9
     assert place not in first.points
     with scan.path.open("r+b") as file:
         file.seek(at)
         file.write(scan.counts[place].tobytes())
-    second = follower.take()
+    second = follower.read_new()
     assert second.points.tolist() == [place]
     np.testing.assert_allclose(second.traces[0], scan.counts[place] * scan.scale, rtol=1e-6)
-    assert not len(follower.take().points)
+    assert not len(follower.read_new().points)
 
 
 def test_nothing_new_is_no_revision_and_cancelling_keeps_the_last_one(scan: GrowingScan, tmp_path: Path) -> None:
@@ -269,7 +271,7 @@ def test_nothing_new_is_no_revision_and_cancelling_keeps_the_last_one(scan: Grow
         return (output / "revision.json").exists() and len(asked) > 40
 
     with pytest.raises(Cancelled):
-        follow_scan(
+        reconstruct_live(
             scan.path, output, PARAMETERS, is_over=lambda: False, interval=0.1, wait=lambda _: None, cancelled=cancelled
         )
     assert json.loads((output / "revision.json").read_text())["number"] == 1
@@ -280,21 +282,21 @@ def test_a_scan_that_ends_without_a_file_or_with_a_method_that_cannot_grow_is_re
     scan: GrowingScan, tmp_path: Path
 ) -> None:
     with pytest.raises(NotFound):
-        follow_scan(tmp_path / "none.h5", tmp_path / "live", is_over=lambda: True)
+        reconstruct_live(tmp_path / "none.h5", tmp_path / "live", is_over=lambda: True)
     scan.measure(10)
     with pytest.raises(InvalidInput, match="interpolated"):
-        follow_scan(
+        reconstruct_live(
             scan.path, tmp_path / "live", PARAMETERS.replace(method="interpolated"), is_over=lambda: False, interval=0
         )
     with pytest.raises(InvalidInput, match="frame"):
-        LiveView(scan.path, tmp_path / "live", PARAMETERS, frame=1)
+        LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS, frame=1)
 
 
 def test_without_the_scanners_word_a_scan_is_over_when_whole_or_quiet_for_long(
     scan: GrowingScan, tmp_path: Path
 ) -> None:
     now = [0.0]
-    quiet, absent = (Quiet(path, 30.0, lambda: now[0]) for path in (scan.path, tmp_path / "none.h5"))
+    quiet, absent = (IdleDetector(path, 30.0, lambda: now[0]) for path in (scan.path, tmp_path / "none.h5"))
     assert not quiet()
     assert not absent()
     now[0] = 29.0
@@ -310,12 +312,12 @@ def test_without_the_scanners_word_a_scan_is_over_when_whole_or_quiet_for_long(
 
 
 def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
-    preview = preview_of(226, 1024, 60e-6, 11.84e-6)
-    assert preview == Preview(226, 4)
-    assert preview_of(452, 1024, 30e-6, 11.84e-6).modes < 452
+    preview = choose_preview(226, 1024, 60e-6, 11.84e-6)
+    assert preview == CoarseParameters(226, 4)
+    assert choose_preview(452, 1024, 30e-6, 11.84e-6).modes < 452
     times = np.arange(1024) * INTERVAL
     low, high = (np.exp(-(((times - 4e-6) / 1e-6) ** 2)) * np.sin(2 * np.pi * f * times) for f in (5e6, 30e6))
-    reduced = preview.reduce(np.stack([low, high]))
+    reduced = preview.decimate(np.stack([low, high]))
     assert reduced.shape == (2, 256)
     np.testing.assert_allclose(reduced[0], low[::4], atol=1e-3)
     assert np.abs(reduced[1]).max() < 1e-3
@@ -325,7 +327,7 @@ def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
 def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tmp_path: Path) -> None:
     """The paper's mask on a simulated scanner, about 4 s long; the image is small so that the test is quick."""
     scan.measure(10)
-    LiveView(scan.path, tmp_path / "before", PARAMETERS).revise()  # loads the compiled code
+    LiveReconstruction(scan.path, tmp_path / "before", PARAMETERS).update()  # loads the compiled code
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
     plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED, order="progressive")
     path, seen, spawning = tmp_path / "yarn.h5", [], multiprocessing.get_context("spawn")
@@ -337,11 +339,11 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
         revised.value = len(seen)
 
     with simulator.launch(speed=8.0) as scanner:
-        how = {"control": InStep(revised), "recovery": Recovery(within=60.0)}
+        how = {"control": InStep(revised), "recovery": RecoveryPolicy(within=60.0)}
         process = spawning.Process(target=run_scan, args=(plan, scanner.url, path), kwargs=how)
         process.start()
         try:
-            report = follow_scan(
+            report = reconstruct_live(
                 path,
                 tmp_path / "live",
                 parameters,
@@ -364,10 +366,10 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
 
 def test_the_writer_is_not_kept_waiting_by_a_reader(scan: GrowingScan, tmp_path: Path) -> None:
     """A view reads while a store writes, in two threads; nothing fails, is missed or is added half."""
-    view, over = LiveView(scan.path, tmp_path / "live", PARAMETERS), threading.Event()
+    view, over = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS), threading.Event()
 
     def write() -> None:
-        with AlineStore(scan.path) as store:
+        with ScanFileWriter(scan.path) as store:
             for some in np.array_split(np.arange(scan.plan.mask.count), 40):
                 store.append(Aline(int(p), scan.counts[scan.plan.visit[p]], scale=scan.scale) for p in some)
         over.set()
@@ -376,9 +378,9 @@ def test_the_writer_is_not_kept_waiting_by_a_reader(scan: GrowingScan, tmp_path:
     writer.start()
     began = time.monotonic()
     while not over.is_set() and time.monotonic() - began < 20:
-        view.revise()
+        view.update()
     writer.join()
-    view.revise()
+    view.update()
     assert _distance(view.volume().values, _from_scratch(scan, view).values) < 1e-4
 
 
@@ -387,14 +389,14 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
     plan = ScanPlan.create(mask=mask, samples=SAMPLES, sound_speed=SPEED)
     create_scan_file(tmp_path / "scan.h5", plan, simulated=True)
     counts = np.random.default_rng(0).integers(-1000, 1000, (mask.count, SAMPLES)).astype(np.int16)
-    view = LiveView(tmp_path / "scan.h5", tmp_path / "live", PARAMETERS, "full")
-    with AlineStore(tmp_path / "scan.h5") as store:
+    view = LiveReconstruction(tmp_path / "scan.h5", tmp_path / "live", PARAMETERS, "full")
+    with ScanFileWriter(tmp_path / "scan.h5") as store:
         for some in np.array_split(np.arange(mask.count), 3):
             store.append(Aline(int(p), counts[plan.visit[p]]) for p in some)
-            view.revise()
+            view.update()
     recording = read_scan(tmp_path / "scan.h5")
     traces = recording.traces.astype(np.float32)
-    whole = image_by(plan_parameters(recording, PARAMETERS), traces, recording.positions)
+    whole = reconstruct_with(to_imaging_parameters(recording, PARAMETERS), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4
     assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "projections.h5", "revision.json"}
 
@@ -402,10 +404,10 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
 def test_a_view_that_begins_late_takes_the_alines_in_pieces(
     scan: GrowingScan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(live, "AT_ONCE", 32)
+    monkeypatch.setattr(live, "MAX_BATCH", 32)
     scan.measure(1000)
-    view = LiveView(scan.path, tmp_path / "live", PARAMETERS)
-    revision = view.revise()
+    view = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS)
+    revision = view.update()
     assert revision is not None
     assert revision.points == scan.plan.mask.count
     assert view.number == 1
@@ -428,13 +430,13 @@ def test_a_later_frame_of_a_scan_is_followed_by_its_number(tmp_path: Path) -> No
     path, count = tmp_path / "scan.h5", mask.count
     create_scan_file(path, plan, simulated=True)
     counts = np.random.default_rng(0).integers(-1000, 1000, (2 * count, SAMPLES)).astype(np.int16)
-    view = LiveView(path, tmp_path / "live", PARAMETERS, "full", frame=1)
-    with AlineStore(path) as store:
+    view = LiveReconstruction(path, tmp_path / "live", PARAMETERS, "full", frame=1)
+    with ScanFileWriter(path) as store:
         store.append(Aline(p, counts[p]) for p in range(count))
-        assert view.revise() is None
+        assert view.update() is None
         store.append(Aline(p, counts[p]) for p in range(count, 2 * count))
-    assert view.revise() is not None
+    assert view.update() is not None
     recording = read_scan(path, 1)
     traces = recording.traces.astype(np.float32)
-    whole = image_by(plan_parameters(recording, PARAMETERS), traces, recording.positions)
+    whole = reconstruct_with(to_imaging_parameters(recording, PARAMETERS), traces, recording.positions)
     assert _distance(view.volume().values, whole.values) < 1e-4

@@ -16,14 +16,19 @@ from steradian.cli.report import _fit as told_of
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.engines.cuda import backend
-from steradian.imaging.iterative.base import Stopped
+from steradian.imaging.iterative.base import StopReason
 from steradian.imaging.signal.conditioning import Display
-from steradian.reconstructions.live.preview import Preview
+from steradian.reconstructions.live.preview import CoarseParameters
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.diagnostics import Fit
-from steradian.reconstructions.pipeline.plan_cache import KeptPlans
-from steradian.reconstructions.pipeline.resolve import plan_parameters
-from steradian.reconstructions.pipeline.run import Report, reconstruct_recording, reconstruct_scan, write_reconstruction
+from steradian.reconstructions.pipeline.diagnostics import FitDiagnostics
+from steradian.reconstructions.pipeline.plan_cache import PlanCache
+from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
+from steradian.reconstructions.pipeline.run import (
+    Report,
+    reconstruct_and_write,
+    reconstruct_in_memory,
+    reconstruct_scan,
+)
 from steradian.reconstructions.volumes.file import read_volume
 from steradian.scans.opening import open_recording
 
@@ -60,10 +65,10 @@ def test_the_command_line_fits_iteratively(recording: Path, tmp_path: Path) -> N
     assert ReconstructionParameters.create(**used).iterative.iterations == 4
 
 
-@pytest.mark.parametrize("stopped", get_args(Stopped))
+@pytest.mark.parametrize("stopped", get_args(StopReason))
 def test_whatever_ended_the_iterations_is_said(stopped: str) -> None:
     """By the command, in words; with what it cost."""
-    said = told_of(Report(fit=Fit(3, stopped, 11, 0.25, (1.0, 0.25))))
+    said = told_of(Report(fit=FitDiagnostics(3, stopped, 11, 0.25, (1.0, 0.25))))
     assert "(" in str(said["iterations"])
     assert 11 in said.values()
 
@@ -81,9 +86,9 @@ def test_a_corrected_film_changes_the_image_with_kept_plans_as_well(recording: P
     found = open_recording(recording)
     plain = ReconstructionParameters.create(sound_speed=1500.0)
     filtered = plain.replace(film={"kind": "simulated"})
-    images = [reconstruct_recording(found, p, plans=KeptPlans()).values for p in (plain, filtered)]
+    images = [reconstruct_in_memory(found, p, plans=PlanCache()).values for p in (plain, filtered)]
     assert images[1].max() > 1.05 * images[0].max()
-    np.testing.assert_allclose(images[1], reconstruct_recording(found, filtered).values)
+    np.testing.assert_allclose(images[1], reconstruct_in_memory(found, filtered).values)
 
 
 @pytest.mark.long
@@ -127,25 +132,25 @@ def test_options_of_the_method_iterative_are_refused_with_another(recording: Pat
         ReconstructionParameters.create(iterative={"iterations": 4})
     for padding in (None, 1.0):
         chosen = ReconstructionParameters.create(method="iterative", lateral_padding=padding)
-        assert plan_parameters(open_recording(recording), chosen).lateral_padding == padding
+        assert to_imaging_parameters(open_recording(recording), chosen).lateral_padding == padding
 
 
 def test_kept_plans_and_an_image_that_grows_leave_out_the_same(recording: Path) -> None:
     found = open_recording(recording)
     for highest in (10e6, "signal"):
         parameters = ReconstructionParameters.create(highest_frequency=highest)
-        plain = reconstruct_recording(found, parameters).values
-        np.testing.assert_array_equal(plain, reconstruct_recording(found, parameters, plans=KeptPlans()).values)
-    full = plan_parameters(found, parameters)
-    for preview in (Preview(16, 1), Preview(16, 2)):  # what is still to come has no end of its signal
+        plain = reconstruct_in_memory(found, parameters).values
+        np.testing.assert_array_equal(plain, reconstruct_in_memory(found, parameters, plans=PlanCache()).values)
+    full = to_imaging_parameters(found, parameters)
+    for preview in (CoarseParameters(16, 1), CoarseParameters(16, 2)):  # what is still to come has no end of its signal
         assert preview.parameters(full).highest_frequency is None
-    full = plan_parameters(found, parameters.replace(highest_frequency=10e6))
-    assert Preview(16, 1).parameters(full).highest_frequency == 10e6
+    full = to_imaging_parameters(found, parameters.replace(highest_frequency=10e6))
+    assert CoarseParameters(16, 1).parameters(full).highest_frequency == 10e6
 
 
 def test_pictures_may_leave_out_what_is_below_zero(recording: Path) -> None:
     found = open_recording(recording)
-    volume = reconstruct_recording(found, ReconstructionParameters.create(sound_speed=1500.0))
+    volume = reconstruct_in_memory(found, ReconstructionParameters.create(sound_speed=1500.0))
     assert volume.values.min() < 0
     shown = Display(non_negative=True).apply(volume)
     np.testing.assert_array_equal(shown.values, np.maximum(volume.values, 0))
@@ -158,13 +163,13 @@ def test_the_report_states_the_sensed_area_and_notes_weights_that_are_not_areas(
     found = open_recording(recording)
     assert found.weights is not None
     chosen = ReconstructionParameters.create(sound_speed=1500.0)
-    report = write_reconstruction(found, tmp_path / "new", chosen, Report())
+    report = reconstruct_and_write(found, tmp_path / "new", chosen, Report())
     assert report.sensed_area_m2 == pytest.approx(found.weights.sum())
     assert report.notes == []
     old = replace(found, weights=1.27 * found.weights, outline=None)
-    noted = write_reconstruction(old, tmp_path / "old", chosen, Report())
+    noted = reconstruct_and_write(old, tmp_path / "old", chosen, Report())
     assert any("1.27 times the area that the sensors cover" in note for note in noted.notes)
-    mended = write_reconstruction(old, tmp_path / "mended", chosen.replace(weights="voronoi"), Report())
+    mended = reconstruct_and_write(old, tmp_path / "mended", chosen.replace(weights="voronoi"), Report())
     assert mended.notes == []
     assert mended.sensed_area_m2 == pytest.approx(report.sensed_area_m2)
 
@@ -185,8 +190,8 @@ def test_the_report_names_the_device(
         parameters = ReconstructionParameters.create(device=name, **small)
         reports.append(reconstruct_scan(recording, tmp_path / name, parameters))
         volumes.append(read_volume(tmp_path / name / "volume.h5").values)
-        if backend.missing():
-            monkeypatch.setenv(backend.SIMULATOR, "simulator")
+        if backend.unavailable_reason():
+            monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     here, there = reports
     assert (here.device, here.notes) == ("cpu", there.notes)
     assert there.device not in ("", "cpu")
@@ -198,7 +203,7 @@ def test_the_report_names_the_device(
     assert any("the GPU's memory being too small" in note for note in again.notes)
 
 
-@pytest.mark.skipif(backend.missing() is None, reason="there is a GPU")
+@pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
 def test_a_gpu_that_is_not_there_is_refused_in_words(recording: Path, tmp_path: Path) -> None:
     parameters = ReconstructionParameters.create(device="gpu", sound_speed=1500.0)
     with pytest.raises(InvalidInput, match=r"device is gpu; allowed: cpu or auto here \(.*steradian\[gpu\]"):

@@ -16,10 +16,10 @@ from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.completeness import missing_points
+from steradian.reconstructions.pipeline.completeness import find_missing_points
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.scans.file.create import create_scan_file
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 from steradian.scans.opening import open_recording
 
 STEP, SIDE = 0.3e-3, 21
@@ -36,7 +36,7 @@ def whole(tmp_path_factory):
     scale = float(np.abs(traces).max()) / 30_000
     empty = ALine(0, 0, np.zeros(200, np.int16), scale, 16e-9, 0.0, 1, 1, 1.0, 1.55e-6, 0.0, 0.0, 0.0, 0)
     counts = np.round(traces / scale).astype(np.int16)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         lines = [dataclasses.replace(empty, point=point, samples=line) for point, line in enumerate(counts)]
         store.append(lines, np.arange(SIDE**2))
     return path
@@ -55,7 +55,7 @@ def without(whole, tmp_path, lost):
 def test_a_square_hole_is_told_by_count_place_and_width(whole, tmp_path):
     """5 × 5 points around (1.2, -0.6) mm: the nearest measured point is three steps from the middle of the hole."""
     path = without(whole, tmp_path, lambda x, y: (abs(x - 1.2e-3) < 0.65e-3) & (abs(y + 0.6e-3) < 0.65e-3))
-    found = missing_points(open_recording(path))
+    found = find_missing_points(open_recording(path))
     assert (found.count, found.planned) == (25, SIDE**2)
     np.testing.assert_allclose([found.first_m, found.last_m], [[0.6e-3, -1.2e-3], [1.8e-3, 0.0]], atol=1e-9)
     np.testing.assert_allclose(found.hole_at_m, [1.2e-3, -0.6e-3], atol=1e-9)
@@ -67,14 +67,14 @@ def test_the_hole_is_as_wide_as_it_is_seen_from_the_point_of_interest(whole, tmp
     """Right above the point of interest a hole of radius r is seen under 2·atan(r/depth), farther away under less."""
     path = without(whole, tmp_path, lambda x, y: np.hypot(x, y) < 0.55e-3)
     recording = dataclasses.replace(open_recording(path), depth=2e-3)
-    found = missing_points(recording)
+    found = find_missing_points(recording)
     assert found.hole_deg == pytest.approx(degrees(2 * atan(found.hole_m / 2 / 2e-3)))
-    aside = missing_points(dataclasses.replace(recording, offset=(2e-3, 0.0)))
+    aside = find_missing_points(dataclasses.replace(recording, offset=(2e-3, 0.0)))
     assert aside.hole_deg < found.hole_deg
 
 
 def test_a_whole_scan_lacks_nothing(whole):
-    assert missing_points(open_recording(whole)) is None
+    assert find_missing_points(open_recording(whole)) is None
 
 
 def test_the_command_warns_and_the_report_tells(whole, tmp_path):

@@ -6,11 +6,11 @@ from PIL import Image
 
 from steradian.drawing.sheet import SHORT_SIDE
 from steradian.drawing.ticks import ticks
-from steradian.imaging import Axes, ReconstructionPlan, Volume
+from steradian.imaging import ReconstructionPlan, Volume, VoxelAxes
 from steradian.imaging.engines.cuda import backend
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.signal.conditioning import Display
-from steradian.reconstructions.pipeline.plan_cache import KeptPlans, size_of
+from steradian.reconstructions.pipeline.plan_cache import PlanCache, deep_array_bytes
 from steradian.reconstructions.volumes.images import draw_mip
 from steradian.reconstructions.volumes.projections import project
 
@@ -30,7 +30,7 @@ def volume(shape, at=None):
         values[at] = 1
     x = (np.arange(shape[0]) - shape[0] // 2) * 1e-3
     y = (np.arange(shape[1]) - shape[1] // 2) * 1e-3 if len(shape) == 3 else None
-    return Volume(values, Axes(x, y, np.arange(shape[-1]) * 1e-3), (1e-3,) * len(shape))
+    return Volume(values, VoxelAxes(x, y, np.arange(shape[-1]) * 1e-3), (1e-3,) * len(shape))
 
 
 def test_one_pass_gives_the_projections_along_every_axis():
@@ -106,7 +106,7 @@ def positions():
 
 
 def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positions):
-    plans, traces = KeptPlans(), np.random.default_rng(3).normal(size=(20, 32)).astype(np.float32)
+    plans, traces = PlanCache(), np.random.default_rng(3).normal(size=(20, 32)).astype(np.float32)
     plan = plans.get(positions, 32, Parameters(**OPTIONS))
     assert plans.get(positions.copy(), 32, Parameters(**OPTIONS)) is plan
     first, again = plan.run(traces).values.copy(), plan.run(traces).values
@@ -120,7 +120,7 @@ def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positio
     ids=lambda change: next(iter(change)),
 )
 def test_another_geometry_gets_another_plan(positions, change):
-    plans = KeptPlans()
+    plans = PlanCache()
     plan = plans.get(positions, 32, Parameters(**OPTIONS))
     assert plans.get(positions, 32, Parameters(**OPTIONS | change)) is not plan
     assert plans.get(positions + 1e-9, 32, Parameters(**OPTIONS)) is not plan
@@ -128,13 +128,13 @@ def test_another_geometry_gets_another_plan(positions, change):
 
 
 def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
-    plans = KeptPlans(most=2)
+    plans = PlanCache(most=2)
     speeds = [Parameters(**OPTIONS | {"sound_speed": speed}) for speed in (1400.0, 1500.0, 1600.0)]
     first, second, _ = (plans.get(positions, 32, options) for options in speeds)
     assert len(plans) == 2
     assert plans.get(positions, 32, speeds[1]) is second
     assert plans.get(positions, 32, speeds[0]) is not first
-    tight = KeptPlans(most_bytes=1)
+    tight = PlanCache(most_bytes=1)
     for options in speeds:
         tight.get(positions, 32, options)
     assert len(tight) == 1
@@ -142,12 +142,12 @@ def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
 
 def test_a_plan_that_a_full_gpu_sent_to_the_processor_is_made_anew(positions, monkeypatch):
     """The next job may find room there, and does not report what befell another one."""
-    monkeypatch.setenv(backend.SIMULATOR, "simulator")
-    monkeypatch.setattr(backend.Simulated, "free", lambda _: 1000)
-    plans, options = KeptPlans(), Parameters(**OPTIONS, device="auto")
+    monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+    monkeypatch.setattr(backend.SimulatorBackend, "free", lambda _: 1000)
+    plans, options = PlanCache(), Parameters(**OPTIONS, device="auto")
     assert plans.get(positions, 32, options).chosen.device == "cpu"
     monkeypatch.undo()
-    monkeypatch.setenv(backend.SIMULATOR, "simulator")
+    monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     plan = plans.get(positions, 32, options)
     assert (plan.chosen.device, plan.chosen.notes) == ("simulator", [])
     assert plans.get(positions, 32, options) is plan
@@ -160,4 +160,4 @@ def test_shared_arrays_count_once():
     Thing.__module__ = "steradian.test"
     thing, array = Thing(), np.zeros(1000)
     thing.parts = [array, array[:10], {"again": array}, "text"]
-    assert size_of(thing) == array.nbytes
+    assert deep_array_bytes(thing) == array.nbytes

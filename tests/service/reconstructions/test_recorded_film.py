@@ -64,11 +64,14 @@ def test_scan_through_a_real_film_says_what_was_not_corrected(ideal, tmp_path):
 
 def test_simulated_film_gives_back_only_what_the_scan_says_was_lost():
     film, frequencies, sines = Film(kind="simulated"), np.array([1e6, 60e6]), np.array([0.0, 0.5, 0.8])
-    at = {lost: film.correction(lost).response.at(frequencies, sines, 1500.0) for lost in ("bandwidth", "directivity")}
+    at = {
+        lost: film.correction(lost).response.evaluate(frequencies, sines, 1500.0)
+        for lost in ("bandwidth", "directivity")
+    }
     np.testing.assert_allclose(at["bandwidth"], at["bandwidth"][:, :1] * np.ones(3))
     np.testing.assert_allclose(at["directivity"], at["directivity"][:1] * np.ones((2, 1)))
     np.testing.assert_allclose(
-        film.correction("bandwidth, directivity").response.at(frequencies, sines, 1500.0),
+        film.correction("bandwidth, directivity").response.evaluate(frequencies, sines, 1500.0),
         at["bandwidth"] * at["directivity"],
     )
     assert film.correction("ideal") is None

@@ -8,10 +8,10 @@ import pytest
 from fabry_perot.simulator.film import Film
 from steradian import ScanPlan, grid_mask
 from steradian.plans import preview
-from steradian.reconstructions.shots import ShotTreatment, even_out, even_out_new
+from steradian.reconstructions.shots import ShotTreatment, normalise_new_shots, normalise_shots
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.tail import ScanFollower
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.tail import ScanTail
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from support.alines import Aline
 
 FILM = Film(5, "domains")
@@ -37,7 +37,7 @@ def scan(tmp_path_factory):
         Aline(place, np.rint(share[row] * TRUE).astype(np.int16), place + 1, 0.5, wavelength_m=float(plan.bias[row]))
         for place, row in enumerate(plan.visit.tolist())
     ]
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(lines)
     return plan, path, np.array(share)
 
@@ -49,10 +49,10 @@ def pressures(recording):
 def test_what_a_band_loses_is_made_up_for_where_asked_and_the_report_says_by_how_much(scan):
     plan, path, share = scan
     assert share.min() < 0.8
-    plain, told = even_out(read_scan(path), ShotTreatment())
+    plain, told = normalise_shots(read_scan(path), ShotTreatment())
     assert told.sensitivity is None
     np.testing.assert_allclose(pressures(plain), 0.5 * share[:, None] * TRUE, atol=0.3)
-    corrected, told = even_out(read_scan(path), ShotTreatment(correct_sensitivity=True))
+    corrected, told = normalise_shots(read_scan(path), ShotTreatment(correct_sensitivity=True))
     np.testing.assert_allclose(pressures(corrected), np.broadcast_to(0.5 * TRUE, (100, SAMPLES)), atol=20)
     assert told.sensitivity == pytest.approx((share.min(), share.max()), abs=5e-3), "optima are on whole picometres"
     assert 1 - told.sensitivity[0] == pytest.approx(preview(plan).sensitivity_loss["max"], abs=1e-6)
@@ -61,20 +61,20 @@ def test_what_a_band_loses_is_made_up_for_where_asked_and_the_report_says_by_how
 def test_a_running_scan_is_corrected_alike(scan):
     _, path, _ = scan
     treatment = ShotTreatment(correct_sensitivity=True)
-    followed = ScanFollower(path)
-    new = even_out_new(followed.take(), followed.whole, treatment)
-    whole, _ = even_out(read_scan(path), treatment)
+    followed = ScanTail(path)
+    new = normalise_new_shots(followed.read_new(), followed.whole, treatment)
+    whole, _ = normalise_shots(read_scan(path), treatment)
     np.testing.assert_allclose(new.traces, pressures(whole), rtol=1e-5, atol=1e-2)
 
 
 def test_a_scan_that_knows_no_best_wavelengths_is_left_as_it_is(tmp_path):
     plan = ScanPlan.create(mask=grid_mask(1e-2, 3, 1e-3), samples=SAMPLES)
     create_scan_file(tmp_path / "scan.h5", plan)
-    with AlineStore(tmp_path / "scan.h5") as store:
+    with ScanFileWriter(tmp_path / "scan.h5") as store:
         store.append([Aline(n, TRUE.astype(np.int16), n + 1, 0.5) for n in range(9)])
     recording = read_scan(tmp_path / "scan.h5")
-    found, told = even_out(recording, ShotTreatment(correct_sensitivity=True))
+    found, told = normalise_shots(recording, ShotTreatment(correct_sensitivity=True))
     np.testing.assert_array_equal(found.scale, np.float32(0.5))
     assert told.sensitivity == (1.0, 1.0)
     unknown = replace(recording, shots=replace(recording.shots, sensitivity=None))
-    assert even_out(unknown, ShotTreatment(correct_sensitivity=True))[1].sensitivity is None
+    assert normalise_shots(unknown, ShotTreatment(correct_sensitivity=True))[1].sensitivity is None

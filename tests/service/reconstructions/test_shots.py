@@ -13,13 +13,13 @@ from fabry_perot.simulator import launch, phantoms
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.live.follow import LiveView
+from steradian.reconstructions.live.follow import LiveReconstruction
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
-from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory, reconstruct_scan
+from steradian.reconstructions.shots import ShotTreatment, normalise_shots
 from steradian.scans.acquisition.run import run_scan
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.opening import open_recording
 from support.alines import Aline
 
@@ -47,7 +47,7 @@ def measured(path: Path, energy, time_zero, flags=None) -> Path:
         counts = np.rint(pressure * strength / SCALE).astype(np.int16)
         about = {"energy": strength, "time_zero_offset_s": begin, "quality": quality}
         lines.append(Aline(point, counts, scale=SCALE, **about))
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(lines)
     return path
 
@@ -79,7 +79,7 @@ def peak(volume):
 
 def image(path, **shots):
     recording = open_recording(path)
-    return reconstruct_recording(recording, PARAMETERS.replace(shots=ShotTreatment.create(**shots)))
+    return reconstruct_in_memory(recording, PARAMETERS.replace(shots=ShotTreatment.create(**shots)))
 
 
 @pytest.mark.long
@@ -107,9 +107,9 @@ def test_a_time_zero_that_all_a_lines_have_moves_nothing(even, tmp_path):
     """0.3 µs, which the plan knows nothing of."""
     late = open_recording(measured(tmp_path / "scan.h5", 1.0, 3e-7))
     assert late.time_zero == pytest.approx(3e-7, abs=1e-15)
-    evened, _ = even_out(late, ShotTreatment())
+    evened, _ = normalise_shots(late, ShotTreatment())
     assert evened.traces is late.traces, "nothing is shifted"
-    place, height = peak(reconstruct_recording(late, PARAMETERS))
+    place, height = peak(reconstruct_in_memory(late, PARAMETERS))
     truth, strength = peak(image(even))
     np.testing.assert_allclose(place, truth, atol=SPEED * INTERVAL)
     assert height == pytest.approx(strength, rel=0.005)
@@ -120,7 +120,7 @@ def test_saturated_and_mistuned_a_lines_are_left_out_and_the_others_make_up_for_
     flags = np.zeros(PLAN.mask.count, int)
     flags[chance.choice(PLAN.mask.count, 40, replace=False)] = np.repeat([1, 2], 20)
     flagged = measured(tmp_path / "scan.h5", 1.0, 0.0, flags)
-    recording, found = even_out(read_scan(flagged), ShotTreatment())
+    recording, found = normalise_shots(read_scan(flagged), ShotTreatment())
     assert recording.weights.sum() == pytest.approx(PLAN.mask.sensed_area)
     assert (len(recording.traces), found.left_out) == (PLAN.mask.count - 40, {"saturated": 20, "mistuned": 20})
     _, height = peak(image(even))
@@ -135,7 +135,7 @@ def test_a_scan_of_flagged_a_lines_only_says_what_to_choose(tmp_path):
     path = measured(tmp_path / "scan.h5", 1.0, 0.0, np.ones(PLAN.mask.count, int))
     with pytest.raises(InvalidInput, match=r"shots\.leave_out.*saturated, mistuned.*at least one of 405"):
         reconstruct_scan(path, tmp_path / "out", PARAMETERS)
-    assert even_out(read_scan(path), ShotTreatment.create(leave_out=()))[1].left_out == {}
+    assert normalise_shots(read_scan(path), ShotTreatment.create(leave_out=()))[1].left_out == {}
 
 
 def test_an_a_line_without_light_is_left_out_unless_no_energy_is_known(even):
@@ -143,9 +143,9 @@ def test_an_a_line_without_light_is_left_out_unless_no_energy_is_known(even):
     energy = recording.shots.energy.copy()
     energy[:3] = 0.0
     dark = replace(recording, shots=replace(recording.shots, energy=energy))
-    assert even_out(dark, ShotTreatment())[1].left_out == {"dark": 3}
+    assert normalise_shots(dark, ShotTreatment())[1].left_out == {"dark": 3}
     unknown = replace(recording, shots=replace(recording.shots, energy=0 * energy))
-    np.testing.assert_array_equal(even_out(unknown, ShotTreatment())[0].scale, recording.scale)
+    np.testing.assert_array_equal(normalise_shots(unknown, ShotTreatment())[0].scale, recording.scale)
 
 
 def test_a_lines_that_have_no_time_in_common_are_refused(even):
@@ -154,14 +154,14 @@ def test_a_lines_that_have_no_time_in_common_are_refused(even):
     begin[7] = 1e-3
     apart = replace(recording, shots=replace(recording.shots, time_zero=begin))
     with pytest.raises(InvalidInput, match=r"time_zero.*1000 µs apart.*at most 3\.2 µs"):
-        even_out(apart, ShotTreatment())
+        normalise_shots(apart, ShotTreatment())
 
 
 def test_the_live_view_evens_out_what_the_reconstruction_does(even, uneven, tmp_path):
     views = []
     for path in (even, uneven):
-        view = LiveView(path, tmp_path / path.parent.name, PARAMETERS, "full")
-        assert view.revise().points == PLAN.mask.count
+        view = LiveReconstruction(path, tmp_path / path.parent.name, PARAMETERS, "full")
+        assert view.update().points == PLAN.mask.count
         views.append(view.latest)
     assert np.abs(views[1] - views[0]).max() < 0.02 * views[0].max()
 
@@ -173,14 +173,14 @@ def test_dark_a_lines_that_come_first_are_not_left_in_the_live_view(even, tmp_pa
     counts[first] = -counts[first]  # of whatever else they heard
     lines = [Aline(n, counts[place], scale=SCALE, energy=float(n >= len(first))) for n, place in enumerate(PLAN.visit)]
     create_scan_file(path, PLAN)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(lines[:40])
-        view = LiveView(path, tmp_path / "out", PARAMETERS, "full")
-        assert view.revise().points == 40, "as long as no energy is known there is nothing to divide by"
+        view = LiveReconstruction(path, tmp_path / "out", PARAMETERS, "full")
+        assert view.update().points == 40, "as long as no energy is known there is nothing to divide by"
         store.append(lines[40:])
-    revision = view.revise()
-    late = LiveView(path, tmp_path / "late", PARAMETERS, "full")
-    late.revise()
+    revision = view.update()
+    late = LiveReconstruction(path, tmp_path / "late", PARAMETERS, "full")
+    late.update()
     difference = np.abs(view.latest - late.latest).max()
     assert difference < 1e-4 * late.latest.max()
     assert revision.points == PLAN.mask.count - 40
@@ -209,5 +209,5 @@ def test_what_the_device_says_of_an_a_line_reaches_the_recording(tmp_path):
     assert 0.9 < shots.energy.min() < shots.energy.max() < 1.1
     times = recording.time_zero + np.arange(256) * recording.sampling_interval
     truth = phantoms.pressure(phantoms.yarn(0), recording.positions, times, 1500.0)
-    evened, _ = even_out(recording, ShotTreatment())
+    evened, _ = normalise_shots(recording, ShotTreatment())
     np.testing.assert_allclose(evened.traces * evened.scale[:, None], truth, atol=1.5 * float(evened.scale.max()))

@@ -12,7 +12,7 @@ from steradian import ScanPlan, grid_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.pipeline.size_limit import LargeVolume, expected_shape
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.opening import open_recording
 from support.alines import Aline
 from support.commands import run_here
@@ -22,7 +22,7 @@ def scan_of(path, aperture, samples):
     mask = grid_mask(aperture, 8, aperture / 8)
     create_scan_file(path, ScanPlan.create(mask=mask, samples=samples, sampling_interval=10e-9, order="given"))
     random = np.random.default_rng(0)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(Aline(row, random.integers(-9, 9, samples).astype(np.int16)) for row in range(64))
     return path
 

@@ -8,8 +8,8 @@ import pytest
 
 from steradian.core.exceptions import DamagedFile
 from steradian.reconstructions.volumes import lazy_array as stored_values
-from steradian.reconstructions.volumes.grid import Lattice, in_coarser
-from steradian.reconstructions.volumes.lazy_array import StoredValues
+from steradian.reconstructions.volumes.grid import VoxelGrid, in_coarser
+from steradian.reconstructions.volumes.lazy_array import ChunkedDataset
 
 VALUES = np.random.default_rng(0).normal(size=(9, 10, 23)).astype(np.float32)
 PARTS = [slice(0, 99, 1), slice(3, 8, 1), slice(1, 99, 4), slice(4, 4, 1), 0, 7]
@@ -17,9 +17,9 @@ PARTS = [slice(0, 99, 1), slice(3, 8, 1), slice(1, 99, 4), slice(4, 4, 1), 0, 7]
 
 @pytest.mark.parametrize("chunks", [None, (4, 5, 8), (9, 10, 23), (1, 1, 23), (3, 10, 7)])
 def test_every_part_is_what_numpy_takes(tmp_path, chunks, monkeypatch):
-    monkeypatch.setattr(stored_values, "PIECE_BYTES", 2500)
+    monkeypatch.setattr(stored_values, "CHUNK_BYTES", 2500)
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        stored = StoredValues(file.create_dataset("values", data=VALUES, chunks=chunks))
+        stored = ChunkedDataset(file.create_dataset("values", data=VALUES, chunks=chunks))
     for index in itertools.product(PARTS, repeat=3):
         expected = VALUES[index]
         found = stored.read(
@@ -29,17 +29,17 @@ def test_every_part_is_what_numpy_takes(tmp_path, chunks, monkeypatch):
         )
         np.testing.assert_array_equal(found, expected)
         if isinstance(index[0], slice) and expected.size:
-            pieces = list(stored.pieces(index))
+            pieces = list(stored.iter_chunks(index))
             np.testing.assert_array_equal(np.concatenate(pieces), expected)
 
 
 @pytest.mark.parametrize("another", [False, True])
 def test_what_is_read_piece_by_piece_stays_what_it_was_when_its_file_goes(tmp_path, monkeypatch, another):
-    monkeypatch.setattr(stored_values, "PIECE_BYTES", 2500)
+    monkeypatch.setattr(stored_values, "CHUNK_BYTES", 2500)
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
-        stored = StoredValues(file.create_dataset("values", data=VALUES))
-    pieces = stored.pieces(tuple(slice(0, size, 1) for size in VALUES.shape))
+        stored = ChunkedDataset(file.create_dataset("values", data=VALUES))
+    pieces = stored.iter_chunks(tuple(slice(0, size, 1) for size in VALUES.shape))
     found = [next(pieces)]
     path.unlink()
     if another:
@@ -49,12 +49,12 @@ def test_what_is_read_piece_by_piece_stays_what_it_was_when_its_file_goes(tmp_pa
 
 def test_a_file_that_ends_too_early_or_is_compressed_is_damaged(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        stored = StoredValues(file.create_dataset("values", data=VALUES))
+        stored = ChunkedDataset(file.create_dataset("values", data=VALUES))
         packed = file.create_dataset("packed", data=VALUES, compression="gzip")
         empty = file.create_dataset("empty", (4, 4, 4), "f4", chunks=(2, 2, 2))
         for dataset in (packed, empty):
             with pytest.raises(DamagedFile):
-                StoredValues(dataset)
+                ChunkedDataset(dataset)
     path = tmp_path / "a.h5"
     path.write_bytes(path.read_bytes()[: stored.places[0, 0, 0] + 100])
     with pytest.raises(DamagedFile, match="ends before"):
@@ -62,9 +62,9 @@ def test_a_file_that_ends_too_early_or_is_compressed_is_damaged(tmp_path):
 
 
 def test_a_coarser_lattice_lies_over_the_voxels_that_it_averages():
-    fine = Lattice(("x", "z"), (-2.0, 0.5), (1.0, 0.25), (5, 8))
-    coarse = fine.coarser(2)
-    assert coarse == Lattice(("x", "z"), (-1.5, 0.625), (2.0, 0.5), (3, 4))
-    assert coarse.coarser(2) == fine.coarser(4)
+    fine = VoxelGrid(("x", "z"), (-2.0, 0.5), (1.0, 0.25), (5, 8))
+    coarse = fine.downsampled(2)
+    assert coarse == VoxelGrid(("x", "z"), (-1.5, 0.625), (2.0, 0.5), (3, 4))
+    assert coarse.downsampled(2) == fine.downsampled(4)
     assert in_coarser((slice(3, 5, 1), 7), 2, "slice") == (slice(1, 3, 1), 3)
-    assert fine.part((3, slice(2, 8, 3))) == Lattice(("z",), (1.0,), (0.75,), (2,))
+    assert fine.slice((3, slice(2, 8, 3))) == VoxelGrid(("z",), (1.0,), (0.75,), (2,))

@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import DamagedFile
-from steradian.imaging import Axes, Volume, reconstruct
+from steradian.imaging import Volume, VoxelAxes, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
-from steradian.reconstructions.volumes.file import attach_axes, read_volume, write_axes, write_volume
-from steradian.reconstructions.volumes.pyramid import chunks_of
-from steradian.reconstructions.volumes.reader import StoredVolume
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.reconstructions.volumes.file import attach_dimension_scales, read_volume, write_axes, write_volume
+from steradian.reconstructions.volumes.pyramid import chunk_shape
+from steradian.reconstructions.volumes.reader import VolumeReader
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing.writing import ImportedAline
 
-AXES = Axes(np.arange(5) * 1e-4 - 2e-4, np.arange(4) * 2e-4 - 4e-4, np.arange(6) * 1e-5 + 1e-3)
+AXES = VoxelAxes(np.arange(5) * 1e-4 - 2e-4, np.arange(4) * 2e-4 - 4e-4, np.arange(6) * 1e-5 + 1e-3)
 SPEED = 1487.0
 ABOUT = {"parameters": {}, "provenance": {}}
 
@@ -41,7 +41,7 @@ def scan(tmp_path_factory):
     create_scan_file(path, plan, scan_id="s1", scanner="sim", simulated=True)
     traces = np.random.default_rng(1).integers(-900, 900, (plan.mask.count, 128)).astype(np.int16)
     told = {"scale": 1e-3, "energy": 1.0, "wavelength_m": 1.55e-6, "fire_time_s": 0.0, "quality": 0, "shot": 1}
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         rows = np.arange(plan.mask.count)
         store.append([ImportedAline(row, trace, **told) for row, trace in enumerate(traces)], rows)
     return path
@@ -102,7 +102,7 @@ def test_octave_reads_values_axes_and_levels(tmp_path):
     ],
 )
 def test_chunks_hardly_stick_out_of_the_volume(shape, chunks):
-    assert chunks_of(shape) == chunks
+    assert chunk_shape(shape) == chunks
     padded = np.prod([-(-size // side) * side for size, side in zip(shape, chunks, strict=True)])
     assert padded <= 1.02 * np.prod(shape)
 
@@ -111,7 +111,7 @@ def test_levels_are_means_that_lie_over_what_they_are_means_of(tmp_path):
     """The halves of odd sides end with means of what is left there."""
     values = np.random.default_rng(3).normal(size=(261, 7, 5)).astype(np.float32)
     lines = [np.arange(size) * step + 0.25 for size, step in zip(values.shape, (1e-4, 2e-4, 1e-5), strict=True)]
-    write_volume(tmp_path / "a.h5", Volume(values, Axes(*lines), (1e-4, 2e-4, 1e-5)), **ABOUT)
+    write_volume(tmp_path / "a.h5", Volume(values, VoxelAxes(*lines), (1e-4, 2e-4, 1e-5)), **ABOUT)
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["values"].chunks == (87, 7, 5)
         assert sorted(file["levels"]) == ["1", "2"]
@@ -131,7 +131,7 @@ def test_levels_are_means_that_lie_over_what_they_are_means_of(tmp_path):
 def test_levels_are_means_of_numbers_of_any_type(tmp_path, kind):
     """A volume that somebody made of another reader's array."""
     values = np.arange(130 * 2 * 2).reshape(130, 2, 2).astype(kind)
-    axes = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    axes = VoxelAxes(*(np.arange(size) * 1e-4 for size in values.shape))
     write_volume(tmp_path / "volume.h5", Volume(values, axes, (1e-4, 1e-4, 1e-4)), **ABOUT)
     with h5py.File(tmp_path / "volume.h5") as file:
         found, stored = file["levels/1"][()], file["values"][()]
@@ -142,9 +142,9 @@ def test_levels_are_means_of_numbers_of_any_type(tmp_path, kind):
 @pytest.mark.parametrize(("axis", "share"), [(0, 1 / 114), (1, 1 / 2), (2, 1 / 4)])
 def test_a_slice_reads_of_the_chunks_that_it_crosses_only(tmp_path, monkeypatch, axis, share):
     values = np.random.default_rng(3).random((114, 114, 256)).astype(np.float32)
-    lines = Axes(*(np.arange(size) * 1e-4 for size in values.shape))
+    lines = VoxelAxes(*(np.arange(size) * 1e-4 for size in values.shape))
     write_volume(tmp_path / "a.h5", Volume(values, lines, (1e-4, 1e-4, 1e-4)), **ABOUT)
-    stored = StoredVolume(tmp_path / "a.h5").at(0)
+    stored = VolumeReader(tmp_path / "a.h5").level(0)
     read, sizes = os.preadv, []
     monkeypatch.setattr(os, "preadv", lambda file, room, at: sizes.append(len(room[0])) or read(file, room, at))
     index = [slice(0, size, 1) for size in values.shape]
@@ -154,7 +154,7 @@ def test_a_slice_reads_of_the_chunks_that_it_crosses_only(tmp_path, monkeypatch,
 
 
 def test_an_image_from_a_line_has_two_scales_and_its_speed(tmp_path):
-    flat = Volume(np.ones((5, 6), np.float32), Axes(AXES.x, None, AXES.z), (1e-4, 1e-5), SPEED)
+    flat = Volume(np.ones((5, 6), np.float32), VoxelAxes(AXES.x, None, AXES.z), (1e-4, 1e-5), SPEED)
     write_volume(tmp_path / "a.h5", flat, parameters={}, provenance={})
     with h5py.File(tmp_path / "a.h5") as file:
         assert [dimension.label for dimension in file["values"].dims] == ["x", "z"]
@@ -173,7 +173,7 @@ def write_version_1(path, volume):
         values.attrs.update({"axes": "x, y, z", "spacing_m": volume.spacing, "origin_m": volume.origin})
         for axis in "xyz":
             file.create_dataset(f"mip_{axis}", data=volume.mip(axis))
-        attach_axes(file)
+        attach_dimension_scales(file)
 
 
 def test_a_file_of_version_1_is_read_sliced_and_exported(tmp_path, volume):
@@ -182,10 +182,10 @@ def test_a_file_of_version_1_is_read_sliced_and_exported(tmp_path, volume):
     again = read_volume(path)
     np.testing.assert_array_equal(again.values, volume.values)
     assert again.sound_speed == SPEED
-    stored = StoredVolume(path)
+    stored = VolumeReader(path)
     assert stored.levels == 0
-    np.testing.assert_array_equal(stored.at(0).read((2, slice(0, 4, 1), slice(1, 6, 2))), volume.values[2, :, 1::2])
-    np.testing.assert_array_equal(stored.slab("y", range(1, 3)), volume.values[:, 1:3].max(axis=1))
+    np.testing.assert_array_equal(stored.level(0).read((2, slice(0, 4, 1), slice(1, 6, 2))), volume.values[2, :, 1::2])
+    np.testing.assert_array_equal(stored.slab_mip("y", range(1, 3)), volume.values[:, 1:3].max(axis=1))
     for form in ("hdf5", "nrrd"):
         export_volume(path, tmp_path / f"b.{form}", format=form)
     np.testing.assert_array_equal(read_volume(tmp_path / "b.hdf5").values, volume.values)

@@ -12,7 +12,7 @@ from fabry_perot.simulator import phantoms
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask, equi_steradian_mask, grid_mask, subset_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.studies.what_if import WhatIfReport, through, what_if
+from steradian.reconstructions.studies.what_if import SubsetReport, compare_subset, select_subset
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording
 
@@ -48,7 +48,7 @@ def balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long
 @pytest.mark.parametrize("points", ["nearest", "exact"])
 def test_through_all_of_its_own_points_a_scan_is_the_full_image(balls: Path, tmp_path: Path, points: str) -> None:
-    report = what_if(balls, _grid(SIDE, PITCH), tmp_path, points=points)  # type: ignore[arg-type]
+    report = compare_subset(balls, _grid(SIDE, PITCH), tmp_path, points=points)  # type: ignore[arg-type]
     assert report.quality["volume_correlation"] == pytest.approx(1.0, abs=1e-6)
     assert report.quality["mip_z_correlation"] == pytest.approx(1.0, abs=1e-6)
     assert report.quality["volume_error"] < 1e-3
@@ -58,7 +58,7 @@ def test_through_all_of_its_own_points_a_scan_is_the_full_image(balls: Path, tmp
 
 
 def test_the_report_and_both_pictures_are_written(balls: Path, tmp_path: Path) -> None:
-    report = what_if(balls, equi_steradian_mask(APERTURE, DEPTH, 200), tmp_path)
+    report = compare_subset(balls, equi_steradian_mask(APERTURE, DEPTH, 200), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"what-if.json", "mip-z.png", "mip-z-full.png"}
     written = json.loads((tmp_path / "what-if.json").read_text())
     assert written["quality"] == report.quality
@@ -70,7 +70,7 @@ def test_the_report_and_both_pictures_are_written(balls: Path, tmp_path: Path) -
 @pytest.mark.long
 def test_equal_steradians_beat_grids_of_more_points_around_the_point_of_interest(balls: Path, tmp_path: Path) -> None:
     """The paper's finding: correlation of the z-projection within a disc around the point of interest."""
-    sparse = what_if(balls, equi_steradian_mask(APERTURE, DEPTH, 150), tmp_path / "steradian", diameter=1.6e-3)
+    sparse = compare_subset(balls, equi_steradian_mask(APERTURE, DEPTH, 150), tmp_path / "steradian", diameter=1.6e-3)
     side = int(np.ceil(np.sqrt(sparse.used)))
     best = -1.0
     for interval in (2, 3, 4, 5):
@@ -78,7 +78,7 @@ def test_equal_steradians_beat_grids_of_more_points_around_the_point_of_interest
         line = line[(line >= -SIDE // 2) & (line < SIDE // 2)]
         numbers = ((line[:, None] + SIDE // 2) * SIDE + line[None, :] + SIDE // 2).ravel()
         grid = subset_mask(_grid(SIDE, PITCH), numbers.tolist(), weighting="uniform")
-        found = what_if(balls, grid, tmp_path / f"grid{interval}", points="exact", diameter=1.6e-3)
+        found = compare_subset(balls, grid, tmp_path / f"grid{interval}", points="exact", diameter=1.6e-3)
         best = max(best, found.quality["mip_z_correlation"])
     ours = sparse.quality["mip_z_correlation"]
     assert 1 - ours < 0.8 * (1 - best), (ours, best)
@@ -89,11 +89,11 @@ def test_on_data_this_project_did_not_write_equal_steradians_beat_the_same_numbe
     """k-Wave's yarn, an eighth of its sensors, with the mask's weights against equal ones as well."""
     recording = open_recording(YARN)
     mask = equi_steradian_mask(recording.aperture, 1.5e-3, 500)
-    ours = what_if(YARN, mask, tmp_path / "ours")
-    equal = what_if(YARN, mask, tmp_path / "equal", ReconstructionParameters.create(weights="uniform"))
+    ours = compare_subset(YARN, mask, tmp_path / "ours")
+    equal = compare_subset(YARN, mask, tmp_path / "equal", ReconstructionParameters.create(weights="uniform"))
     picked = np.random.default_rng(0).choice(len(recording.positions), ours.used, replace=False)
     random = subset_mask(_grid(SIDE, recording.aperture / SIDE), sorted(picked))
-    other = what_if(YARN, random, tmp_path / "random", diameter=ours.diameter_m)
+    other = compare_subset(YARN, random, tmp_path / "random", diameter=ours.diameter_m)
     found = [r.quality["mip_z_correlation"] for r in (ours, equal, other)]
     assert found[0] > 0.9
     assert found[0] > max(found[1:]), found
@@ -102,8 +102,8 @@ def test_on_data_this_project_did_not_write_equal_steradians_beat_the_same_numbe
     assert all(-1 <= v <= 1 for v in ours.correlation_by_diameter.values())
 
 
-def _through(mask: Mask, points: str = "nearest") -> tuple[Recording, WhatIfReport]:
-    return through(open_recording(YARN), mask, points)  # type: ignore[arg-type]
+def _through(mask: Mask, points: str = "nearest") -> tuple[Recording, SubsetReport]:
+    return select_subset(open_recording(YARN), mask, points)  # type: ignore[arg-type]
 
 
 def test_points_that_pick_the_same_aline_are_merged_and_their_weights_added() -> None:

@@ -9,7 +9,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.maintenance.snapshot import take_snapshot
-from steradian.storage.maintenance.startup_check import fault_of
+from steradian.storage.maintenance.startup_check import sqlite_fault
 from support.commands import command
 from support.services import Service
 from support.waiting import until
@@ -42,7 +42,7 @@ def test_database_in_a_folder_of_any_name_lies_in_that_folder(tmp_path, name):
     take_snapshot(database, data.root / "copy.sqlite")
     assert database.name == str(data.metadata_file)
     database.close()
-    assert fault_of(data.metadata_file) is None
+    assert sqlite_fault(data.metadata_file) is None
     reader = Database(data.metadata_url, read_only=True)
     assert reader.revision() is not None
     reader.close()

@@ -210,7 +210,7 @@ def unchanged(folder):
 def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_path):
     from steradian.core.exceptions import DamagedFile
     from steradian.core.settings import Settings
-    from steradian.runtime.supervisor import serve
+    from steradian.runtime.supervisor import run_service
 
     folder = tmp_path / "mine"
     (folder / "scans").mkdir(parents=True, mode=0o755)
@@ -219,18 +219,18 @@ def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_pa
     (folder / "scans" / "brain.h5").write_bytes(b"of a person")
     (folder / "notes.txt").write_text("of a person")
     with unchanged(folder), pytest.raises(DamagedFile, match=r"is missing, but there are 1 scan"):
-        serve(Settings.create(data=folder, port=0), print, None)
+        run_service(Settings.create(data=folder, port=0), print, None)
     (folder / "steradian.sqlite").write_text("no database")
     with unchanged(folder), pytest.raises(DamagedFile, match="is no SQLite database"):
-        serve(Settings.create(data=folder, port=0), print, None)
+        run_service(Settings.create(data=folder, port=0), print, None)
 
 
 def test_serve_with_a_folder_path_longer_than_sqlite_opens_is_refused_before_it_is_made(tmp_path):
     from steradian.core.exceptions import InvalidInput
     from steradian.core.settings import Settings
-    from steradian.runtime.supervisor import serve
+    from steradian.runtime.supervisor import run_service
 
     folder = tmp_path.joinpath(*["x" * 100] * 5)
     with pytest.raises(InvalidInput, match=r"at most 487 bytes, for SQLite \(it has \d+\)"):
-        serve(Settings.create(data=folder, port=0), print, None)
+        run_service(Settings.create(data=folder, port=0), print, None)
     assert not (tmp_path / ("x" * 100)).exists()

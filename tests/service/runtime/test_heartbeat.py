@@ -17,7 +17,7 @@ def test_heartbeat_file_that_is_written_anew_is_whole_at_every_read(tmp_path):
         reader = threading.Thread(target=read_on)
         reader.start()
         for number in range(500):
-            beat.tell_gpu(f"GPU {number}")
+            beat.set_gpu(f"GPU {number}")
         over.set()
         reader.join()
         assert json.loads(path.read_text())["gpu"] == "GPU 499"

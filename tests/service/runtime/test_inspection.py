@@ -141,7 +141,7 @@ def test_half_a_log_of_the_database_is_seen_by_the_volumes_it_forgot(kept):
         with database.write() as session:
             ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": kept.scan}))
         if name == "third":
-            third = ledger.start(name, "worker-0")
+            third = ledger.start_attempt(name, "worker-0")
             log = kept.file.with_name("steradian.sqlite-wal")
             size = log.stat().st_size
         kept.data.job(name).root.mkdir()

@@ -46,12 +46,12 @@ def test_a_thousand_lines_of_a_kind_become_a_few_and_others_are_written_meanwhil
     for number in range(1000):
         log.warning("connection %d is refused", number)
     log.warning("something else")
-    assert sum("is refused" in line for line in written()) == logs.BURST
+    assert sum("is refused" in line for line in written()) == logs.MAX_BURST
     assert written()[-1].endswith("something else")
     monkeypatch.setattr(logs, "WINDOW", 0.0)
     log.warning("connection %d is refused", 1001)
     last = written()[-1]
-    assert last.endswith(f"connection 1001 is refused [{1000 - logs.BURST} such lines were left out before]")
+    assert last.endswith(f"connection 1001 is refused [{1000 - logs.MAX_BURST} such lines were left out before]")
 
 
 def test_what_a_person_wrote_stays_in_its_line(written):
@@ -78,7 +78,7 @@ def test_text_log_begins_each_line_with_local_time_and_its_offset_from_utc(writt
 
 def test_a_log_that_nobody_reads_holds_up_nobody_and_says_later_how_much_is_lost(log_to, monkeypatch):
     """Written at once, the line that fills the pipe would wait for ever."""
-    monkeypatch.setattr(logs, "UNREAD", 100)
+    monkeypatch.setattr(logs, "MAX_QUEUED", 100)
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
     with open(reader, encoding="utf-8") as read, open(writer, "w") as stream:

@@ -12,14 +12,14 @@ import pytest
 
 from steradian.core.settings import Settings
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.supervisor import Child, running_worker
+from steradian.runtime.supervisor import ManagedProcess, running_worker
 from steradian.storage.data_dir.layout import DataDirectory, DataDirectoryInUse
 from support.services import Service
 from support.waiting import until
 
 
 def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path):
-    child = Child("brief", ["true"], {"PATH": "/usr/bin:/bin"})
+    child = ManagedProcess("brief", ["true"], {"PATH": "/usr/bin:/bin"})
     starts, now = [], 0.0
     for _ in range(400):
         was = child.process

@@ -12,11 +12,11 @@ import pytest
 from steradian.core.settings import Settings
 from steradian.jobs.queue.client import JobQueue
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.requests import ReconstructionRequest, job_of
+from steradian.jobs.requests import ReconstructionRequest, to_job_request
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.supervisor import running_worker
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ReconstructionState, ScanState
@@ -163,14 +163,14 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
     path = tmp_path / "scans" / "s1.h5"
     create_scan_file(path, plan, scan_id="s1")
     noise = np.random.default_rng(0).integers(-1000, 1000, (mask.count, 1024)).astype(np.int16)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(Aline(point, row, point + 1) for point, row in enumerate(noise))
     large, small = (ReconstructionRequest.create(scan_id="s1", parameters={"modes": modes}) for modes in (452, 16))
     try:
         with running_worker(settings):
-            queue.submit(job_of("warm", small))
+            queue.submit(to_job_request("warm", small))
             assert queue.wait("warm", timeout=250).state is ReconstructionState.SUCCEEDED
-            queue.submit(job_of("large", large))
+            queue.submit(to_job_request("large", large))
             until(lambda: queue.status("large").state is ReconstructionState.RUNNING)
             worker = json.loads((tmp_path / "run" / "worker-0.json").read_text())["pid"]
             child = until(
@@ -184,7 +184,7 @@ def test_cancelling_a_running_reconstruction_frees_its_memory_and_core_within_a_
             assert queue.wait("large", timeout=250).state is ReconstructionState.CANCELLED
             left = {file.name for file in (tmp_path / "jobs" / "large").iterdir()}
             assert "volume.h5" not in left
-            queue.submit(job_of("after", small))
+            queue.submit(to_job_request("after", small))
             assert queue.wait("after", timeout=250).state is ReconstructionState.SUCCEEDED
     finally:
         queue.close()
@@ -214,7 +214,7 @@ def test_a_service_that_is_asked_to_end_puts_jobs_back_and_makes_the_scan_safe(t
     assert (job.state, job.attempt) == (ReconstructionState.QUEUED, 0)
     assert job.attempts[0]["outcome"] == "put back"
     assert scan.state is ScanState.INTERRUPTED
-    with AlineStore(tmp_path / "scans" / f"{slow['id']}.h5") as store:
+    with ScanFileWriter(tmp_path / "scans" / f"{slow['id']}.h5") as store:
         assert store.stored > 2, "what was acknowledged is there"
 
 

@@ -3,12 +3,12 @@
 import threading
 import time
 
-from fabry_perot import Recovery
+from fabry_perot import RecoveryPolicy
 from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.acquisition import Acquisition
-from steradian.runtime.scanner_port import ScannerPort
+from steradian.runtime.scanner_port import ScannerConnection
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
@@ -47,8 +47,8 @@ class Bench:
         self.scanner = ScannerRepository(self.database)
         self.scanner.ensure(simulated=True)
         self.stopping = threading.Event()
-        self.port = port or ScannerPort(self.settings)
-        recovery = Recovery(within=within)  # generous: this machine may be busy
+        self.port = port or ScannerConnection(self.settings)
+        recovery = RecoveryPolicy(within=within)  # generous: this machine may be busy
         self.work = Acquisition(self.scans, self.plans, self.data, self.port, self.stopping, recovery=recovery)
 
     def queue(self, count=60, **parameters):
@@ -78,7 +78,7 @@ class Bench:
 
         thread = threading.Thread(target=act)
         thread.start()
-        self.work.step()
+        self.work.run_once()
         thread.join()
 
     def states(self, identifier):

@@ -30,10 +30,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from steradian.core.exceptions import DamagedFile, SteradianError
-from steradian.reconstructions.plan_reader import read_imported
+from steradian.reconstructions.plan_reader import read_stored_plan
 from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.guarded import import_guarded
+from steradian.scans.importing.guarded import import_in_sandbox
 
 BATCH = 100
 MEMORY = 512 << 20
@@ -171,7 +171,7 @@ def attempt(source: Path, scan: Path, description: Path | None) -> str:
     try:
         if SECRET[:16] in scan.read_bytes():
             return "a secret came out"
-        read_imported(scan)
+        read_stored_plan(scan)
         read_scan(scan)
     except SteradianError as error:
         if "no A-line" not in str(error):
@@ -228,7 +228,7 @@ def _batch(name, work, bases, numbers, seed, ends, keep) -> int:
     ends[f"ended by {signal.Signals(os.WTERMSIG(status)).name}" if os.WIFSIGNALED(status) else "exited"] += 1
     _, base, description = bases[begun % len(bases)]
     try:
-        import_guarded(work / base, work / "scan.h5", description=description, seconds=SECONDS)
+        import_in_sandbox(work / base, work / "scan.h5", description=description, seconds=SECONDS)
         end = "read by the guarded process and by no other"
     except DamagedFile:
         end = "refused"

@@ -33,7 +33,7 @@ def acknowledges_unsynchronised():
 
 def remembers_what_was_not_written():
     """The table in memory goes on saying that rows are stored whose write failed."""
-    store.AlineStore._forget = lambda self, places, before: None
+    store.ScanFileWriter._forget = lambda self, places, before: None
 
 
 def checksum_of_samples_only():
@@ -43,7 +43,7 @@ def checksum_of_samples_only():
 
 def lists_what_nothing_proves():
     """The check takes checksums of samples for proofs of rows."""
-    rows.RowTable.proves_columns = True
+    rows.ShotTable.checksums_cover_columns = True
 
 
 MUTANTS = {

@@ -2,13 +2,13 @@
 
 import h5py
 
-from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.control import Command, SessionControl
 
 QUIET = {"noise_db": float("inf"), "energy_jitter": 0.0, "ring": 8}
 """A simulator whose A-lines depend on the point alone, and that is never far ahead of its host."""
 
 
-class Script(Control):
+class Script(SessionControl):
     """Wishes by how many A-lines are stored, and a diary."""
 
     def __init__(self, *wishes):
@@ -18,13 +18,13 @@ class Script(Control):
     def progress(self, done, total):
         self.stored = done
 
-    def enter(self, phase):
+    def on_phase(self, phase):
         self.phases.append(phase)
 
-    def wish(self):
+    def command(self):
         if self.wishes and self.stored >= self.wishes[0][0]:
             return self.wishes[0][1]
-        return Wish.RUN
+        return Command.RUN
 
 
 def samples(path):

@@ -10,13 +10,13 @@ import google_crc32c
 import fabry_perot
 from steradian.runtime import acquisition
 from steradian.scans.acquisition import session
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 
 DATA = Path(os.environ["STERADIAN_DATA"])
 FULL = DATA / "full"
 diary = os.open(DATA / "diary", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 pending = []
-append, overwrite, acknowledge = AlineStore.append, AlineStore._overwrite, fabry_perot.Scanner.acknowledge
+append, overwrite, acknowledge = ScanFileWriter.append, ScanFileWriter._overwrite, fabry_perot.Scanner.acknowledge
 
 
 def note_append(store, alines, rows=None):
@@ -38,9 +38,9 @@ def write(store, offset, data):
     overwrite(store, offset, data)
 
 
-AlineStore.append, AlineStore._overwrite = note_append, write
+ScanFileWriter.append, ScanFileWriter._overwrite = note_append, write
 fabry_perot.Scanner.acknowledge = note_acknowledge
-session.AGAIN = 0.2
+session.RETRY_INTERVAL = 0.2
 
 if __name__ == "__main__":
     acquisition.main()

@@ -17,15 +17,15 @@ import httpx
 import numpy as np
 
 from fabry_perot.errors import PortUnavailable
-from fabry_perot.hardware import Sampling
-from fabry_perot.host import Plan
+from fabry_perot.hardware import PlanSampling
+from fabry_perot.host import WirePlan
 from fabry_perot.simulator import launch
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.phantoms import yarn
 from steradian.core.exceptions import Conflict
 from steradian.core.settings import Settings
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
@@ -90,7 +90,7 @@ class Rig:
         """Ask through the API where there is one; it may be down, and the scan may be over."""
         if self.listener is None:
             try:
-                self.scans.desire(identifier, state, "soak", "soak")
+                self.scans.set_desired_state(identifier, state, "soak", "soak")
             except Conflict:
                 return
         else:
@@ -165,27 +165,27 @@ class Rig:
         if path.exists():
             copy = self.folder / "copy.h5"
             shutil.copyfile(path, copy)
-            check_scan_file(copy)
+            verify_scan_file(copy)
             self.check_diary(copy, known)
 
     def _noise(self, identifier):
         for way in ("up", "down"):
-            self.simulator.command("noise", way=way, bit_errors=2e-6, lost_frames=0.01)
+            self.simulator.send_command("noise", way=way, bit_errors=2e-6, lost_frames=0.01)
         self.rest(0.2, 1.0)
         for way in ("up", "down"):
-            self.simulator.command("noise", way=way)
+            self.simulator.send_command("noise", way=way)
 
     def _stall(self, identifier):
-        self.simulator.command("stall", way=self.chance.choice(("up", "down")), seconds=SPEED * 0.8)
+        self.simulator.send_command("stall", way=self.chance.choice(("up", "down")), seconds=SPEED * 0.8)
 
     def _cut(self, identifier):
-        self.simulator.command("cut", way=self.chance.choice(("up", "down")), seconds=SPEED * 0.8)
+        self.simulator.send_command("cut", way=self.chance.choice(("up", "down")), seconds=SPEED * 0.8)
 
     def _unplug(self, identifier):
-        self.simulator.command("unplug", seconds=SPEED * 0.6)
+        self.simulator.send_command("unplug", seconds=SPEED * 0.6)
 
     def _reboot(self, identifier):
-        self.simulator.command("reboot", seconds=SPEED * 0.3)
+        self.simulator.send_command("reboot", seconds=SPEED * 0.3)
 
     def _pause(self, identifier):
         self.wish(identifier, W.PAUSED)
@@ -200,9 +200,9 @@ class Rig:
         return [(int(row), int(crc)) for name, row, crc in entries if name == f"{identifier}.h5"]
 
     def check_diary(self, path, entries):
-        report = check_scan_file(path, repair=False)
+        report = verify_scan_file(path, repair=False)
         assert not len(report.damaged)
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             rows = np.array([row for row, _ in entries], np.int64)
             assert not store.missing[rows].any(), "every acknowledged A-line is readable"
             found = [google_crc32c.value(store.read_row(row).tobytes()) for row in rows.tolist()]
@@ -226,15 +226,15 @@ class Truth:
     """What every shot at every point measures, computed without the scanner."""
 
     def __init__(self, plan):
-        self.instrument = PhantomInstrument(yarn(PHANTOM), seed=PHANTOM, clock_rate=SPEED)
-        points = Plan.from_metres(
+        self.instrument = SimulatedInstrument(yarn(PHANTOM), seed=PHANTOM, clock_rate=SPEED)
+        points = WirePlan.from_metres(
             plan.mask.film_positions,
             samples=plan.samples,
             sampling_interval=plan.sampling_interval,
             pulse_rate=plan.pulse_rate,
             averages=plan.averages,
         ).points
-        self.instrument.begin(Sampling(plan.samples, round(plan.sampling_interval * 1e12), 100_000))
+        self.instrument.begin(PlanSampling(plan.samples, round(plan.sampling_interval * 1e12), 100_000))
         self.points = points
 
     def samples(self, point, shot):

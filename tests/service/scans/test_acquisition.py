@@ -15,8 +15,8 @@ from acquisition_bench import Bench, Port
 from fabry_perot.simulator import launch
 from steradian.core.exceptions import Conflict, DamagedFile
 from steradian.runtime.acquisition import Acquisition, count_alines
-from steradian.scans.acquisition.control import End
-from steradian.storage.blobs.interface import Folder
+from steradian.scans.acquisition.control import SessionOutcome
+from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
 
@@ -96,11 +96,11 @@ def test_the_scanners_row_during_and_after_a_scan_shows_interlock_key_and_shutte
 
         def act():
             until(lambda: told() == ("scanning", "closed", "on", "open"))
-            bench.scans.desire(identifier, W.PAUSED, None)
+            bench.scans.set_desired_state(identifier, W.PAUSED, None)
             until(lambda: told() == ("paused", "closed", "on", "closed"))
-            simulator.command("interlock", closed=False)
+            simulator.send_command("interlock", closed=False)
             until(lambda: told() == ("paused", "open", "on", "closed"))
-            bench.scans.desire(identifier, W.ABORTED, None)
+            bench.scans.set_desired_state(identifier, W.ABORTED, None)
 
         assert told() == ("idle", "unknown", "unknown", "unknown")
         with bench.work.watching():
@@ -146,14 +146,14 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
 
     bench = Bench(tmp_path, Unplugged())
     identifier = bench.queue()
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert (row.state, row.error_code) == (S.INTERRUPTED, "scan-failed")
     assert "no-such-port" in row.error
-    bench.work.step()
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.INTERRUPTED, "the laser never starts by itself"
-    bench.scans.desire(identifier, W.STOPPED, "lost")
-    bench.work.step()
+    bench.scans.set_desired_state(identifier, W.STOPPED, "lost")
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.PARTIAL
     bench.close()
 
@@ -162,7 +162,7 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
 def test_a_scan_that_cannot_be_kept_yet_holds_up_no_other_and_is_kept_in_the_end(tmp_path):
     """Its own file is lost with an earlier node, and the store's copy cannot be fetched, then is damaged."""
 
-    class Failing(Folder):
+    class Failing(FolderBlobStore):
         failure = OSError(errno.ENOSPC, "No space left on device")
 
         def open(self, name):
@@ -174,13 +174,13 @@ def test_a_scan_that_cannot_be_kept_yet_holds_up_no_other_and_is_kept_in_the_end
     lost = bench.queue()
     for state in (S.ARMING, S.RUNNING, S.INTERRUPTED):
         bench.scans.transition(lost, state, why="test")
-    bench.scans.desire(lost, W.STOPPED, "keep it")
+    bench.scans.set_desired_state(lost, W.STOPPED, "keep it")
     following = bench.queue()
-    work.step()
+    work.run_once()
     assert bench.scans.get(lost).state is S.INTERRUPTED
     assert bench.scans.get(following).state is S.COMPLETE
     arrays.failure = DamagedFile("its bytes are others")
-    work.step()
+    work.run_once()
     row = bench.scans.get(lost)
     assert (row.state, row.summary) == (S.PARTIAL, {})
     bench.close()
@@ -285,15 +285,15 @@ def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
     with launch(speed=50.0) as simulator:
         bench = Bench(tmp_path, Port(simulator.url))
         identifier = interrupted(bench)
-        simulator.command("drift", pm=400)
-        bench.scans.desire(identifier, W.RUNNING, None)
-        bench.work.step()
+        simulator.send_command("drift", pm=400)
+        bench.scans.set_desired_state(identifier, W.RUNNING, None)
+        bench.work.run_once()
         row = bench.scans.get(identifier)
         assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "resume-refused")
         assert "bias wavelength" in row.error
-        simulator.command("drift", pm=0)
-        bench.scans.desire(identifier, W.RUNNING, None)
-        bench.work.step()
+        simulator.send_command("drift", pm=0)
+        bench.scans.set_desired_state(identifier, W.RUNNING, None)
+        bench.work.run_once()
         assert bench.scans.get(identifier).state is S.COMPLETE
         assert bench.scans.get(identifier).error_code is None
         bench.close()
@@ -305,19 +305,19 @@ def test_a_resume_is_refused_where_the_a_lines_that_were_stored_are_not(tmp_path
     bench = Bench(tmp_path)
     identifier = interrupted(bench)
     away = bench.data.scan_file(identifier).rename(tmp_path / "away.h5")
-    bench.scans.desire(identifier, W.RUNNING, None)
-    bench.work.step()
+    bench.scans.set_desired_state(identifier, W.RUNNING, None)
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert (row.state, row.error_code) == (S.INTERRUPTED, "resume-refused")
     assert "not in this node's folder" in row.error
     away.rename(bench.data.scan_file(identifier))
-    bench.scans.desire(identifier, W.RUNNING, None)
-    bench.work.step()
+    bench.scans.set_desired_state(identifier, W.RUNNING, None)
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.COMPLETE
     bench.close()
 
 
-@pytest.mark.parametrize(("end", "state"), [(End.ABORTED, "aborted"), (End.STOPPED, "partial")])
+@pytest.mark.parametrize(("end", "state"), [(SessionOutcome.ABORTED, "aborted"), (SessionOutcome.STOPPED, "partial")])
 def test_a_scan_whose_a_lines_cannot_be_counted_is_not_called_complete(bench, monkeypatch, end, state):
     scan = bench.queue()
     for following in (ScanState.ARMING, ScanState.RUNNING):

@@ -12,11 +12,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench, Port
 
-from fabry_perot import Recovery
+from fabry_perot import RecoveryPolicy
 from fabry_perot.simulator import launch
 from steradian.runtime.acquisition import count_alines
 from steradian.scans.file.create import scan_file_bytes
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 from steradian.storage.states import DesiredScanState, ScanState
 
 S, W = ScanState, DesiredScanState
@@ -32,15 +32,15 @@ def bench(tmp_path_factory):
 @pytest.fixture
 def full(monkeypatch):
     """The disk is full while this is set; a session looks again soon."""
-    full, overwrite = threading.Event(), AlineStore._overwrite
+    full, overwrite = threading.Event(), ScanFileWriter._overwrite
 
     def write(store, offset, data):
         if full.is_set():
             raise OSError(errno.ENOSPC, "No space left on device")
         overwrite(store, offset, data)
 
-    monkeypatch.setattr(AlineStore, "_overwrite", write)
-    monkeypatch.setattr("steradian.scans.acquisition.session.AGAIN", 0.05)
+    monkeypatch.setattr(ScanFileWriter, "_overwrite", write)
+    monkeypatch.setattr("steradian.scans.acquisition.session.RETRY_INTERVAL", 0.05)
     return full
 
 
@@ -90,9 +90,9 @@ def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_w
     row = bench.scans.get(identifier)
     assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
     assert row.summary["fired"] == row.summary["stored"] < 53
-    bench.work._recovery = Recovery(within=60.0)
-    bench.scans.desire(identifier, W.RUNNING, None)
-    bench.work.step()
+    bench.work._recovery = RecoveryPolicy(within=60.0)
+    bench.scans.set_desired_state(identifier, W.RUNNING, None)
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.COMPLETE
     bench.close()
 
@@ -108,17 +108,17 @@ def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off
             bench.until(identifier, S.RUNNING)
             full.set()
             until_blocked(bench, identifier)
-            simulator.command("interlock", closed=False)
+            simulator.send_command("interlock", closed=False)
             threading.Event().wait(0.1)  # time enough for the device to see it, at whatever speed
-            simulator.command("interlock", closed=True)
+            simulator.send_command("interlock", closed=True)
             full.clear()
 
         bench.meanwhile(act)
         row = bench.scans.get(identifier)
         assert (row.state, row.desired_state, row.error_code) == (S.INTERRUPTED, W.PAUSED, "scan-interrupted")
         assert row.summary["fired"] == row.summary["stored"] < 53
-        bench.scans.desire(identifier, W.RUNNING, None)
-        bench.work.step()
+        bench.scans.set_desired_state(identifier, W.RUNNING, None)
+        bench.work.run_once()
         assert bench.scans.get(identifier).state is S.COMPLETE
         bench.close()
 

@@ -7,25 +7,25 @@ from fabry_perot.simulator import launch
 from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control, End, Phase, Wish
+from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.run import run_scan
 
 SOON = 15_000_000
 """Simulator time in µs within which a scan on a bad line has ended; without its limits it took 79 s."""
 
 
-class StopWhileArming(Control):
+class StopWhileArming(SessionControl):
     """A stop, wished as soon as the scan is being armed; from then on the line is a bad one."""
 
     def __init__(self, line: Line) -> None:
-        self.line, self.wanted = line, Wish.RUN
+        self.line, self.wanted = line, Command.RUN
 
-    def enter(self, phase: Phase) -> None:
-        if phase is Phase.ARMING:
+    def on_phase(self, phase: SessionPhase) -> None:
+        if phase is SessionPhase.ARMING:
             self.line.down = with_crlf
-            self.wanted = Wish.STOP
+            self.wanted = Command.STOP
 
-    def wish(self) -> Wish:
+    def command(self) -> Command:
         return self.wanted
 
 
@@ -59,5 +59,5 @@ def test_stop_is_heard_while_a_bad_line_keeps_a_scan_from_being_armed(simulator,
     before = simulator.command("report", fired=False)["time"]
     with line(simulator.url) as bad:
         summary = run_scan(plan, bad.url, tmp_path / "a.h5", control=StopWhileArming(bad))
-    assert summary.end is End.STOPPED
+    assert summary.end is SessionOutcome.STOPPED
     assert simulator.command("report", fired=False)["time"] - before < SOON

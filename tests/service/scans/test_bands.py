@@ -8,7 +8,7 @@ from fabry_perot.simulator import launch
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.plans import Link, Tuning, preview
 from steradian.scans.acquisition.run import run_scan
-from steradian.scans.file.program import Course
+from steradian.scans.file.program import ScanProgram
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 120)
 OPTIONS = {"film": "nonlinear", "relief": "scatter", "noise_db": float("inf"), "energy_jitter": 0.0, "speed": 50}
@@ -68,6 +68,6 @@ def test_the_file_holds_both_wavelengths_and_goes_on_with_those_that_are_set(sca
     plans, folder = scanned
     with h5py.File(folder / "bands.h5") as file:
         np.testing.assert_array_equal(file["plan/wavelengths"], plans["bands"].wavelengths)
-        np.testing.assert_array_equal(Course.of_file(file).wavelengths, plans["bands"].bias)
+        np.testing.assert_array_equal(ScanProgram.of_file(file).wavelengths, plans["bands"].bias)
         del_bias = {name: np.asarray(file[f"plan/{name}"]) for name in ("wavelengths", "bias")}
     assert np.abs(del_bias["bias"] - del_bias["wavelengths"]).max() > 20e-12

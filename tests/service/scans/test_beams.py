@@ -12,10 +12,10 @@ from scripted import QUIET, Script, samples
 
 from fabry_perot.simulator import launch, phantoms
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.masks import beams_mask, equi_steradian_mask
+from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import End, Wish
+from steradian.scans.acquisition.control import Command, SessionOutcome
 from steradian.scans.acquisition.run import resume_scan, run_scan
 from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.read import read_scan
@@ -26,7 +26,7 @@ BEAMS = read_beams("3x2", 0.7e-3)
 
 @pytest.fixture(scope="module")
 def plan():
-    mask = beams_mask(equi_steradian_mask(13.56e-3, 3.6e-3, 90), BEAMS)
+    mask = multi_beam_mask(equi_steradian_mask(13.56e-3, 3.6e-3, 90), BEAMS)
     return ScanPlan.create(mask=mask, beams=BEAMS, samples=512, pulse_rate=100.0)
 
 
@@ -64,15 +64,17 @@ def test_each_row_is_the_pressure_at_its_own_point_and_a_places_rows_share_their
 
 def test_a_scan_that_was_stopped_goes_on_with_whole_places_and_ends_the_same(plan, simulator, whole, tmp_path):
     path = tmp_path / "scan.h5"
-    before = run_scan(plan, simulator.url, path, control=Script((20, Wish.STOP)))
-    assert before.end is End.STOPPED
+    before = run_scan(plan, simulator.url, path, control=Script((20, Command.STOP)))
+    assert before.end is SessionOutcome.STOPPED
     assert before.stored == 6 * before.fired < plan.mask.count
     with h5py.File(path, "r+") as file:  # the row of one beam is lost
         lost = int(np.flatnonzero(file["alines/status"][:])[8])
         file["alines/status"][lost], file["alines/crc32c"][lost] = 0, 1
     after = resume_scan(path, simulator.url, plan=plan)
     places = (plan.mask.count - before.stored) // 6 + 1
-    assert (after.end, after.fired) == (End.COMPLETE, before.fired + places + 16), "and the reference, by one beam"
+    assert (after.end, after.fired) == (SessionOutcome.COMPLETE, before.fired + places + 16), (
+        "and the reference, by one beam"
+    )
     np.testing.assert_array_equal(samples(path), samples(whole[1]))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.core.sandbox import poor_environment
+from steradian.core.sandbox import minimal_environment
 from steradian.scans.importing import guarded
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -63,7 +63,7 @@ def import_hostile(data, listener, monkeypatch, *mode):
     source = data / "upload"
     source.write_bytes(b"a recording")
     with pytest.raises(InvalidInput) as said:
-        guarded.import_guarded(source, data / "scans" / "new.h5")
+        guarded.import_in_sandbox(source, data / "scans" / "new.h5")
     assert sorted(path.name for path in (data / "scans").iterdir() if path.name != "forged.h5") == ["other.h5"]
     return set(json.loads(said.value.value)), said.value.allowed
 
@@ -90,7 +90,7 @@ def test_a_reader_that_is_taken_over_has_its_recording_and_its_folder(data, list
 def test_an_environment_for_strangers_holds_nothing_that_is_not_known_to_be_harmless(tmp_path):
     given = {"PATH": "/bin", "LC_ALL": "C", "HOME": "/home/ada"} | dict.fromkeys(SECRETS, "secret")
     expected = {"PATH": "/bin", "LC_ALL": "C", "HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
-    assert poor_environment(given, tmp_path) == expected
+    assert minimal_environment(given, tmp_path) == expected
 
 
 def test_a_link_in_the_place_of_a_scan_is_no_scan(tmp_path, monkeypatch):
@@ -106,5 +106,5 @@ print(json.dumps({{"result": {{"format": "x", "points": 1, "samples": 1}}}}), fl
 """)
     monkeypatch.setattr(guarded, "COMMAND", (sys.executable, "-P", str(program)))
     with pytest.raises(DamagedFile, match="left no file"):
-        guarded.import_guarded(source, tmp_path / "scan.h5", description=description)
+        guarded.import_in_sandbox(source, tmp_path / "scan.h5", description=description)
     assert not (tmp_path / "scan.h5").exists()

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import DamagedFile
-from steradian.imaging import Axes, Volume
-from steradian.reconstructions.plan_reader import read_imported
+from steradian.imaging import Volume, VoxelAxes
+from steradian.reconstructions.plan_reader import read_stored_plan
 from steradian.reconstructions.volumes.file import read_projection, read_volume, write_volume
-from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.reconstructions.volumes.reader import VolumeReader
 from steradian.scans.file.read import list_frames, read_scan
-from steradian.scans.file.tail import Quiet, ScanFollower
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.tail import IdleDetector, ScanTail
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.summary import count_alines
 from support.damage import BITS, NAMED_TYPE, SCALAR, spoil
 
@@ -20,20 +20,20 @@ from support.damage import BITS, NAMED_TYPE, SCALAR, spoil
 def path(tmp_path, plan, alines):
     file = tmp_path / "scan.h5"
     create_scan_file(file, plan, scan_id="s1", simulated=True)
-    with AlineStore(file) as store:
+    with ScanFileWriter(file) as store:
         store.append(alines)
     return file
 
 
 @pytest.mark.parametrize("bit", BITS)
-@pytest.mark.parametrize("read", [check_scan_file, read_imported, list_frames, read_scan, ScanFollower])
+@pytest.mark.parametrize("read", [verify_scan_file, read_stored_plan, list_frames, read_scan, ScanTail])
 def test_a_scan_whose_table_is_none_is_damaged(path, read, bit):
     spoil(path, "alines/status", bit)
     with pytest.raises(DamagedFile, match=path.name):
         read(path)
 
 
-@pytest.mark.parametrize("read", [check_scan_file, read_scan, AlineStore])
+@pytest.mark.parametrize("read", [verify_scan_file, read_scan, ScanFileWriter])
 def test_a_scan_whose_alines_are_none_is_damaged(path, read):
     spoil(path, "alines/samples")
     with pytest.raises(DamagedFile, match=path.name):
@@ -48,15 +48,15 @@ def test_a_scan_whose_alines_cannot_be_counted_counts_as_none(path, dataset):
 
 
 def test_a_scan_that_is_followed_and_damaged_meanwhile_is_so(path):
-    follower = ScanFollower(path)
+    follower = ScanTail(path)
     spoil(path, "alines/crc32c")
     with pytest.raises(DamagedFile, match=path.name):
-        follower.take()
+        follower.read_new()
 
 
 @pytest.mark.parametrize("bit", BITS)
 def test_a_scan_of_which_nobody_knows_whether_it_is_over_is_damaged(path, bit):
-    is_over = Quiet(path, patience=1e3)
+    is_over = IdleDetector(path, patience=1e3)
     assert is_over()
     spoil(path, "alines/status", bit)
     with pytest.raises(DamagedFile, match=path.name):
@@ -66,13 +66,13 @@ def test_a_scan_of_which_nobody_knows_whether_it_is_over_is_damaged(path, bit):
 @pytest.fixture
 def volume_file(tmp_path):
     path, axis = tmp_path / "volume.h5", np.arange(4) * 1e-4
-    volume = Volume(np.ones((4, 4, 4), np.float32), Axes(axis, axis, axis), (1e-4,) * 3)
+    volume = Volume(np.ones((4, 4, 4), np.float32), VoxelAxes(axis, axis, axis), (1e-4,) * 3)
     write_volume(path, volume, parameters={}, provenance={})
     return path
 
 
 @pytest.mark.parametrize("bit", BITS)
-@pytest.mark.parametrize("read", [StoredVolume, read_volume])
+@pytest.mark.parametrize("read", [VolumeReader, read_volume])
 def test_a_volume_whose_values_are_none_is_damaged(volume_file, read, bit):
     spoil(volume_file, "values", bit)
     with pytest.raises(DamagedFile, match=volume_file.name):

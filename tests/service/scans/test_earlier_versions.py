@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.scans.acquisition.control import End
+from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.run import resume_scan
 from steradian.scans.exporting import export_scan
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter
 from steradian.scans.opening import open_recording
 
 MADE = Path(__file__).parent / "data" / "version-2.h5.gz"
@@ -46,12 +46,12 @@ def test_it_opens(path):
 
 
 def test_it_is_checked_and_a_damaged_row_in_it_is_found(path):
-    report = check_scan_file(path)
-    assert report.is_sound
+    report = verify_scan_file(path)
+    assert report.is_consistent
     assert np.flatnonzero(report.strength).tolist() == STORED
     with h5py.File(path, "r+") as file:
         file["alines/samples"][5, 100:] = 7
-    assert check_scan_file(path).damaged.tolist() == [5]
+    assert verify_scan_file(path).damaged.tolist() == [5]
     assert len(open_recording(path).traces) == 12
 
 
@@ -60,7 +60,7 @@ def test_a_row_that_it_does_not_list_is_not_listed_by_the_check(path):
     with h5py.File(path, "r+") as file:
         file["alines/status"][5] = 0
         file["alines/scale"][5] = 0.0
-    report = check_scan_file(path)
+    report = verify_scan_file(path)
     assert not len(report.unlisted)
     assert len(open_recording(path).traces) == 12
 
@@ -78,7 +78,7 @@ def test_it_is_continued_and_stays_what_it_is(path):
     before = raw(path)
     with launch(speed=20.0, noise_db=float("inf"), energy_jitter=0.05, ring=8) as simulator:
         summary = resume_scan(path, simulator.url)
-    assert (summary.end, summary.stored) == (End.COMPLETE, 29)
+    assert (summary.end, summary.stored) == (SessionOutcome.COMPLETE, 29)
     after = raw(path)
     for name, values in after.items():
         np.testing.assert_array_equal(values[STORED], before[name][STORED], err_msg=name)
@@ -86,7 +86,7 @@ def test_it_is_continued_and_stays_what_it_is(path):
     assert after["energy"].all()
     with h5py.File(path) as file:
         assert file.attrs["schema_version"] == 2
-    assert check_scan_file(path).is_sound
+    assert verify_scan_file(path).is_consistent
     assert len(open_recording(path).traces) == 29
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         assert not store.missing.any()

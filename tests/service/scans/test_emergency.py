@@ -9,10 +9,10 @@ import pytest
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control, End, Wish
-from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.run import run_scan
-from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome
 
 
 @pytest.fixture(scope="module")
@@ -28,11 +28,11 @@ class CountedLatch(EmergencyLatch):
         super().__init__(folder)
         self.looks, self.failures = 0, failures
 
-    def standing(self):
+    def active(self):
         self.looks += 1
         if self.looks <= self.failures:
             raise RuntimeError("whatever it was")
-        return super().standing()
+        return super().active()
 
     def until(self, looks):
         deadline = time.monotonic() + 60
@@ -45,33 +45,33 @@ def test_what_was_answered_to_a_press_holds_when_the_acquisition_is_started_anew
     """The laser was switched off; that nothing runs after the restart is no answer to that press."""
     latch = CountedLatch(tmp_path)
     press = latch.press("Ada", "smoke")
-    latch.answer(Deed(press.number, "off", 0.012))
-    with EmergencyWatch(latch).looking():
+    latch.record_outcome(StopOutcome(press.number, "off", 0.012))
+    with EmergencyWatchdog(latch).running():
         latch.until(5)
-    assert latch.deed(press.number) == Deed(press.number, "off", 0.012)
+    assert latch.outcome(press.number) == StopOutcome(press.number, "off", 0.012)
 
 
 def test_a_look_at_the_stop_that_fails_is_followed_by_the_next(tmp_path):
     latch = CountedLatch(tmp_path, failures=3)
     press = latch.press("Ada", "smoke")
-    with EmergencyWatch(latch).looking():
+    with EmergencyWatchdog(latch).running():
         latch.until(6)
-    assert latch.deed(press.number).laser == "idle"
+    assert latch.outcome(press.number).laser == "idle"
 
 
 def test_who_guards_a_scanner_does_so_until_its_laser_is_off(plan, tmp_path):
     """A session that fails leaves a firing laser to the end of its connection, which switches it off."""
 
-    class Fails(Control):
+    class Fails(SessionControl):
         @contextmanager
-        def guarding(self, scanner):
+        def monitor(self, scanner):
             try:
                 yield
             finally:
-                shutters.append(simulator.command("report")["shutter"])
+                shutters.append(simulator.send_command("report")["shutter"])
 
         def progress(self, done, total):
-            shutters.append(simulator.command("report")["shutter"])
+            shutters.append(simulator.send_command("report")["shutter"])
             raise RuntimeError("a fault of our own")
 
     shutters = []
@@ -81,17 +81,17 @@ def test_who_guards_a_scanner_does_so_until_its_laser_is_off(plan, tmp_path):
 
 
 def test_what_is_wished_once_the_laser_is_armed_comes_before_the_first_shot(plan, tmp_path):
-    class Hesitates(Control):
+    class Hesitates(SessionControl):
         """Wants the scan to end, but only while the laser is armed."""
 
         @contextmanager
-        def guarding(self, scanner):
+        def monitor(self, scanner):
             self.scanner = scanner
             yield
 
-        def wish(self):
-            return Wish.ABORT if self.scanner.state == "armed" else Wish.RUN
+        def command(self):
+            return Command.ABORT if self.scanner.state == "armed" else Command.RUN
 
     with launch(speed=20.0) as simulator:
         summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Hesitates())
-        assert (summary.end, simulator.command("report")["shots"]) == (End.ABORTED, 0)
+        assert (summary.end, simulator.send_command("report")["shots"]) == (SessionOutcome.ABORTED, 0)

@@ -11,7 +11,7 @@ import pytest
 from steradian import ScanPlan
 from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput, NotFound
 from steradian.scans.exporting import export_scan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 
@@ -20,7 +20,7 @@ from steradian.scans.opening import open_recording
 def scan(tmp_path, plan, alines):
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan, scan_id="s1", scanner="SIM-1", simulated=True, time_zero=2.5e-7)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(
             replace(aline, time_zero_offset_s=2.5e-7, fire_time_s=12.5 + 0.02 * aline.point) for aline in alines
         )
@@ -41,7 +41,7 @@ def test_a_lines_that_begin_at_different_times_come_out_at_their_times(tmp_path,
         for aline, start in zip(alines, starts, strict=True)
     ]
     create_scan_file(tmp_path / "scan.h5", plan)
-    with AlineStore(tmp_path / "scan.h5") as store:
+    with ScanFileWriter(tmp_path / "scan.h5") as store:
         store.append(lines)
     again = open_recording(export_scan(tmp_path / "scan.h5", tmp_path / "out.hdf5"))
     grid = again.time_zero + np.arange(again.traces.shape[1]) * plan.sampling_interval
@@ -109,7 +109,7 @@ def test_energy_and_flags_of_each_a_line_are_told_and_change_none(tmp_path, plan
     wanted = plan.replace(frames=2, excitation=(7e-7, 8e-7))
     points, path = plan.mask.count, tmp_path / "frames.h5"
     create_scan_file(path, wanted)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         for frame in range(4):
             for aline in alines:
                 point = frame * points + aline.point
@@ -140,7 +140,7 @@ def test_points_that_are_missing_or_torn_are_left_out(tmp_path, plan, alines):
     create_scan_file(tmp_path / "part.h5", plan)
     with pytest.raises(DamagedFile, match="no point"):
         export_scan(tmp_path / "part.h5", tmp_path / "out.hdf5")
-    with AlineStore(tmp_path / "part.h5") as store:
+    with ScanFileWriter(tmp_path / "part.h5") as store:
         store.append(alines[:20])
     torn = int(plan.visit[3])
     with h5py.File(tmp_path / "part.h5", "r+") as file:
@@ -157,7 +157,7 @@ def test_frames_and_wavelengths_have_their_own_axes(tmp_path, plan, alines):
     several = ScanPlan.create(mask=plan.mask, samples=plan.samples, frames=2, excitation=(7e-7, 8e-7, 9e-7))
     create_scan_file(tmp_path / "several.h5", several)
     rows = np.arange(several.aline_count)
-    with AlineStore(tmp_path / "several.h5") as store:
+    with ScanFileWriter(tmp_path / "several.h5") as store:
         for frame in range(6):
             first = alines[0]
             same = [replace(first, point=frame * plan.mask.count + m, scale=1 + frame) for m in range(plan.mask.count)]

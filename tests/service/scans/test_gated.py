@@ -43,11 +43,11 @@ def test_a_scanner_without_a_gate_is_told_before_a_file_is_made(tmp_path):
 
 def test_a_scan_that_goes_on_waits_for_the_gate_again():
     """The first point that is missing, and the first of each frame after it."""
-    from steradian.scans.file.program import Course
+    from steradian.scans.file.program import ScanProgram
 
     plan = ScanPlan.create(gate="frame", frames=3, **COMMON)
-    rows = Course.of_plan(plan).order[30:]
-    gated = Course.of_plan(plan).gated(rows)
+    rows = ScanProgram.of_plan(plan).order[30:]
+    gated = ScanProgram.of_plan(plan).gated_points(rows)
     assert np.flatnonzero(gated).tolist() == [0, 20]
 
 

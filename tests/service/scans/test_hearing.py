@@ -15,7 +15,7 @@ from fabry_perot.simulator import launch
 from fabry_perot.wire.codes import Operation, Type
 from fabry_perot.wire.framing import Deframer, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD
-from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import run_scan
 from steradian.storage.states import DesiredScanState, ScanState
 from support.waiting import until
@@ -85,7 +85,7 @@ def test_acquisition_with_a_wish_to_end_while_arming_on_a_bad_line_ends_promptly
         def act():
             bench.until(scan, ScanState.ARMING)
             until(lambda: line.dropped)
-            bench.scans.desire(scan, desired, "enough")
+            bench.scans.set_desired_state(scan, desired, "enough")
 
         bench.meanwhile(act)
         assert bench.scans.get(scan).state is ScanState.ABORTED, "nothing was measured"
@@ -100,7 +100,7 @@ def test_acquisition_with_a_wish_to_end_while_connecting_to_a_silent_scanner_end
 
         def act():
             until(lambda: line.dropped)
-            bench.scans.desire(scan, DesiredScanState.STOPPED, "enough")
+            bench.scans.set_desired_state(scan, DesiredScanState.STOPPED, "enough")
 
         bench.meanwhile(act)
         assert bench.scans.get(scan).state is ScanState.ABORTED
@@ -110,9 +110,9 @@ def test_acquisition_with_a_wish_to_end_while_connecting_to_a_silent_scanner_end
 
 
 def test_run_scan_with_a_wish_to_leave_while_the_plan_is_uploaded_says_how_it_ended(tmp_path):
-    class Leaves(Control):
-        def wish(self):
-            return Wish.LEAVE if line.dropped else Wish.RUN
+    class Leaves(SessionControl):
+        def command(self):
+            return Command.SHUTDOWN if line.dropped else Command.RUN
 
     with deaf(Operation.PLAN_NEW) as line:
         bench = Bench(tmp_path / "data")

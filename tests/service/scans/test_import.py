@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
-from steradian.reconstructions.shots import ShotTreatment, even_out
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.reconstructions.shots import ShotTreatment, normalise_shots
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 
@@ -50,11 +50,11 @@ def test_every_format_keeps_axes_pitches_and_samples(tmp_path, scan, write):
 def test_an_imported_scan_gives_the_image_of_its_ball(tmp_path, scan):
     """The ball of an imported recording is reconstructed where it is, in x, y and depth."""
     from steradian.reconstructions.parameters import ReconstructionParameters
-    from steradian.reconstructions.pipeline.run import reconstruct_recording
+    from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 
     source, description = foreign.matlab_positions(tmp_path)
     import_scan(source, scan, description=description)
-    volume = reconstruct_recording(open_recording(scan), ReconstructionParameters.create(modes=24))
+    volume = reconstruct_in_memory(open_recording(scan), ReconstructionParameters.create(modes=24))
     peak = np.unravel_index(volume.values.argmax(), volume.values.shape)
     place = [volume.coordinates(axis)[index] for axis, index in zip("xyz", peak, strict=True)]
     np.testing.assert_allclose(place, foreign.BALL.centres[0], atol=0.15e-3)
@@ -122,7 +122,7 @@ def contents(path):
 def test_an_own_scan_is_copied_once_it_is_checked(tmp_path, scan, plan, alines):
     """An own file, complete or not, arrives bit for bit; a flipped bit in an A-line is refused, naming which."""
     create_scan_file(tmp_path / "own.h5", plan)
-    with AlineStore(tmp_path / "own.h5") as store:
+    with ScanFileWriter(tmp_path / "own.h5") as store:
         store.append(alines[:20])
     assert import_scan(tmp_path / "own.h5", scan).points == 20
     assert contents(scan) == contents(tmp_path / "own.h5")
@@ -358,7 +358,7 @@ def test_each_sensor_may_have_its_own_time_zero(tmp_path, scan, write):
         for recording in (open_recording(made), open_recording(source)):
             np.testing.assert_allclose(recording.shots.time_zero, zeros)
             assert recording.time_zero == 0
-            assert even_out(recording, ShotTreatment())[1].time_zero_s == (0, pytest.approx(zeros[-1]))
+            assert normalise_shots(recording, ShotTreatment())[1].time_zero_s == (0, pytest.approx(zeros[-1]))
         for wrong in (zeros[1:], np.zeros((2, 48)), np.full(zeros.shape, np.nan)):
             with pytest.raises(InvalidInput, match="time_zero is") as refusal:
                 import_scan(write(tmp_path / "wrong", t0=wrong, **arrays), scan)

@@ -17,7 +17,7 @@ import import_fuzz
 
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.guarded import import_guarded
+from steradian.scans.importing.guarded import import_in_sandbox
 
 
 def _endless(path):
@@ -35,7 +35,7 @@ def test_a_file_that_sends_its_reader_in_circles_is_refused(tmp_path):
     source, _ = foreign.own_scan(tmp_path)
     _endless(source)
     with pytest.raises(DamagedFile, match=r"own\.h5 cannot be read: its reader ended at its limit of time"):
-        import_guarded(source, tmp_path / "new" / "scan.h5", seconds=1)
+        import_in_sandbox(source, tmp_path / "new" / "scan.h5", seconds=1)
     assert not (tmp_path / "new").exists() or not list((tmp_path / "new").iterdir())
 
 
@@ -44,7 +44,9 @@ def test_the_result_is_that_of_an_import_without_a_guard(tmp_path):
     """Same file, same summary, progress on the way."""
     source, description = foreign.npy_time_first(tmp_path)
     seen = []
-    made = import_guarded(source, tmp_path / "a.h5", description=description, progress=lambda *told: seen.append(told))
+    made = import_in_sandbox(
+        source, tmp_path / "a.h5", description=description, progress=lambda *told: seen.append(told)
+    )
     plain = import_scan(source, tmp_path / "b.h5", description=description)
     assert (made.format, made.points, made.samples) == (plain.format, plain.points, plain.samples)
     assert seen == [("A-lines", 96, 96)]
@@ -56,13 +58,15 @@ def test_errors_pass_as_what_they_are(tmp_path):
     """Kinds, fields and words of an error are those of the import."""
     source, _ = foreign.npy_time_first(tmp_path)
     with pytest.raises(InvalidInput, match="which the file does not state") as refusal:
-        import_guarded(source, tmp_path / "scan.h5", description=foreign.describe(tmp_path, grid={"interval": [1e-4]}))
+        import_in_sandbox(
+            source, tmp_path / "scan.h5", description=foreign.describe(tmp_path, grid={"interval": [1e-4]})
+        )
     assert refusal.value.field == "sampling_interval"
     with pytest.raises(NotFound):
-        import_guarded(tmp_path / "none.npy", tmp_path / "scan.h5")
+        import_in_sandbox(tmp_path / "none.npy", tmp_path / "scan.h5")
     (tmp_path / "scan.h5").write_bytes(b"")
     with pytest.raises(Conflict, match="exists"):
-        import_guarded(source, tmp_path / "scan.h5")
+        import_in_sandbox(source, tmp_path / "scan.h5")
 
 
 def test_modules_beside_a_file_are_not_run(tmp_path, monkeypatch):
@@ -71,7 +75,7 @@ def test_modules_beside_a_file_are_not_run(tmp_path, monkeypatch):
     for name in ("h5py", "json", "steradian"):
         (tmp_path / f"{name}.py").write_text("open('was-run', 'w')\n")
     monkeypatch.chdir(tmp_path)
-    assert import_guarded(source, tmp_path / "scan.h5", description=description).points == 96
+    assert import_in_sandbox(source, tmp_path / "scan.h5", description=description).points == 96
     assert not (tmp_path / "was-run").exists()
 
 
@@ -79,7 +83,7 @@ def test_a_stopped_import_leaves_nothing(tmp_path):
     """Cancelled at the first report, the process is ended and what it began is removed."""
     source, description = foreign.npy_time_first(tmp_path)
     with pytest.raises(Cancelled):
-        import_guarded(source, tmp_path / "new" / "scan.h5", description=description, cancelled=lambda: True)
+        import_in_sandbox(source, tmp_path / "new" / "scan.h5", description=description, cancelled=lambda: True)
     assert list((tmp_path / "new").iterdir()) == []
 
 
@@ -96,7 +100,7 @@ def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(
         return True
 
     with pytest.raises(Cancelled):
-        import_guarded(source, tmp_path / "new" / "scan.h5", description=description, cancelled=when_it_is_whole)
+        import_in_sandbox(source, tmp_path / "new" / "scan.h5", description=description, cancelled=when_it_is_whole)
     assert list((tmp_path / "new").iterdir()) == []
 
 

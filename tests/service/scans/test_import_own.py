@@ -14,13 +14,13 @@ from earlier import as_version_1
 
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.reconstructions.plan_reader import read_imported
+from steradian.reconstructions.plan_reader import read_stored_plan
 from steradian.scans.file import schema
 from steradian.scans.file.create import geometry_checksum
-from steradian.scans.file.program import Course
+from steradian.scans.file.program import ScanProgram
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, Upload, create_scan_file
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import import_scan
 
 SECRET = b"root:x:0:0:a line of a file of the server's:"
@@ -30,11 +30,11 @@ SECRET = b"root:x:0:0:a line of a file of the server's:"
 def own(tmp_path, plan, alines):
     path = tmp_path / "own.h5"
     create_scan_file(path, plan, scan_id="s1", scanner="SIM-1", scanner_model="M", simulated=True, time_zero=2.5e-7)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines[:20])
-        store.set_fired(27)
+        store.record_shot_count(27)
         store.set_reference(3, 1.55e-6, 0.2, 0.7)
-        store.note_upload(Upload(np.arange(5, 30), 77, 27, 1234))
+        store.record_upload(UploadRecord(np.arange(5, 30), 77, 27, 1234))
     return path
 
 
@@ -167,7 +167,7 @@ def test_what_a_scan_file_cannot_say_is_refused_by_name(tmp_path, own, what):
 def test_what_a_row_says_of_itself_is_checked(tmp_path, plan, alines, said):
     """A row may be whole by its checksum and nonsense all the same."""
     create_scan_file(tmp_path / "own.h5", plan)
-    with AlineStore(tmp_path / "own.h5") as store:
+    with ScanFileWriter(tmp_path / "own.h5") as store:
         store.append([*alines[:5], replace(alines[5], **said)])
     (name,) = said
     row = int(plan.visit[5])
@@ -178,7 +178,7 @@ def test_what_a_row_says_of_itself_is_checked(tmp_path, plan, alines, said):
 def test_a_sample_too_large_to_use_is_refused(tmp_path, plan, alines):
     """Finite in float32, whole by its checksum, and its square is infinite."""
     create_scan_file(tmp_path / "own.h5", plan, sample_kind=schema.EXACT_SAMPLES)
-    with AlineStore(tmp_path / "own.h5") as store:
+    with ScanFileWriter(tmp_path / "own.h5") as store:
         store.append([replace(alines[0], samples=np.full(plan.samples, 2.5e38, np.float32), scale=1.0)])
     with pytest.raises(InvalidInput, match="finite numbers, at most 1e"):
         import_scan(tmp_path / "own.h5", tmp_path / "scan.h5")
@@ -193,11 +193,11 @@ def test_all_that_was_measured_comes_back_and_can_be_continued(tmp_path, own, pl
         np.testing.assert_array_equal(getattr(now, name), getattr(then, name))
     for name in ("sampling_interval", "sound_speed", "aperture", "time_zero", "depth", "planned", "provenance"):
         assert getattr(now, name) == getattr(then, name)
-    assert read_imported(new).plan.id == plan.id
-    assert check_scan_file(new).is_sound
+    assert read_stored_plan(new).plan.id == plan.id
+    assert verify_scan_file(new).is_consistent
     with h5py.File(own) as old, h5py.File(new) as made:
         assert made.attrs["created"] == old.attrs["created"]
-    with AlineStore(own) as old, AlineStore(new) as made:
+    with ScanFileWriter(own) as old, ScanFileWriter(new) as made:
         assert (made.fired, made.reference(), made.stored) == (27, (3, 1.55e-6, 0.2, 0.7), 20)
         np.testing.assert_array_equal(made.last_upload().rows, np.arange(5, 30))
         assert (made.last_upload().tag, made.last_upload().laser_shots) == (77, 1234)
@@ -212,7 +212,7 @@ def test_wavelengths_that_were_set_stay_those_of_the_file(tmp_path, plan, alines
     """Whatever this program would choose; a file of before there were any says that each point had its best one."""
     best = np.linspace(1.549e-6, 1.551e-6, plan.mask.count)
     create_scan_file(tmp_path / "own.h5", plan.replace(wavelengths=best, max_sensitivity_loss=0.2))
-    with AlineStore(tmp_path / "own.h5") as store:
+    with ScanFileWriter(tmp_path / "own.h5") as store:
         store.append(alines[:20])
     was = best
     with h5py.File(tmp_path / "own.h5", "r+") as file:
@@ -222,9 +222,9 @@ def test_wavelengths_that_were_set_stay_those_of_the_file(tmp_path, plan, alines
             del file["plan/bias"]
         file.attrs["geometry_crc32c"] = geometry_checksum(file)
     import_scan(tmp_path / "own.h5", tmp_path / "new.h5")
-    assert check_scan_file(tmp_path / "new.h5").is_sound
+    assert verify_scan_file(tmp_path / "new.h5").is_consistent
     with h5py.File(tmp_path / "new.h5") as file:
-        np.testing.assert_array_equal(Course.of_file(file).wavelengths, was)
+        np.testing.assert_array_equal(ScanProgram.of_file(file).wavelengths, was)
         np.testing.assert_array_equal(file["plan/wavelengths"], best)
 
 
@@ -254,9 +254,9 @@ def test_columns_in_chunks_come_out_in_their_places(tmp_path, own, alines):
             rows = tuple(min(side, 16) for side in column.shape)
             packed.create_dataset(f"alines/{name}", data=column[()], chunks=rows, compression="gzip")
     import_scan(tmp_path / "packed.h5", tmp_path / "scan.h5")
-    with AlineStore(tmp_path / "scan.h5") as store:
+    with ScanFileWriter(tmp_path / "scan.h5") as store:
         store.append(alines[20:])
-    assert check_scan_file(tmp_path / "scan.h5").intact == len(alines)
+    assert verify_scan_file(tmp_path / "scan.h5").intact == len(alines)
 
 
 def test_a_file_of_version_1_becomes_one_of_today(tmp_path, own, plan):
@@ -266,7 +266,7 @@ def test_a_file_of_version_1_becomes_one_of_today(tmp_path, own, plan):
     with h5py.File(tmp_path / "scan.h5") as file:
         assert file.attrs["schema_version"] == schema.VERSION
     np.testing.assert_array_equal(read_scan(tmp_path / "scan.h5").traces, read_scan(own).traces)
-    assert read_imported(tmp_path / "scan.h5").plan.id == plan.id
+    assert read_stored_plan(tmp_path / "scan.h5").plan.id == plan.id
 
 
 def test_a_mask_with_its_point_aside_keeps_its_identity(tmp_path):
@@ -274,7 +274,7 @@ def test_a_mask_with_its_point_aside_keeps_its_identity(tmp_path):
     plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, 60, offset=(1e-3, -2e-3)), samples=64)
     create_scan_file(tmp_path / "own.h5", plan)
     import_scan(tmp_path / "own.h5", tmp_path / "scan.h5")
-    assert read_imported(tmp_path / "scan.h5").plan.mask.id == plan.mask.id
+    assert read_stored_plan(tmp_path / "scan.h5").plan.mask.id == plan.mask.id
 
 
 def test_names_are_without_what_steers_a_terminal(tmp_path, own):

@@ -12,9 +12,9 @@ import foreign
 
 from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import reconstruct_recording
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.looking import look_into
+from steradian.scans.importing.looking import inspect_recording
 from steradian.scans.opening import open_recording
 
 LATE = 0.9e-6
@@ -49,7 +49,7 @@ WRITERS = pytest.mark.parametrize("write", [_npz, _mat5, _mat7])
 
 
 def _depth_of_the_ball(recording):
-    volume = reconstruct_recording(recording, ReconstructionParameters.create(modes=24))
+    volume = reconstruct_in_memory(recording, ReconstructionParameters.create(modes=24))
     return volume.axes.z[np.unravel_index(volume.values.argmax(), volume.values.shape)[-1]]
 
 
@@ -88,7 +88,7 @@ def test_empty_time_zero_of_matlab_is_not_given(tmp_path, write):
             file["t0"] = np.zeros(2, np.uint64)
             file["t0"].attrs["MATLAB_class"], file["t0"].attrs["MATLAB_empty"] = np.bytes_("double"), np.uint8(1)
     assert open_recording(path).time_zero == 0
-    assert look_into(path).time_zero == 0
+    assert inspect_recording(path).time_zero == 0
 
 
 @WRITERS

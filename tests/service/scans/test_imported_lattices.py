@@ -55,7 +55,7 @@ def test_missing_sensors_of_a_lattice_move_neither_sensors_nor_voxels(tmp_path, 
 
 def test_left_out_sensors_do_not_change_the_size_of_a_voxel(tmp_path):
     recording = open_recording(import_of(places((12, 12), 1e-3), tmp_path))
-    assert recording.keep(np.arange(144) % 5 > 0).grid == 12
+    assert recording.select(np.arange(144) % 5 > 0).grid == 12
 
 
 def test_coarse_line_is_imaged_with_a_voxel_a_sensor_without_being_told(tmp_path):

@@ -11,8 +11,8 @@ import pytest
 from fabry_perot.simulator import launch
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
-from steradian.scans.file.verify import check_scan_file
+from steradian.plans.files import write_json
+from steradian.scans.file.verify import verify_scan_file
 
 GIB = 2**30
 
@@ -33,7 +33,7 @@ def test_a_scan_of_51076_points_and_2048_samples_stays_under_a_gibibyte(tmp_path
     mask = grid_mask(aperture=13.56e-3, count=226, interval=60e-6)
     plan = ScanPlan.create(mask=mask, samples=2048, pulse_rate=2_000.0)
     assert plan.mask.count == 51_076
-    write_value(plan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
     peaks = {"simulator": 0, "scan": 0, "check": 0}
     begin = time.monotonic()
     with launch(speed=20.0, repeat=64, ring=4096, link=str(tmp_path / "port")) as simulator:
@@ -49,10 +49,10 @@ def test_a_scan_of_51076_points_and_2048_samples_stays_under_a_gibibyte(tmp_path
     while process.poll() is None:
         peaks["check"] = max(peaks["check"], peak(process.pid))
         time.sleep(0.02)
-    report = check_scan_file(tmp_path / "scan.h5", repair=False)
+    report = verify_scan_file(tmp_path / "scan.h5", repair=False)
     with capsys.disabled():
         sizes = ", ".join(f"{name} {value / 2**20:.0f} MiB" for name, value in peaks.items())
         print(f"\n  51,076 × 2,048 in {seconds:.0f} s; peaks: {sizes}")
-    assert report.is_sound
+    assert report.is_consistent
     assert report.intact == 51_076
     assert all(0 < value < GIB for value in peaks.values()), peaks

@@ -12,8 +12,8 @@ from fabry_perot.host.ports import lock_owner
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control
-from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.control import SessionControl
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.acquisition.run import run_scan
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
@@ -148,10 +148,10 @@ def test_a_monitor_that_cannot_be_opened_is_tried_again(tmp_path, scanner, monke
 def test_status_of_a_scan_that_may_fire_is_armed_before_it_is_told_to(tmp_path, scanner):
     told = []
 
-    class Looks(Control):
-        def guarding(self, connected):
+    class Looks(SessionControl):
+        def monitor(self, connected):
             self.scanner = connected
-            return emergency.guarding(connected)
+            return emergency.protect(connected)
 
         def may_fire(self, allowed):
             emergency.may_fire(allowed)
@@ -161,7 +161,7 @@ def test_status_of_a_scan_that_may_fire_is_armed_before_it_is_told_to(tmp_path, 
     mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
     plan = ScanPlan.create(mask=mask, samples=256, pulse_rate=100.0)
     with watched(tmp_path, scanner.url) as port:
-        emergency = EmergencyWatch(EmergencyLatch(tmp_path), port.watch)
+        emergency = EmergencyWatchdog(EmergencyLatch(tmp_path), port.watch)
         with port.watch.lent():
             run_scan(plan, scanner.url, tmp_path / "a.h5", control=Looks())
         port.until(connection="connected", laser="off")

@@ -10,8 +10,8 @@ import pytest
 
 from steradian.scans.file import writer as storing
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
 SECTOR = 512
 CUTS = 120
@@ -25,7 +25,7 @@ class Disk:
         self.path = path
         self.durable = bytearray(path.read_bytes())
         self.pending, self.moments, self.acknowledged = [], [], 0
-        overwrite, sync = AlineStore._overwrite, storing.sync_data
+        overwrite, sync = ScanFileWriter._overwrite, storing.sync_data
 
         def note(store, offset, data):
             overwrite(store, offset, data)
@@ -39,7 +39,7 @@ class Disk:
             self.pending.clear()
             self.moment()
 
-        monkeypatch.setattr(AlineStore, "_overwrite", note)
+        monkeypatch.setattr(ScanFileWriter, "_overwrite", note)
         monkeypatch.setattr(storing, "sync_data", synchronise)
 
     def moment(self):
@@ -86,11 +86,11 @@ def disk_after_scan(tmp_path, plan, alines, monkeypatch):
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan)
     disk = Disk(path, monkeypatch)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         for first in range(0, len(alines), 5):
             store.append(alines[first : first + 5])
             disk.acknowledged = first + 5
-            store.set_fired(disk.acknowledged)
+            store.record_shot_count(disk.acknowledged)
     monkeypatch.undo()
     return disk
 
@@ -106,8 +106,8 @@ def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_sca
         path.write_bytes(Disk.after_a_cut(moment, chance))
         acknowledged = plan.visit[: moment[2]]
         unrepaired = read_scan(path) if moment[2] else None
-        report = check_scan_file(path)
-        with AlineStore(path) as store:
+        report = verify_scan_file(path)
+        with ScanFileWriter(path) as store:
             stored = ~store.missing
             assert stored[acknowledged].all()
             for row in np.flatnonzero(stored):
@@ -146,7 +146,7 @@ def cut_and_compare(disk, plan, alines, tmp_path, subsets, chance):
     accepted, wrong = 0, dict.fromkeys(columns, 0)
     for _ in range(subsets):
         path.write_bytes(Disk.after_a_cut(chance.choice(disk.moments), chance))
-        check_scan_file(path)
+        verify_scan_file(path)
         with h5py.File(path, "r") as file:
             stored = np.flatnonzero(file["alines/status"][:])
             for name, values in truth.items():
@@ -164,9 +164,9 @@ def test_a_cut_between_writes_can_damage_an_aline_and_the_check_sees_it(disk_aft
     path = tmp_path / "after.h5"
     for moment in chance.choices(disk_after_scan.moments, k=400):
         path.write_bytes(Disk.after_a_cut(moment, chance))
-        report = check_scan_file(path)
+        report = verify_scan_file(path)
         torn += len(report.damaged)
-        assert check_scan_file(path).is_sound
+        assert verify_scan_file(path).is_consistent
     assert torn
 
 
@@ -174,17 +174,17 @@ def test_the_note_of_what_the_scanner_was_given_is_whole_or_not_there(tmp_path, 
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan)
     disk, chance = Disk(path, monkeypatch), random.Random(7)
-    uploads = [storing.Upload(plan.visit[: 10 + number].copy(), 77 + number, number, 1000) for number in range(6)]
-    with AlineStore(path) as store:
+    uploads = [storing.UploadRecord(plan.visit[: 10 + number].copy(), 77 + number, number, 1000) for number in range(6)]
+    with ScanFileWriter(path) as store:
         for upload in uploads:
-            store.note_upload(upload)
+            store.record_upload(upload)
     monkeypatch.undo()
     known = {upload.tag: upload.rows.tolist() for upload in uploads}
     seen = set()
     for moment in disk.moments * 4:
         shutil.copy(path, tmp_path / "after.h5")
         (tmp_path / "after.h5").write_bytes(Disk.after_a_cut(moment, chance))
-        with AlineStore(tmp_path / "after.h5") as store:
+        with ScanFileWriter(tmp_path / "after.h5") as store:
             last = store.last_upload()
             seen.add(last and last.tag)
             assert last is None or last.rows.tolist() == known[last.tag]

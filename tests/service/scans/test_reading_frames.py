@@ -6,14 +6,14 @@ import pytest
 import steradian
 from steradian import InvalidInput, ScanPlan, grid_mask
 from steradian.scans.file.read import read_scan
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from support.alines import Aline
 
 
 def scan_of(folder, frames):
     plan, path = ScanPlan.create(mask=grid_mask(0.01, 4, 1e-3), samples=64, frames=frames), folder / f"{frames}.h5"
     create_scan_file(path, plan)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(Aline(point, np.full(64, point // 16, np.int16)) for point in range(16 * frames))
     return path
 

@@ -13,8 +13,8 @@ from steradian.cli.app import app
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.plans.files import write_value
-from steradian.scans.acquisition.control import Control, Wish
+from steradian.plans.files import write_json
+from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import run_scan
 
@@ -29,7 +29,7 @@ def simulator():
 def plan(tmp_path_factory):
     mask = equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=60)
     plan = ScanPlan.create(mask=mask, samples=512, pulse_rate=100.0)
-    write_value(plan, tmp_path_factory.mktemp("plan") / "plan.json")
+    write_json(plan, tmp_path_factory.mktemp("plan") / "plan.json")
     return plan
 
 
@@ -37,13 +37,13 @@ def plan(tmp_path_factory):
 def part(plan, simulator, tmp_path):
     """The file of a scan that was stopped."""
 
-    class Stop(Control):
-        wanted = Wish.RUN
+    class Stop(SessionControl):
+        wanted = Command.RUN
 
         def progress(self, done, total):
-            self.wanted = Wish.STOP if done >= 20 else Wish.RUN
+            self.wanted = Command.STOP if done >= 20 else Command.RUN
 
-        def wish(self):
+        def command(self):
             return self.wanted
 
     run_scan(plan, simulator.url, tmp_path / "part.h5", control=Stop())
@@ -61,7 +61,7 @@ def call(*words, raises=None):
 
 
 def test_scan_plan_is_short_for_scan_run_plan(plan, simulator, tmp_path):
-    write_value(plan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
     for words in (["scan"], ["scan", "run"]):
         output = tmp_path / f"{len(words)}.h5"
         said = call(*words, tmp_path / "plan.json", "--scanner", simulator.url, "--output", output)
@@ -79,7 +79,7 @@ def test_resume_says_what_it_compared_and_fills_the_same_file(part, simulator):
 
 
 def test_resume_of_another_plan_is_refused(part, plan, simulator, tmp_path):
-    write_value(plan.replace(pulse_rate=10.0), tmp_path / "other.json")
+    write_json(plan.replace(pulse_rate=10.0), tmp_path / "other.json")
     call("scan", "resume", part, "--plan", tmp_path / "other.json", "--scanner", simulator.url, raises=ResumeRefused)
 
 
@@ -111,7 +111,7 @@ def test_positions_that_were_changed_are_no_scan_any_more(part):
 @pytest.mark.long
 def test_the_simulated_scanner_looks_at_what_is_asked_for(plan, tmp_path):
     """Each phantom gives other A-lines, a file of balls those of its own; the line to go on with names it."""
-    write_value(plan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
     ball = {"centres": [[0.0, 0.0, 3e-3]], "sigmas": [50e-6], "amplitudes": [1.0]}
     np.savez(tmp_path / "ball.npz", **{name: np.array(values) for name, values in ball.items()})
     for name in ("yarn", "vessels", tmp_path / "ball.npz"):
@@ -130,7 +130,7 @@ def test_the_simulated_scanner_looks_at_what_is_asked_for(plan, tmp_path):
 
 @pytest.mark.parametrize("phantom", ["nonsense", "plan.json"])
 def test_a_phantom_that_is_none_is_refused_by_name(plan, tmp_path, phantom):
-    write_value(plan, tmp_path / "plan.json")
+    write_json(plan, tmp_path / "plan.json")
     words = ("scan", tmp_path / "plan.json", "--phantom", tmp_path / phantom, "--output", tmp_path / "scan.h5")
     error = call(*words, raises=InvalidInput)
     assert phantom in error

@@ -14,14 +14,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 from earlier import as_version_1
 
 from fabry_perot.simulator import launch
-from steradian.masks import beams_mask, equi_steradian_mask
+from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.beams import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control, Wish
+from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import resume_scan, run_scan
 from steradian.scans.file.read import list_frames, read_scan
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "scan-file.md"
 
@@ -31,7 +31,7 @@ def path(tmp_path, plan, alines):
     file = tmp_path / "scan.h5"
     wavelengths = np.full(plan.mask.count, 1.55e-6)
     create_scan_file(file, plan.replace(wavelengths=wavelengths, excitation=(8e-7,)), scan_id="s1", scanner="A")
-    with AlineStore(file) as store:
+    with ScanFileWriter(file) as store:
         store.append(alines)
     return file
 
@@ -43,7 +43,10 @@ def test_every_object_is_documented_with_its_type_and_every_documented_one_exist
     beams = tmp_path / "beams.h5"  # what only a plan of several beams has
     offsets = read_beams("2x1", 1e-3)
     several = ScanPlan.create(
-        mask=beams_mask(equi_steradian_mask(13.56e-3, 3.6e-3, 90), offsets), beams=offsets, samples=64, pulse_rate=50.0
+        mask=multi_beam_mask(equi_steradian_mask(13.56e-3, 3.6e-3, 90), offsets),
+        beams=offsets,
+        samples=64,
+        pulse_rate=50.0,
     )
     create_scan_file(beams, several, scan_id="s2", scanner="A")
     with h5py.File(beams) as other, h5py.File(path) as file:
@@ -88,14 +91,14 @@ def test_where_it_comes_from_is_in_it(path, plan):
 
 
 def test_a_file_of_version_1_is_read_checked_and_continued(tmp_path, plan):
-    class Stop(Control):
+    class Stop(SessionControl):
         stored = 0
 
         def progress(self, done, total):
             self.stored = done
 
-        def wish(self):
-            return Wish.STOP if self.stored >= 20 else Wish.RUN
+        def command(self):
+            return Command.STOP if self.stored >= 20 else Command.RUN
 
     path, slow = tmp_path / "old.h5", plan.replace(pulse_rate=100.0, samples=512)
     with launch(speed=20.0, ring=8) as simulator:
@@ -103,6 +106,6 @@ def test_a_file_of_version_1_is_read_checked_and_continued(tmp_path, plan):
         as_version_1(path)
         before = read_scan(path)
         assert 20 <= len(before.traces) < plan.mask.count
-        assert check_scan_file(path).is_sound
+        assert verify_scan_file(path).is_consistent
         assert resume_scan(path, simulator.url, plan=slow).stored == plan.mask.count
-    assert check_scan_file(path).is_sound
+    assert verify_scan_file(path).is_consistent

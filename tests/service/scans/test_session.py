@@ -13,16 +13,16 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from scripted import QUIET, Script, samples
 
-from fabry_perot import Recovery
+from fabry_perot import RecoveryPolicy
 from fabry_perot.simulator import launch
 from steradian.core.exceptions import Conflict, DiskFull, InvalidInput, ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control, End, Phase, Wish
+from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.resume_checks import ResumeRefused
-from steradian.scans.acquisition.run import BAD, resume_scan, run_scan
+from steradian.scans.acquisition.run import RETRY_FLAGS, resume_scan, run_scan
 from steradian.scans.file.read import list_frames, read_scan
-from steradian.scans.file.verify import check_scan_file
+from steradian.scans.file.verify import verify_scan_file
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +46,12 @@ def whole(simulator, plan, tmp_path_factory):
 
 
 def stop_at(plan, simulator, path, count):
-    return run_scan(plan, simulator.url, path, control=Script((count, Wish.STOP)))
+    return run_scan(plan, simulator.url, path, control=Script((count, Command.STOP)))
 
 
 def test_a_stopped_scan_keeps_every_shot_that_was_fired(plan, simulator, tmp_path):
     summary = stop_at(plan, simulator, tmp_path / "a.h5", 20)
-    assert summary.end is End.STOPPED
+    assert summary.end is SessionOutcome.STOPPED
     assert 20 <= summary.stored == summary.fired < summary.points
 
 
@@ -60,9 +60,9 @@ def test_a_resumed_scan_is_bit_for_bit_the_one_that_nothing_disturbed(plan, simu
     before = stop_at(plan, simulator, path, 20)
     control = Script()
     after = resume_scan(path, simulator.url, plan=plan, control=control)
-    assert (after.end, after.stored) == (End.COMPLETE, plan.mask.count)
+    assert (after.end, after.stored) == (SessionOutcome.COMPLETE, plan.mask.count)
     assert after.fired == before.fired + (plan.mask.count - before.stored) + 16, "the missing points and the reference"
-    assert control.phases == [Phase.ARMING, Phase.RUNNING, Phase.COMPLETING]
+    assert control.phases == [SessionPhase.ARMING, SessionPhase.RUNNING, SessionPhase.COMPLETING]
     np.testing.assert_array_equal(samples(path), whole)
     assert all(finding.agrees for finding in after.findings)
     assert {"the scanner", "the plan", "the tuning map"} <= {finding.what for finding in after.findings}
@@ -74,7 +74,9 @@ def test_a_complete_scan_is_resumed_without_a_shot(plan, simulator, tmp_path):
     assert resume_scan(path, simulator.url).fired == fired
 
 
-@pytest.mark.parametrize(("wish", "end"), [(Wish.STOP, End.STOPPED), (Wish.ABORT, End.ABORTED)])
+@pytest.mark.parametrize(
+    ("wish", "end"), [(Command.STOP, SessionOutcome.STOPPED), (Command.ABORT, SessionOutcome.ABORTED)]
+)
 def test_a_scan_that_is_not_wanted_any_more_is_resumed_without_a_shot(plan, simulator, tmp_path, wish, end):
     """The reference point, too, is measured only for somebody who wants the scan."""
     path = tmp_path / "a.h5"
@@ -126,8 +128,8 @@ def test_what_a_killed_session_left_in_the_scanner_comes_in_first_and_is_not_fir
 
     phases = []
 
-    class Notes(Control):
-        def enter(self, phase):
+    class Notes(SessionControl):
+        def on_phase(self, phase):
             phases.append(phase)
 
     summary = resume_scan(path, simulator.url, control=Notes())
@@ -146,11 +148,11 @@ def test_flagged_alines_are_measured_again_into_the_same_file(plan, simulator, w
             file["alines/quality"][row] = 1
             file["alines/samples"][row] = 0
             file["alines/crc32c"][row] = 0x5A5A5A5A
-    report = check_scan_file(path)
+    report = verify_scan_file(path)
     assert report.damaged.tolist() == bad, "measured again because they are damaged"
     with h5py.File(path, "r+") as file:
         file["alines/quality"][7] = 1
-    after = resume_scan(path, simulator.url, retry=BAD)
+    after = resume_scan(path, simulator.url, retry=RETRY_FLAGS)
     assert after.fired == summary.fired + 16 + 3
     np.testing.assert_array_equal(samples(path), whole)
     with h5py.File(path) as file:
@@ -161,7 +163,7 @@ def test_frames_and_excitation_wavelengths_each_have_their_alines(plan, simulato
     """Two frames at each of two wavelengths; the simulated object absorbs with the wavelength's power -2."""
     path = tmp_path / "a.h5"
     wanted = plan.replace(frames=2, excitation=(800e-9, 1000e-9))
-    summary = run_scan(wanted, simulator.url, path, control=Script((150, Wish.STOP)))
+    summary = run_scan(wanted, simulator.url, path, control=Script((150, Command.STOP)))
     summary = resume_scan(path, simulator.url, plan=wanted)
     assert summary.stored == summary.points == 4 * plan.mask.count
     assert [(frame.excitation, frame.stored) for frame in list_frames(path)] == [
@@ -195,15 +197,17 @@ def test_a_lost_link_that_comes_back_is_told_and_costs_nothing(plan, whole, tmp_
             super().progress(done, total)
             if done >= 20 and not self.phases.count("unplugged"):
                 self.phases.append("unplugged")
-                simulator.command("unplug", seconds=4.0)
+                simulator.send_command("unplug", seconds=4.0)
 
     with launch(speed=4.0, **QUIET) as simulator:
         control = Unplugs()
-        within = Recovery(within=60.0)  # when the laser may come back is not asked here, and a busy machine is late
+        within = RecoveryPolicy(
+            within=60.0
+        )  # when the laser may come back is not asked here, and a busy machine is late
         summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=control, recovery=within)
     assert summary.stored == summary.fired == plan.mask.count
     after = control.phases[control.phases.index("unplugged") + 1 :]
-    assert after == [Phase.RECOVERING, Phase.RUNNING, Phase.COMPLETING]
+    assert after == [SessionPhase.RECOVERING, SessionPhase.RUNNING, SessionPhase.COMPLETING]
     np.testing.assert_array_equal(samples(tmp_path / "a.h5"), whole)
 
 
@@ -215,21 +219,21 @@ def test_what_was_wished_while_the_process_was_held_up_comes_before_the_laser(pl
             super().progress(done, total)
             if done >= 20 and not self.wishes:
                 threading.Event().wait(1.0)
-                shots.append(simulator.command("report")["shots"])
-                self.wishes = [(0, Wish.ABORT)]
+                shots.append(simulator.send_command("report")["shots"])
+                self.wishes = [(0, Command.ABORT)]
 
     shots = []
     with launch(speed=20.0, **QUIET) as simulator:
         control = HeldUp()
-        assert run_scan(plan, simulator.url, tmp_path / "a.h5", control=control).end is End.ABORTED
-        assert simulator.command("report")["shots"] == shots[0]
-    assert control.phases[-1] is Phase.ABORTING
+        assert run_scan(plan, simulator.url, tmp_path / "a.h5", control=control).end is SessionOutcome.ABORTED
+        assert simulator.send_command("report")["shots"] == shots[0]
+    assert control.phases[-1] is SessionPhase.ABORTING
 
 
 def test_a_scan_that_is_not_wanted_before_it_begins_fires_nothing(plan, simulator, tmp_path):
     before = simulator.command("report")["shots"]
-    summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Script((0, Wish.ABORT)))
-    assert (summary.end, summary.stored, summary.fired) == (End.ABORTED, 0, 0)
+    summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Script((0, Command.ABORT)))
+    assert (summary.end, summary.stored, summary.fired) == (SessionOutcome.ABORTED, 0, 0)
     assert simulator.command("report")["shots"] == before
 
 
@@ -258,7 +262,7 @@ def test_a_scan_that_does_not_fit_is_refused_below_the_need_and_only_there(plan,
         run_scan(plan, simulator.url, tmp_path / "a.h5")
     assert not (tmp_path / "a.h5").exists()
     monkeypatch.setattr(layout.shutil, "disk_usage", lambda folder: free._replace(free=need + 1))
-    assert "of the" in layout.check_disk(tmp_path, need)
+    assert "of the" in layout.check_free_space(tmp_path, need)
     assert run_scan(plan, simulator.url, tmp_path / "a.h5").stored == plan.mask.count
 
 

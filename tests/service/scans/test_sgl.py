@@ -16,7 +16,7 @@ from sgl_files import NAME, TRAILER, read_sgl, write_sgl
 from steradian.core.exceptions import DamagedFile, InvalidInput, SteradianError
 from steradian.scans.exporting import export_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.looking import look_into
+from steradian.scans.importing.looking import inspect_recording
 from steradian.scans.opening import open_recording
 
 
@@ -75,19 +75,19 @@ def test_sgl_of_odd_values_returns_the_same_bytes(tmp_path):
 
 def test_sgl_without_an_ending_is_told_by_its_length(tmp_path):
     source = write_sgl(tmp_path / "upload")
-    assert look_into(source).format == "sgl"
-    assert look_into(source).notes
+    assert inspect_recording(source).format == "sgl"
+    assert inspect_recording(source).notes
 
 
 def test_sgl_image_has_the_ball_where_it_is(tmp_path):
     """Positions are centred; x is the fastest axis of the file."""
     from steradian.reconstructions.parameters import ReconstructionParameters
-    from steradian.reconstructions.pipeline.run import reconstruct_recording
+    from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 
     samples = foreign.expected(foreign.grid()).reshape(*foreign.COUNTS, -1).swapaxes(0, 1).reshape(96, -1)
     source = write_sgl(tmp_path / "a.sgl", samples=samples, trailer=())
     chosen = ReconstructionParameters.create(sound_speed=foreign.SPEED)
-    volume = reconstruct_recording(open_recording(source), chosen)
+    volume = reconstruct_in_memory(open_recording(source), chosen)
     place = np.unravel_index(np.abs(volume.values).argmax(), volume.values.shape)
     found = [volume.origin[axis] + place[axis] * volume.spacing[axis] for axis in range(3)]
     np.testing.assert_allclose(found, foreign.BALL.centres[0], atol=0.15e-3)

@@ -30,7 +30,7 @@ def test_a_scan_whose_scanner_falls_silent_does_not_count_as_running(tmp_path):
     with launch() as simulator:
         bench = Bench(tmp_path, Port())
         identifier = bench.queue(pulse_rate=5.0)
-        thread = threading.Thread(target=bench.work.step)
+        thread = threading.Thread(target=bench.work.run_once)
         thread.start()
         try:
             state = lambda: bench.scans.get(identifier).state  # noqa: E731
@@ -40,7 +40,7 @@ def test_a_scan_whose_scanner_falls_silent_does_not_count_as_running(tmp_path):
             assert "silent" in bench.scans.get(identifier).history[-1]["why"]
         finally:
             os.kill(simulator.pid, signal.SIGCONT)
-            bench.scans.desire(identifier, DesiredScanState.ABORTED, "seen enough")
+            bench.scans.set_desired_state(identifier, DesiredScanState.ABORTED, "seen enough")
             thread.join(60)
             bench.close()
     assert not thread.is_alive()

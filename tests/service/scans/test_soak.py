@@ -18,7 +18,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 from steradian.storage.states import SCAN_TRANSITIONS, DesiredScanState, ScanState, is_terminal
 
 S, W = ScanState, DesiredScanState
@@ -81,7 +81,7 @@ def judge(rig, identifier, plan, truth, state, end):
     assert report.is_sound
     assert report.intact == row.summary["stored"]
     assert state is not S.COMPLETE or report.intact == plan.aline_count
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         shots = store.column("shot")
         for place in np.flatnonzero(~store.missing).tolist():
             expected = truth.samples(place % plan.mask.count, int(shots[place]))

@@ -20,9 +20,9 @@ from steradian.core.exceptions import Conflict, DamagedFile, InvalidInput, NotFo
 from steradian.scans.exporting import export_scan
 from steradian.scans.file import writer as store
 from steradian.scans.file.locking import lock
-from steradian.scans.file.tail import ScanFollower
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.tail import ScanTail
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
 
@@ -36,7 +36,7 @@ def path(tmp_path, plan):
 
 def test_a_complete_scan_comes_back_bit_exact_in_mask_order(path, plan, alines):
     """Row m of a recording belongs to position m of the mask, whatever the order of the visit."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines)
     recording = open_recording(path)
     np.testing.assert_array_equal(recording.traces[plan.visit], [aline.samples for aline in alines])
@@ -50,7 +50,7 @@ def test_a_complete_scan_comes_back_bit_exact_in_mask_order(path, plan, alines):
 
 def test_a_partial_scan_has_its_points_and_rescaled_weights(path, plan, alines):
     """What is missing is left out; the weights of the rest sum to the sensed area again."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines[:20])
     recording = open_recording(path)
     assert len(recording.traces) == 20
@@ -61,7 +61,7 @@ def test_a_partial_scan_has_its_points_and_rescaled_weights(path, plan, alines):
 
 def test_the_file_is_readable_by_plain_hdf5_while_it_is_written(path, alines):
     """Another program sees the appended A-lines of a running scan at once."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines[:7])
         with h5py.File(path, "r") as file:
             assert int(np.sum(file["alines/status"][:])) == 7
@@ -72,7 +72,7 @@ def test_the_file_is_readable_by_plain_hdf5_while_it_is_written(path, alines):
 def test_a_copy_taken_between_any_two_writes_is_valid(path, alines, tmp_path):
     """A power cut at any moment leaves a readable file with every acknowledged A-line."""
     copy = tmp_path / "copy.h5"
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         overwrite = store._overwrite
         acknowledged = 0
 
@@ -90,7 +90,7 @@ def test_a_copy_taken_between_any_two_writes_is_valid(path, alines, tmp_path):
 
 def test_a_half_written_row_is_left_out(path, plan, alines):
     """A row that does not match its checksum, as a power cut may leave it, is not passed off as data."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines)
     place = int(plan.visit[5])
     with h5py.File(path, "r+") as file:
@@ -106,31 +106,31 @@ COLUMNS = "scale energy wavelength_m fire_time_s quality shot averages time_zero
 @pytest.mark.parametrize("column", COLUMNS)
 def test_a_row_with_a_wrong_column_is_not_passed_off_as_data(path, plan, alines, column, tmp_path):
     """… to a reconstruction, a live view, an export, an import or a continued scan: it is found and measured again."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines)
     with h5py.File(path, "r+") as file:
         file["alines"][column][5] += {"wavelength_m": 1e-9, "time_zero_s": 1e-9}.get(column, 1)
     others = np.delete(np.arange(plan.mask.count), 5)
     np.testing.assert_array_equal(open_recording(path).positions, plan.mask.positions[others])
-    assert ScanFollower(path).take().points.tolist() == others.tolist()
+    assert ScanTail(path).read_new().points.tolist() == others.tolist()
     exported = open_recording(export_scan(path, tmp_path / "out.hdf5"))
     assert len(exported.positions) == len(others)
     with pytest.raises(DamagedFile, match="A-line 5"):
         import_scan(path, tmp_path / "copy.h5")
-    assert check_scan_file(path).damaged.tolist() == [5]
-    with AlineStore(path) as store:
+    assert verify_scan_file(path).damaged.tolist() == [5]
+    with ScanFileWriter(path) as store:
         assert np.flatnonzero(store.missing).tolist() == [5]
 
 
 def test_a_row_whose_status_never_landed_is_listed_only_with_the_columns_it_was_stored_with(path, alines):
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines)
     with h5py.File(path, "r+") as file:
         file["alines/status"][4:7] = 0
         file["alines/energy"][5] = 0.0
-    report = check_scan_file(path)
+    report = verify_scan_file(path)
     assert (report.unlisted.tolist(), report.damaged.tolist()) == ([4, 6], [])
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         assert np.flatnonzero(store.missing).tolist() == [5]
 
 
@@ -171,7 +171,7 @@ def test_an_existing_file_is_never_overwritten(path, plan):
 @pytest.mark.parametrize("size", [0, 100, 5000])
 def test_a_truncated_file_is_named(path, alines, size):
     """A truncated file is a clear error with its name."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines)
     os.truncate(path, size)
     with pytest.raises(DamagedFile, match=r"scan\.h5"):
@@ -199,7 +199,7 @@ def test_an_empty_scan_cannot_be_reconstructed(path):
 
 def test_alines_of_another_plan_are_refused(path, alines):
     """An A-line of the wrong length or an unknown point is not stored."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         wrong = type(alines[0])(0, np.zeros(5, np.int16))
         with pytest.raises(InvalidInput, match="samples"):
             store.append([wrong])
@@ -212,7 +212,7 @@ def test_an_aline_whose_write_failed_is_not_in_the_table_when_its_neighbours_are
     """A batch writes the columns of the rows between its own with them, and these must not claim what is not there."""
     by_row = [alines[point] for point in np.argsort(plan.visit)]
     faults = iter([FULL])
-    with AlineStore(path) as store, FaultyDisk(path, lambda: next(faults, None)).mounted(monkeypatch):
+    with ScanFileWriter(path) as store, FaultyDisk(path, lambda: next(faults, None)).mounted(monkeypatch):
         with pytest.raises(OSError, match="No space left"):
             store.append([by_row[7]])
         store.append([by_row[6], by_row[8]])
@@ -220,22 +220,22 @@ def test_an_aline_whose_write_failed_is_not_in_the_table_when_its_neighbours_are
     with h5py.File(path, "r") as file:
         assert file["alines/status"][6:9].tolist() == [1, 0, 1]
         assert file["alines/scale"][6:9].tolist() == [0.5, 0.0, 0.5]
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append([by_row[7]])
         assert store.stored == 3
 
 
 def test_a_file_has_one_writer_and_any_readers(path, alines):
     """A second session is refused while the first writes; readers are not, and a dead writer holds nothing."""
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         store.append(alines[:7])
         with pytest.raises(Conflict, match="another process"):
-            AlineStore(path)
+            ScanFileWriter(path)
         assert len(open_recording(path).traces) == 7
         store.append(alines[7:9])
         with pytest.raises(Conflict, match="another process"):
-            AlineStore(path)
-    with AlineStore(path) as store:
+            ScanFileWriter(path)
+    with ScanFileWriter(path) as store:
         assert store.stored == 9
 
 
@@ -247,16 +247,16 @@ def test_where_both_kinds_of_locks_are_one_a_running_scan_is_written_and_followe
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     monkeypatch.setattr(store, "lock", lock_like_nfs)
-    with AlineStore(path) as writer:
-        follower = ScanFollower(path)
+    with ScanFileWriter(path) as writer:
+        follower = ScanTail(path)
         writer.append(alines[:7])
         with pytest.raises(OSError, match="unable to lock file"):
             h5py.File(path, "r")
         with pytest.raises(Conflict, match="another process"):
-            AlineStore(path)
-        assert len(follower.take().points) == len(open_recording(path).traces) == 7
+            ScanFileWriter(path)
+        assert len(follower.read_new().points) == len(open_recording(path).traces) == 7
         writer.append(alines[7:])
-        assert len(follower.take().points) == len(alines) - 7
+        assert len(follower.read_new().points) == len(alines) - 7
         export_scan(path, tmp_path / "out.hdf5")
-        assert check_scan_file(path).is_sound
+        assert verify_scan_file(path).is_consistent
     assert h5py.File(path, "r").close() is None

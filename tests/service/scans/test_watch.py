@@ -13,9 +13,9 @@ from fabry_perot.simulator import launch
 from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import End, Phase, Wish
-from steradian.scans.acquisition.database_control import ScanWatch
-from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.control import Command, SessionOutcome, SessionPhase
+from steradian.scans.acquisition.database_control import DatabaseControl
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.run import run_scan
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.layout import DataDirectory
@@ -45,8 +45,8 @@ class Desk:
         self.scans.transition(self.id, ScanState.ARMING, why="test")
         self.stopping = threading.Event()
 
-    def watch(self, kind=ScanWatch):
-        return kind(self.scans, self.id, self.stopping, EmergencyWatch(EmergencyLatch(self.data.emergency)))
+    def watch(self, kind=DatabaseControl):
+        return kind(self.scans, self.id, self.stopping, EmergencyWatchdog(EmergencyLatch(self.data.emergency)))
 
     @contextmanager
     def locked(self):
@@ -82,7 +82,7 @@ def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path
     """By the scanner's clock: the laser fires on, a shot every 20 ms, while the database is locked; later it learns."""
     lock = desk.locked()
 
-    class Locks(ScanWatch):
+    class Locks(DatabaseControl):
         locked = False
 
         def progress(self, done, total):
@@ -95,7 +95,7 @@ def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path
     try:
         with launch(speed=1.0) as simulator:
             summary = run_scan(desk.plan, simulator.url, path, control=watch)
-        assert (summary.end, summary.stored) == (End.COMPLETE, desk.plan.mask.count)
+        assert (summary.end, summary.stored) == (SessionOutcome.COMPLETE, desk.plan.mask.count)
         assert desk.row.done < summary.stored, "the database was locked all the time"
     finally:
         lock.__exit__(None, None, None)
@@ -109,11 +109,17 @@ def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path
 def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_is_back(desk):
     watch = desk.watch()
     with desk.locked():
-        for phase in (Phase.RUNNING, Phase.RECOVERING, Phase.RUNNING, Phase.PAUSING, Phase.PAUSED):
+        for phase in (
+            SessionPhase.RUNNING,
+            SessionPhase.RECOVERING,
+            SessionPhase.RUNNING,
+            SessionPhase.PAUSING,
+            SessionPhase.PAUSED,
+        ):
             watch.enter(phase)
         watch.blocked("the disk is full")
         watch.progress(7, 60)
-        assert watch.wish() is Wish.RUN
+        assert watch.wish() is Command.RUN
         assert desk.row.state is ScanState.ARMING
     watch.over()
     states = [entry["state"] for entry in desk.row.history]
@@ -124,19 +130,19 @@ def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_i
 def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
     desk.scans.desire(desk.id, DesiredScanState.PAUSED, "let me see")
     watch = desk.watch()
-    assert watch.wish() is Wish.PAUSE, "at once, before anything is fired"
+    assert watch.wish() is Command.PAUSE, "at once, before anything is fired"
     desk.scans.desire(desk.id, DesiredScanState.RUNNING, "go on")
-    desk.until(lambda: watch.wish() is Wish.RUN)
+    desk.until(lambda: watch.wish() is Command.RUN)
     desk.scans.desire(desk.id, DesiredScanState.STOPPED, "enough")
-    desk.until(lambda: watch.wish() is Wish.STOP)
+    desk.until(lambda: watch.wish() is Command.STOP)
     watch.close()
-    assert watch.wish() is Wish.STOP
+    assert watch.wish() is Command.STOP
 
 
 def test_an_answer_that_nobody_foresaw_ends_the_scan_instead_of_the_ear_for_wishes(desk, monkeypatch):
     """A thread that ended unseen would leave the scan running, whatever is wished."""
     watch = desk.watch()
-    assert watch.wish() is Wish.RUN
+    assert watch.wish() is Command.RUN
 
     def surprise(identifier):
         raise RuntimeError("another row than any before")

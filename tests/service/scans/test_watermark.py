@@ -16,11 +16,11 @@ import fabry_perot
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Control, End, Wish
+from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome
 from steradian.scans.acquisition.run import resume_scan, run_scan
 from steradian.scans.acquisition.session import ScanSession
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
 RUNS = 30
 
@@ -81,11 +81,11 @@ def measure(scanner, store, disk, control, whole):
     """One session under the eyes of a witness; returns how it ended, and the witness."""
     witness = Witness(scanner, disk, store, whole)
     session = witness.session = ScanSession(scanner, store, control)
-    session.rescue()
-    return session.measure(store.missing), witness
+    session.drain_previous_upload()
+    return session.acquire(store.missing), witness
 
 
-class StopsWhileFull(Control):
+class StopsWhileFull(SessionControl):
     """Wishes an end while the disk is full, upon which there is space again."""
 
     full = False
@@ -93,12 +93,12 @@ class StopsWhileFull(Control):
     def progress(self, done, total):
         self.full = self.full or 10 <= done
 
-    def wish(self):
-        return Wish.STOP if self.over else Wish.RUN
+    def command(self):
+        return Command.STOP if self.over else Command.RUN
 
     over = False
 
-    def blocked(self, why):
+    def on_storage_blocked(self, why):
         self.over = True
 
     def wait(self, seconds):
@@ -134,13 +134,13 @@ def stopped_while_full(simulator, plan, whole, path, monkeypatch):
     disk = FaultyDisk(path, fault)
     with (
         fabry_perot.connect(simulator.url) as scanner,
-        AlineStore(path) as store,
+        ScanFileWriter(path) as store,
         disk.mounted(monkeypatch),
     ):
         witness.append(Witness(scanner, disk, store, whole))
         session = witness[0].session = ScanSession(scanner, store, control)
-        end = session.measure(store.missing)
-        assert (end, store.stored) == (End.STOPPED, scanner.report().fired)
+        end = session.acquire(store.missing)
+        assert (end, store.stored) == (SessionOutcome.STOPPED, scanner.report().fired)
     return witness[0].acknowledged - control.before - 1
 
 
@@ -151,19 +151,19 @@ def wait_until(condition):
         time.sleep(0.005)
 
 
-class Moody(Control):
+class Moody(SessionControl):
     """Wishes now this, now that, and sometimes dies of it."""
 
     def __init__(self, chance):
         super().__init__()
-        self.chance, self.mood, self.full = chance, Wish.RUN, False
+        self.chance, self.mood, self.full = chance, Command.RUN, False
 
-    def wish(self):
+    def command(self):
         roll = self.chance.random()
-        if self.mood is Wish.PAUSE:
-            self.mood = Wish.RUN if roll < 0.3 else Wish.STOP if roll < 0.4 else self.mood
-        elif self.mood is Wish.RUN and roll < 0.12:
-            self.mood = self.chance.choice([Wish.PAUSE, Wish.PAUSE, Wish.STOP, Wish.ABORT])
+        if self.mood is Command.PAUSE:
+            self.mood = Command.RUN if roll < 0.3 else Command.STOP if roll < 0.4 else self.mood
+        elif self.mood is Command.RUN and roll < 0.12:
+            self.mood = self.chance.choice([Command.PAUSE, Command.PAUSE, Command.STOP, Command.ABORT])
         return self.mood
 
     def progress(self, done, total):
@@ -195,14 +195,14 @@ def test_whatever_fails_and_whoever_leaves(seed, plan, simulator, whole, tmp_pat
         disk.chance = control.fault
         with fabry_perot.connect(simulator.url) as scanner, disk.mounted(monkeypatch):
             try:
-                with AlineStore(path) as store:
+                with ScanFileWriter(path) as store:
                     measure(scanner, store, disk, control, whole)
             except (KeyboardInterrupt, OSError):
                 continue
     disk.chance = lambda: None
     path.write_bytes(disk.durable)  # the power fails: all that is left is what was synchronised
     summary = resume_scan(path, simulator.url)
-    assert (summary.end, summary.stored) == (End.COMPLETE, plan.mask.count)
+    assert (summary.end, summary.stored) == (SessionOutcome.COMPLETE, plan.mask.count)
     with h5py.File(path, "r") as file:
         np.testing.assert_array_equal(file["alines/samples"][:], whole)
-    assert check_scan_file(path).is_sound
+    assert verify_scan_file(path).is_consistent

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from steradian.storage.db import advisory_locks as advisory
-from steradian.storage.db.advisory_locks import Hold, SessionLock
+from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
 
 
 @pytest.fixture
@@ -19,8 +19,8 @@ def url(postgres):
 
 @pytest.fixture
 def lock(url):
-    lock = SessionLock(url, "me")
-    assert lock.acquire(30) is Hold.HELD
+    lock = AdvisoryLock(url, "me")
+    assert lock.acquire(30) is LockState.HELD
     yield lock
     lock.release()
 
@@ -47,61 +47,61 @@ def in_time(ask):
 
 @pytest.mark.long
 def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
-    other = SessionLock(url, "me")
-    assert other.renew() is Hold.TAKEN
+    other = AdvisoryLock(url, "me")
+    assert other.ensure_held() is LockState.TAKEN
     with lock.borrowed("another") as free:
         assert free
     lock.release()
-    assert other.acquire(30) is Hold.HELD
-    assert lock.renew() is Hold.TAKEN
+    assert other.acquire(30) is LockState.HELD
+    assert lock.renew() is LockState.TAKEN
     other.release()
 
 
 def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, monkeypatch):
     """After a restart of the database: who is back first looks whether the others are."""
-    lock, other, asked = SessionLock(url, "me"), SessionLock(url, "other"), threading.Event()
-    assert other.acquire(30) is Hold.HELD
-    renew = lock.renew
+    lock, other, asked = AdvisoryLock(url, "me"), AdvisoryLock(url, "other"), threading.Event()
+    assert other.acquire(30) is LockState.HELD
+    renew = lock.ensure_held
 
     def seen():
         hold = renew()
-        if hold is Hold.TAKEN:
+        if hold is LockState.TAKEN:
             asked.set()
         return hold
 
-    monkeypatch.setattr(lock, "renew", seen)
+    monkeypatch.setattr(lock, "ensure_held", seen)
     with ThreadPoolExecutor(1) as pool:
-        with other.borrowed("me") as free:
+        with other.try_briefly("me") as free:
             assert free
-            kept = pool.submit(lock.keep, 60)
+            kept = pool.submit(lock.hold, 60)
             assert asked.wait(60)
-        assert kept.result() is Hold.HELD
+        assert kept.result() is LockState.HELD
     other.release()
     lock.release()
 
 
 def test_a_server_that_hangs_is_not_waited_for(lock, stopped, monkeypatch):
-    monkeypatch.setattr(advisory, "ANSWER_WITHIN", 0.5)
-    assert in_time(lock.renew) is Hold.UNREACHABLE
+    monkeypatch.setattr(advisory, "QUERY_TIMEOUT", 0.5)
+    assert in_time(lock.renew) is LockState.UNREACHABLE
 
 
 def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, monkeypatch):
     """The server still holds the lock for the session that was cut: it has not heard that yet."""
-    monkeypatch.setattr(advisory, "ANSWER_WITHIN", 0.5)
-    assert in_time(lock.renew) is Hold.UNREACHABLE
+    monkeypatch.setattr(advisory, "QUERY_TIMEOUT", 0.5)
+    assert in_time(lock.renew) is LockState.UNREACHABLE
     monkeypatch.undo()
-    assert lock.renew() is Hold.UNREACHABLE
+    assert lock.renew() is LockState.UNREACHABLE
     stopped()
-    assert lock.acquire(30) is Hold.HELD
+    assert lock.acquire(30) is LockState.HELD
 
 
 def test_several_share_a_name_and_nobody_has_it_alone_meanwhile(url):
-    nodes, alone = [SessionLock(url, "shared", shared=True) for _ in range(2)], SessionLock(url, "shared")
-    assert [node.acquire(30) for node in nodes] == [Hold.HELD, Hold.HELD]
-    assert alone.renew() is Hold.TAKEN
+    nodes, alone = [AdvisoryLock(url, "shared", shared=True) for _ in range(2)], AdvisoryLock(url, "shared")
+    assert [node.acquire(30) for node in nodes] == [LockState.HELD, LockState.HELD]
+    assert alone.ensure_held() is LockState.TAKEN
     nodes[0].release()
-    assert (alone.renew(), nodes[1].renew()) == (Hold.TAKEN, Hold.HELD)
+    assert (alone.ensure_held(), nodes[1].ensure_held()) == (LockState.TAKEN, LockState.HELD)
     nodes[1].release()
-    assert alone.acquire(30) is Hold.HELD
-    assert nodes[0].renew() is Hold.TAKEN
+    assert alone.acquire(30) is LockState.HELD
+    assert nodes[0].ensure_held() is LockState.TAKEN
     alone.release()

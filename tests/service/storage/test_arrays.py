@@ -5,7 +5,7 @@ import os
 import pytest
 
 from steradian.core.exceptions import NotFound
-from steradian.storage.blobs.interface import Folder, Stat, result_name, scan_name, upload_name
+from steradian.storage.blobs.interface import BlobInfo, FolderBlobStore, result_name, scan_name, upload_name
 from steradian.storage.data_dir.layout import DataDirectory
 
 MIB = 1 << 20
@@ -20,7 +20,7 @@ def place(request, tmp_path):
     if request.param == "store":
         yield request.getfixturevalue("make_store")(data.root), request.getfixturevalue("rows"), data
     else:
-        yield Folder(data), request.getfixturevalue("database"), data
+        yield FolderBlobStore(data), request.getfixturevalue("database"), data
 
 
 def file_of(folder, content, name="whole.h5"):
@@ -39,7 +39,7 @@ def test_what_was_put_reads_the_same_as_a_whole_and_in_ranges(place, tmp_path, s
     for first, count in [(0, 10), (size // 2, 100), (max(0, size - 5), 100), (size + 3, 5), (7, 0)]:
         assert arrays.range("scans/s1.h5", first, count) == content[first : first + count]
     found = arrays.stat("scans/s1.h5")
-    assert isinstance(found, Stat)
+    assert isinstance(found, BlobInfo)
     assert found.size == size
 
 

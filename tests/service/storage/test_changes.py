@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database
 
 
@@ -24,43 +24,43 @@ def write(database, value):
 
 
 def test_every_commit_is_told_once_whoever_made_it(database, tmp_path):
-    changes = Changes(database, at_least=1e6)
-    assert changes.any(), "what was there before"
-    assert not changes.any()
+    changes = ChangeDetector(database, at_least=1e6)
+    assert changes.has_changed(), "what was there before"
+    assert not changes.has_changed()
     write(database, "1")
     other = Database(str(database.engine.url))
     write(other, "2")
-    assert changes.any()
-    assert not changes.any()
+    assert changes.has_changed()
+    assert not changes.has_changed()
     write(other, "3")
-    assert changes.any()
+    assert changes.has_changed()
     with other.read() as session:
-        assert other.fact(session, "test") == "3"
-    assert not changes.any(), "to read is no change"
+        assert other.get_fact(session, "test") == "3"
+    assert not changes.has_changed(), "to read is no change"
     other.close()
 
 
 def test_what_is_rolled_back_is_no_change(database):
-    changes = Changes(database, at_least=1e6)
-    assert changes.any()
+    changes = ChangeDetector(database, at_least=1e6)
+    assert changes.has_changed()
     with database.write() as session:
         database.note(session, "test", "1")
         session.flush()
         session.rollback()
-    assert not changes.any()
+    assert not changes.has_changed()
 
 
 def test_one_looks_again_in_time_and_whenever_the_file_tells_nothing(database, tmp_path):
-    eager = Changes(database, at_least=0)
-    assert [eager.any() for _ in range(3)] == [True] * 3
-    missing = Changes(Database(f"sqlite:///{tmp_path / 'none' / 'steradian.sqlite'}"), at_least=1e6)
-    assert [missing.any() for _ in range(3)] == [True] * 3
+    eager = ChangeDetector(database, at_least=0)
+    assert [eager.has_changed() for _ in range(3)] == [True] * 3
+    missing = ChangeDetector(Database(f"sqlite:///{tmp_path / 'none' / 'steradian.sqlite'}"), at_least=1e6)
+    assert [missing.has_changed() for _ in range(3)] == [True] * 3
 
 
 @pytest.mark.long
 def test_its_connection_goes_with_it(database):
-    changes = Changes(database)
-    changes.any()
+    changes = ChangeDetector(database)
+    changes.has_changed()
     path = Path(database.name)
     database.close()  # SQLite closes no file of which another connection holds a lock
     assert opened(path) == 1
@@ -79,5 +79,5 @@ def opened(path):
 
 
 def test_of_a_server_nothing_is_known_without_asking():
-    changes = Changes(Database("postgresql+psycopg://nobody@localhost:9/none"), at_least=1e6)
-    assert [changes.any() for _ in range(3)] == [True] * 3
+    changes = ChangeDetector(Database("postgresql+psycopg://nobody@localhost:9/none"), at_least=1e6)
+    assert [changes.has_changed() for _ in range(3)] == [True] * 3

@@ -9,9 +9,9 @@ from alembic.migration import MigrationContext
 from sqlalchemy import select, text
 
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import KINDS, resource_of
+from steradian.jobs.registry import JOB_TYPES, resource_of
 from steradian.storage.db.database import MIGRATIONS, Database
-from steradian.storage.db.tables import MaskRow, Table
+from steradian.storage.db.tables import Base, MaskRow
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanners import ScannerRepository
@@ -20,7 +20,7 @@ from steradian.storage.repositories.scans import ScanRepository
 
 def test_the_migrations_make_exactly_the_tables_that_the_code_uses(database):
     with database.engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Table.metadata) == []
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
 
 
 def test_migrating_twice_changes_nothing(database, plan):
@@ -127,7 +127,7 @@ def test_scans_of_before_scanners_had_names_are_the_first_one_s_unless_they_are_
         "interrupted": "scanner-0",
         "complete": None,
     }
-    assert (scans.next_queued().id, scans.wished_resumed().id) == ("queued", "interrupted")
+    assert (scans.next_queued().id, scans.to_resume().id) == ("queued", "interrupted")
     row = scanner.ensure(simulated=True)
     assert (row.stopped_by, row.stop_number, row.fence) == ("Ada", None, 3), "a stop outlives the upgrade"
     database.close()
@@ -150,9 +150,9 @@ def test_jobs_that_were_queued_before_requests_had_one_model_can_still_be_done(t
     ledger = JobLedger(database)
     for kind in EARLIER:
         row = ledger.get(kind)
-        request = KINDS[kind].request.create(**row.payload)
+        request = JOB_TYPES[kind].request.create(**row.payload)
         assert row.batch_id == EARLIER[kind].get("batch_id")
         if resource_of(kind) == "reconstruction":
             assert (request.kind, request.scan_id) == (kind, "s1")
-    assert KINDS["what-if"].request.create(**ledger.get("what-if").payload).through.mask_id == "m1"
+    assert JOB_TYPES["what-if"].request.create(**ledger.get("what-if").payload).through.mask_id == "m1"
     database.close()

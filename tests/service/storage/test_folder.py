@@ -8,7 +8,7 @@ from sqlalchemy import event
 
 from steradian.core.exceptions import InvalidInput
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.maintenance.binding import bind, check
+from steradian.storage.maintenance.binding import bind_folder, check_binding
 
 
 @pytest.fixture
@@ -26,27 +26,27 @@ def test_the_identity_is_on_the_disk_before_the_database_says_it(database, data,
 
     monkeypatch.setattr(os, "fsync", synced)
     event.listen(database.engine, "commit", lambda _connection: seen.append("committed"))
-    bind(database, data)
+    bind_folder(database, data)
     file, folder = data.identity_file.stat().st_ino, data.root.stat().st_ino
     assert seen[:3] == [(file, 32), (folder, "folder"), "committed"]
     assert len(data.identity) == 32
 
 
 def test_an_identity_that_a_power_cut_has_emptied_is_one_clear_sentence(database, data):
-    bind(database, data)
+    bind_folder(database, data)
     known = data.identity
     data.identity_file.write_text("")
     with pytest.raises(InvalidInput) as refusal:
-        check(database, data)
+        check_binding(database, data)
     said = str(refusal.value)
     assert said.endswith(f"write {known} into its file identity, which a power cut has emptied")
     data.identity_file.write_text(known)
-    assert check(database, data)
+    assert check_binding(database, data)
 
 
 def test_a_service_writes_an_emptied_identity_again_where_the_database_lies_in_the_folder(database, data):
-    bind(database, data)
+    bind_folder(database, data)
     known = data.identity
     data.identity_file.write_text("")
-    bind(database, data)
+    bind_folder(database, data)
     assert data.identity == known

@@ -4,10 +4,10 @@ from datetime import timedelta
 
 import pytest
 
-from steradian.core.exceptions import Superseded
+from steradian.core.exceptions import StaleFence
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.worker.results import JobKeeper, put_results
+from steradian.jobs.worker.results import ResultUploader, upload_results
 from steradian.storage.data_dir.layout import DataDirectory
 from support.stores import settings_of
 
@@ -18,17 +18,17 @@ def test_a_worker_that_was_cut_off_makes_nothing_known(store, rows, seaweed, tmp
     ledger, outcomes = JobLedger(rows), []
     with rows.write() as session:
         ledger.add(session, JobRequest("j1", "sound-speed", {}))
-    fences = [ledger.start("j1", worker).fence for worker in ("cut off", "other")]
+    fences = [ledger.start_attempt("j1", worker).fence for worker in ("cut off", "other")]
     for fence in fences:
         folder = DataDirectory(tmp_path / f"host {fence}").job("j1")
-        keeper = JobKeeper(settings_of(tmp_path / f"host {fence}", seaweed, store.place), rows)
+        keeper = ResultUploader(settings_of(tmp_path / f"host {fence}", seaweed, store.place), rows)
         folder.root.mkdir()
         (folder.root / "curve.json").write_text(f"of start {fence}")
-        outcomes.append(keeper.announced(Succeeded({"speed": 1500} | put_results(store, folder))))
-    with pytest.raises(Superseded):
-        ledger.settle("j1", fences[0], outcomes[0], "cut off")
+        outcomes.append(keeper.with_commit(Succeeded({"speed": 1500} | upload_results(store, folder))))
+    with pytest.raises(StaleFence):
+        ledger.finish_attempt("j1", fences[0], outcomes[0], "cut off")
     assert store.stat("jobs/j1/curve.json") is None
-    assert ledger.settle("j1", fences[1], outcomes[1], "other").result == {"speed": 1500}
+    assert ledger.finish_attempt("j1", fences[1], outcomes[1], "other").result == {"speed": 1500}
     assert store.open("jobs/j1/curve.json").read_text() == f"of start {fences[1]}"
     assert store.sweep(timedelta(0)) == 1
 
@@ -40,13 +40,13 @@ def test_what_is_left_of_a_job_that_no_start_of_the_database_made_is_left_alone(
     for job, start in (("j1", 7), ("j2", 1)):
         with rows.write() as session:
             ledger.add(session, JobRequest(job, "sound-speed", {}))
-        fence = ledger.start(job, "w").fence
-        ledger.settle(job, fence, Succeeded({"speed": 1500}), "w")
+        fence = ledger.start_attempt(job, "w").fence
+        ledger.finish_attempt(job, fence, Succeeded({"speed": 1500}), "w")
         folder = data.job(job)
-        folder.begin(start)
+        folder.begin_attempt(start)
         folder.log.write_text("what it said")
         folders.append(folder)
-    JobKeeper(settings_of(tmp_path / "here", seaweed, store.place), rows).tidy(ledger, data)
+    ResultUploader(settings_of(tmp_path / "here", seaweed, store.place), rows).upload_leftovers(ledger, data)
     assert [folder.root.exists() for folder in folders] == [True, False]
 
 
@@ -59,14 +59,14 @@ def test_results_that_the_store_has_of_another_host_stay_nowhere_else(store, row
     here, there = DataDirectory(tmp_path / "cut off"), DataDirectory(tmp_path / "other")
     for job in ("j1", "j2"):
         for data, host in ((here, "cut off"), (there, "other")):
-            fence, folder = ledger.start(job, host).fence, data.job(job)
-            folder.begin(fence)
+            fence, folder = ledger.start_attempt(job, host).fence, data.job(job)
+            folder.begin_attempt(fence)
             folder.log.write_text("what it said")
             (folder.root / "curve.json").write_text(f"of {host}")
-    keeper = JobKeeper(settings_of(tmp_path / "cut off", seaweed, store.place), rows)
-    ledger.settle("j1", fence, keeper.announced(Succeeded(put_results(store, there.job("j1")))), "other")
-    ledger.settle("j2", fence, Succeeded({"speed": 1500}), "other")  # of before there was a store
-    keeper.tidy(ledger, here)
+    keeper = ResultUploader(settings_of(tmp_path / "cut off", seaweed, store.place), rows)
+    ledger.finish_attempt("j1", fence, keeper.with_commit(Succeeded(upload_results(store, there.job("j1")))), "other")
+    ledger.finish_attempt("j2", fence, Succeeded({"speed": 1500}), "other")  # of before there was a store
+    keeper.upload_leftovers(ledger, here)
     assert [here.job(job).root.exists() for job in ("j1", "j2")] == [False, True]
     assert store.open("jobs/j1/curve.json").read_text() == "of other"
 
@@ -77,21 +77,23 @@ def test_a_log_that_a_host_puts_away_late_replaces_no_later_start_s(store, rows,
     with rows.write() as session:
         ledger.add(session, JobRequest("j1", "sound-speed", {}))
     for host in ("cut off", "other"):
-        start, data = ledger.start("j1", host).fence, DataDirectory(tmp_path / host)
-        data.job("j1").begin(start)
+        start, data = ledger.start_attempt("j1", host).fence, DataDirectory(tmp_path / host)
+        data.job("j1").begin_attempt(start)
         data.job("j1").log.write_text(f"of {host}")
-    ledger.settle("j1", start, Succeeded({"speed": 1500}), "other")
+    ledger.finish_attempt("j1", start, Succeeded({"speed": 1500}), "other")
     for host in ("other", "cut off"):
-        JobKeeper(settings_of(tmp_path / host, seaweed, store.place), rows).tidy(ledger, DataDirectory(tmp_path / host))
+        ResultUploader(settings_of(tmp_path / host, seaweed, store.place), rows).upload_leftovers(
+            ledger, DataDirectory(tmp_path / host)
+        )
     told = {name: store.open(name).read_text() for name in store.names("jobs/j1/")}
     assert told == {"jobs/j1/log-0001.txt": "of cut off", "jobs/j1/log-0002.txt": "of other"}
 
 
 def test_the_log_of_a_job_that_was_deleted_meanwhile_is_not_kept(store, rows, seaweed, tmp_path):
     folder = DataDirectory(tmp_path / "here").job("j1")
-    folder.begin(1)
+    folder.begin_attempt(1)
     folder.log.write_text("what it said")
-    JobKeeper(settings_of(tmp_path / "here", seaweed, store.place), rows).put_away("j1", 1, folder)
+    ResultUploader(settings_of(tmp_path / "here", seaweed, store.place), rows).upload_log_and_remove("j1", 1, folder)
     assert list(store.names("jobs/j1/")) == []
     assert store.sweep(timedelta(0)) == 1
 
@@ -108,5 +110,5 @@ def test_pictures_of_a_job_stay_until_its_volume_has_been_sent(store, tmp_path, 
         return put(name, path)
 
     monkeypatch.setattr(store, "put", sent)
-    put_results(store, folder)
+    upload_results(store, folder)
     assert there[0] == ("volume.h5", True)

@@ -12,10 +12,10 @@ from sqlalchemy import delete
 
 from steradian.core.exceptions import NotFound
 from steradian.core.settings import Settings
-from steradian.runtime.acquisition import Acquisition, ScannerPort
+from steradian.runtime.acquisition import Acquisition, ScannerConnection
 from steradian.runtime.archive.migrate import move_to_store
-from steradian.runtime.archive.scan_uploader import ScanKeeper
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.runtime.archive.scan_uploader import ScanUploader
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.summary import count_alines
 from steradian.storage.blobs.interface import scan_name
 from steradian.storage.data_dir.layout import DataDirectory
@@ -35,7 +35,7 @@ def test_a_scan_is_kept_when_it_is_over_and_its_file_goes_later(store, rows, pla
     scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")
     scan = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id
     data.scan_file(scan).write_bytes(b"half of it")
-    keeper, other = ScanKeeper(store, scans, data), make_store(tmp_path / "there", store)
+    keeper, other = ScanUploader(store, scans, data), make_store(tmp_path / "there", store)
     for state in (ScanState.ARMING, ScanState.RUNNING):
         scans.transition(scan, state, why="test")
         keeper.step()
@@ -52,7 +52,7 @@ def test_a_scan_is_kept_when_it_is_over_and_its_file_goes_later(store, rows, pla
     assert other.open(scan_name(scan)).read_bytes() == b"all of it"
     keeper.step()
     assert data.scan_file(scan).exists(), "somebody may be reading it"
-    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LOCAL_RETENTION", -1)
     keeper.step()
     assert not data.scan_file(scan).exists()
     assert store.open(scan_name(scan)).read_bytes() == b"all of it"
@@ -66,7 +66,7 @@ def test_a_copy_of_before_a_scan_was_resumed_does_not_count_any_more(store, rows
         make_store(tmp_path / "there", store),
     )
     data.scan_file(scan).write_bytes(b"half of it")
-    keeper, name = ScanKeeper(store, scans, data), scan_name(scan)
+    keeper, name = ScanUploader(store, scans, data), scan_name(scan)
     for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):
         scans.transition(scan, state, why="test")
     keeper.step()
@@ -95,7 +95,7 @@ def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone
         make_store(tmp_path / "there", store),
     )
     data.scan_file(scan).write_bytes(b"half of it")
-    keeper, name = ScanKeeper(store, scans, data), scan_name(scan)
+    keeper, name = ScanUploader(store, scans, data), scan_name(scan)
     for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):
         scans.transition(scan, state, why="test")
     keeper.step()
@@ -104,7 +104,7 @@ def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone
     keeper.step()
     assert other.open(name).read_bytes() == b"half of it"
     scans.transition(scan, ScanState.PARTIAL, why="test")
-    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LOCAL_RETENTION", -1)
     keeper.step()
     assert not data.scan_file(scan).exists()
     assert store.open(name).read_bytes() == other.open(name).read_bytes() == b"half of it"
@@ -118,7 +118,7 @@ def test_of_a_scan_that_went_on_and_was_lost_with_its_node_counts_what_the_store
     scan, other = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id, make_store(tmp_path / "new", store)
     create_scan_file(data.scan_file(scan), plan, scan_id=scan)
     write(data.scan_file(scan), plan, range(5))
-    keeper, name = ScanKeeper(store, scans, data), scan_name(scan)
+    keeper, name = ScanUploader(store, scans, data), scan_name(scan)
     for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.INTERRUPTED):
         scans.transition(scan, state, why="test")
     keeper.step()
@@ -129,10 +129,10 @@ def test_of_a_scan_that_went_on_and_was_lost_with_its_node_counts_what_the_store
         other.open(name)
     lost = DataDirectory(tmp_path / "new")
     new = Acquisition(
-        scans, PlanRepository(rows), lost, ScannerPort(Settings.create(data=lost.root)), Event(), arrays=other
+        scans, PlanRepository(rows), lost, ScannerConnection(Settings.create(data=lost.root)), Event(), arrays=other
     )
-    scans.desire(scan, DesiredScanState.STOPPED, "the node burnt down")
-    new.step()
+    scans.set_desired_state(scan, DesiredScanState.STOPPED, "the node burnt down")
+    new.run_once()
     row = scans.get(scan)
     assert (row.state, row.summary["stored"]) == (ScanState.PARTIAL, 5)
     assert count_alines(other.open(name)) == row.summary, "who asks for it gets what is told of it"
@@ -189,7 +189,7 @@ def test_a_scan_that_is_deleted_while_it_is_kept_is_not_known_and_the_next_one_i
 
     monkeypatch.setattr("steradian.runtime.archive.scan_uploader.shutil.copy2", copied)
     monkeypatch.setattr(store, "put", sent)
-    keeper = ScanKeeper(store, scans, data)
+    keeper = ScanUploader(store, scans, data)
     keeper.step()
     assert (store.kept(scan_name(gone)), store.kept(scan_name(other)) is None) == (None, False)
     keeper.step()
@@ -211,8 +211,8 @@ def test_what_is_stored_while_an_earlier_state_is_sent_is_kept_too(
         return put(name, *about)
 
     monkeypatch.setattr(store, "put", sent)
-    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LEFT_FOR", -1)
-    keeper = ScanKeeper(store, scans, data)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LOCAL_RETENTION", -1)
+    keeper = ScanUploader(store, scans, data)
     for _ in range(4):
         keeper.step()
     assert not data.scan_file(scan).exists()
@@ -225,7 +225,7 @@ def test_a_scan_that_was_resumed_since_it_was_kept_moves_to_the_store_as_it_is(
     """The store was away when it was over. A scan's file has its full size from the start."""
     scans, data, make = interrupted
     scan = make()
-    ScanKeeper(store, scans, data).step()
+    ScanUploader(store, scans, data).step()
     resume(scans, scan, data)
     assert move_to_store(store, rows, data, lambda *_: None) == 1
     assert not data.scan_file(scan).exists()
@@ -238,7 +238,7 @@ def test_a_keeper_goes_on_whatever_is_raised_and_clears_what_a_killed_one_left(s
     left = data.cache / "keeping" / "1-1"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"half of a copy")
-    keeper = ScanKeeper(store, scans, data)
+    keeper = ScanUploader(store, scans, data)
     step = keeper.step
 
     def look():
@@ -249,15 +249,15 @@ def test_a_keeper_goes_on_whatever_is_raised_and_clears_what_a_killed_one_left(s
         over.set()
 
     monkeypatch.setattr(keeper, "step", look)
-    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.LOOK_EVERY", 0.01)
+    monkeypatch.setattr("steradian.runtime.archive.scan_uploader.POLL_INTERVAL", 0.01)
     keeper.run(over)
     assert (looks, store.kept(scan_name(scan)) is None) == ([False, False], False)
 
 
 def write(path, plan, points):
-    with AlineStore(path) as opened:
+    with ScanFileWriter(path) as opened:
         opened.append(Aline(point, np.full(plan.samples, point + 1, np.int16), point + 1, 0.5) for point in points)
-        opened.set_fired(max(points) + 1)
+        opened.record_shot_count(max(points) + 1)
 
 
 def test_the_file_of_a_scan_that_another_node_deletes_goes_and_one_that_nobody_can_have_deleted_stays(
@@ -273,7 +273,7 @@ def test_the_file_of_a_scan_that_another_node_deletes_goes_and_one_that_nobody_c
         scans.transition(fired, state, why="test")
     for name in (held, fired, "s0unknown"):
         data.scan_file(name).write_bytes(b"A-lines")
-    keeper = ScanKeeper(store, scans, data)
+    keeper = ScanUploader(store, scans, data)
     keeper.step()
     with rows.write() as session:
         session.execute(delete(ScanRow).where(ScanRow.id.in_([held, fired])))

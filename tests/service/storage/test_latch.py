@@ -16,10 +16,10 @@ def test_a_press_between_two_processes_that_make_the_latch_is_not_overwritten(tm
 
     monkeypatch.setattr(os, "fsync", meanwhile)
     late = EmergencyLatch(tmp_path)
-    assert [late.standing()] == pressed
-    assert [EmergencyLatch(tmp_path).standing()] == pressed
+    assert [late.active()] == pressed
+    assert [EmergencyLatch(tmp_path).active()] == pressed
     late.release(pressed[0].number)
-    assert EmergencyLatch(tmp_path).standing() is None
+    assert EmergencyLatch(tmp_path).active() is None
     assert sorted(path.name for path in tmp_path.iterdir()) == ["answered", "pressed", "released"]
 
 
@@ -30,4 +30,4 @@ def test_a_press_that_may_come_again_is_written_though_the_earlier_ones_cannot_b
     os.dup2(unreadable, latch._files["released"])
     os.close(unreadable)
     latch.press("ada", None, "a press of another node")
-    assert EmergencyLatch(tmp_path).standing().number == "a press of another node"
+    assert EmergencyLatch(tmp_path).active().number == "a press of another node"

@@ -13,9 +13,9 @@ import pytest
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound, StoreUnavailable
 from steradian.core.settings import Settings
 from steradian.storage import deployment_binding as belonging
-from steradian.storage.blobs.cache import Cache
+from steradian.storage.blobs.cache import ContentCache
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.db.database import Database
 from support.seaweed import SECRET
 from support.stores import keys, psycopg_url, settings_of
@@ -135,7 +135,7 @@ def test_many_who_ask_at_once_get_one_copy(store, make_store, tmp_path):
 
 def test_a_large_copy_under_way_holds_up_no_other(tmp_path):
     """Two of one first digit: a picture is had while a volume is fetched."""
-    cache, copies = Cache(tmp_path, MIB), []
+    cache, copies = ContentCache(tmp_path, MIB), []
 
     def fetch(draft):
         copies.append(cache.get("a2f.png", 1, 0.0, lambda picture: picture.write_bytes(b"p")))
@@ -164,13 +164,13 @@ def test_a_scan_that_was_resumed_is_read_from_its_file_again(store, tmp_path):
 
 def test_a_service_does_not_start_without_the_store_that_has_its_scans(store, rows, seaweed, tmp_path):
     with_store = settings_of(tmp_path / "here", seaweed, store.place)
-    belonging.bind(with_store, rows)
-    assert belonging.check(with_store, rows)
-    for use in (belonging.bind, belonging.check):
+    belonging.bind_deployment(with_store, rows)
+    assert belonging.check_binding(with_store, rows)
+    for use in (belonging.bind_deployment, belonging.check_binding):
         with pytest.raises(InvalidInput, match="STERADIAN_STORE is missing"):
             use(with_store.model_copy(update={"store": None}), rows)
     store.leave()
-    belonging.bind(with_store.model_copy(update={"store": None}), rows)
+    belonging.bind_deployment(with_store.model_copy(update={"store": None}), rows)
 
 
 def test_who_is_killed_while_sending_leaves_nothing_that_is_seen(store, objects, seaweed, tmp_path):
@@ -191,16 +191,16 @@ def test_store_and_database_must_belong_together(store, seaweed, rows, postgres,
     other = Database(psycopg_url(postgres.database()))
     other.migrate()
     about = {"data": tmp_path, "store_endpoint": seaweed.endpoint, "database_url": "postgresql://unused"}
-    ours, foreign = ObjectStore(Settings.create(store=store.place, **about), other), seaweed.bucket()
+    ours, foreign = S3BlobStore(Settings.create(store=store.place, **about), other), seaweed.bucket()
     assert not ours.check(), "no service has bound that database"
     store.keep(scan_name("s1"), file_of(tmp_path, b"1"))
     with pytest.raises(InvalidInput, match="the store of this database"):
         ours.bind()
-    elsewhere = ObjectStore(Settings.create(store=foreign, **about), rows)
+    elsewhere = S3BlobStore(Settings.create(store=foreign, **about), rows)
     for use in (elsewhere.check, elsewhere.bind):
         with pytest.raises(InvalidInput, match="the store of this database"):
             use()
-    assert not elsewhere.answers()
+    assert not elsewhere.is_available()
     other.close()
 
 
@@ -208,7 +208,7 @@ def test_a_store_that_is_gone_is_said_to_be_so_without_its_key(rows, tmp_path, c
     settings = Settings.create(
         data=tmp_path, store="s3://gone", store_endpoint="http://127.0.0.1:9", database_url="postgresql://unused"
     )
-    store = ObjectStore(settings, rows, patience=timedelta(seconds=0.1))
+    store = S3BlobStore(settings, rows, patience=timedelta(seconds=0.1))
     with pytest.raises(StoreUnavailable) as said:
         store.put(scan_name("s1"), file_of(tmp_path, b"1"))
     assert "s3://gone" in str(said.value)

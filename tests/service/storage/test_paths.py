@@ -67,12 +67,12 @@ def test_a_folder_of_an_earlier_version_is_closed_and_what_is_not_ours_left_alon
     data.root.chmod(0o775)
     (data.root / "notes.txt").write_text("a person's")
     (data.root / "notes.txt").chmod(0o644)
-    assert data.close_to_others() == [f"change {data.root}"]
+    assert data.restrict_permissions() == [f"change {data.root}"]
     left = modes(data.root)
     assert left.pop("notes.txt") == "0o644"
     assert set(left.values()) == {"0o700", "0o600"}
     (data.root / "notes.txt").unlink()
-    assert data.close_to_others() == []
+    assert data.restrict_permissions() == []
     assert data.root.stat().st_mode & 0o777 == 0o700
 
 
@@ -92,14 +92,14 @@ def test_a_log_of_the_database_that_goes_while_the_folder_is_closed_keeps_no_ser
         path.write_text("")
         path.chmod(0o644)
     monkeypatch.setattr(Path, "iterdir", gone_since)
-    assert DataDirectory(tmp_path).close_to_others() == []
+    assert DataDirectory(tmp_path).restrict_permissions() == []
     assert (tmp_path / "steradian.sqlite").stat().st_mode & 0o777 == 0o600
 
 
 def test_a_job_knows_whether_a_process_runs_it(tmp_path):
     job = DataDirectory(tmp_path).job("j1")
     assert not job.is_running
-    with job.running():
+    with job.hold_running_lock():
         assert DataDirectory(tmp_path).job("j1").is_running
     assert not job.is_running
 

@@ -29,7 +29,7 @@ from steradian.jobs.queue.dbos import queue_url
 from steradian.scans.file.writer import create_scan_file
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import Table
+from steradian.storage.db.tables import Base
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
@@ -224,7 +224,7 @@ def lost(settings, told):
                 if noun == "uploads":
                     is_there = data.upload(identifier).is_file() and data.upload(identifier).stat().st_size == 6000
                 else:
-                    row = select(Table.metadata.tables[noun]).filter_by(id=identifier)
+                    row = select(Base.metadata.tables[noun]).filter_by(id=identifier)
                     found = session.execute(row).mappings().one_or_none()
                     is_there = found is not None and is_as_told(one, found)
                 if not is_there:

@@ -14,7 +14,7 @@ from steradian.core.settings import Settings
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.volumes.file import read_volume
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.db.database import Database, metadata_url
 from support.seaweed import SECRET
 from support.services import WAIT, Service
@@ -57,7 +57,7 @@ class Hosts:
         settings = Settings.create(data=self.here, **self.shared)
         database = Database(metadata_url(settings))
         try:
-            yield ObjectStore(settings, database)
+            yield S3BlobStore(settings, database)
         finally:
             database.close()
 

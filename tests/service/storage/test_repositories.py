@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
-from steradian.storage.repositories.idempotency import Answer, Answers, Key
+from steradian.storage.repositories.idempotency import IdempotencyKey, IdempotencyStore, StoredResponse
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import ReconstructionRepository
@@ -104,9 +104,9 @@ def test_a_scanner_s_node_has_to_do_with_its_own_scans_alone(database, clock, pl
     scanners[1].stop("Ada", "smoke")
     wishes = [scans.get(scan.id).desired_state for scan in (*mine, theirs)]
     assert wishes == [DesiredScanState.RUNNING] * 2 + [DesiredScanState.ABORTED]
-    assert scanners[0].refusal(scans.get(mine[1].id)) is None
+    assert scanners[0].refusal_reason(scans.get(mine[1].id)) is None
     with pytest.raises(EmergencyStopped), database.write() as session:
-        scanners[1].admit(session, None, "Ada")
+        scanners[1].check_fence(session, None, "Ada")
     assert scanners[0].lease("Ada", 60, None, "ada").fence == scanners[1].lease("Ben", 60, None, "ben").fence == 1
     assert other.interrupt_all("restart") == [theirs.id]
     assert scans.get(mine[0].id).state is S.RUNNING
@@ -126,25 +126,25 @@ def test_a_repeated_key_gets_the_same_answer_for_a_day(database, clock):
 
     def make(_session):
         made.append(len(made))
-        return Answer(201, f"/{made[-1]}", "{}")
+        return StoredResponse(201, f"/{made[-1]}", "{}")
 
-    answers, key = Answers(database, clock), Key("ada", "/scans", "k", "b")
-    first = answers.once(key, make)
+    answers, key = IdempotencyStore(database, clock), IdempotencyKey("ada", "/scans", "k", "b")
+    first = answers.run_once(key, make)
     assert (first.location, first.replayed) == ("/0", False)
-    again = answers.once(key, make)
+    again = answers.run_once(key, make)
     assert (again.location, again.replayed) == ("/0", True)
     with pytest.raises(InvalidInput, match="Idempotency-Key"):
-        answers.once(replace(key, body_hash="other"), make)
-    assert answers.once(replace(key, principal="bob"), make).location == "/1"
+        answers.run_once(replace(key, body_hash="other"), make)
+    assert answers.run_once(replace(key, principal="bob"), make).location == "/1"
     clock.advance(hours=25)
-    assert answers.once(key, make).location == "/2"
-    assert answers.once(None, make).location == "/3"
+    assert answers.run_once(key, make).location == "/2"
+    assert answers.run_once(None, make).location == "/3"
 
 
 def test_a_request_that_is_answered_beside_the_same_one_is_neither_done_twice_nor_forgotten(rows):
-    key = Key("ada", "/scans", "k", "b")
+    key = IdempotencyKey("ada", "/scans", "k", "b")
 
-    class Late(Answers):
+    class Late(IdempotencyStore):
         """Looks for an answer just before another node gives it."""
 
         is_first = True
@@ -153,10 +153,10 @@ def test_a_request_that_is_answered_beside_the_same_one_is_neither_done_twice_no
             kept = super()._replay(session, key)
             if self.is_first:
                 self.is_first = False
-                Answers(rows).once(key, lambda _: Answer(201, "/other", "{}"))
+                IdempotencyStore(rows).run_once(key, lambda _: StoredResponse(201, "/other", "{}"))
             return kept
 
-    late = Late(rows).once(key, lambda _: Answer(201, "/own", "{}"))
+    late = Late(rows).run_once(key, lambda _: StoredResponse(201, "/own", "{}"))
     assert (late.location, late.replayed) == ("/other", True)
 
 

@@ -8,17 +8,17 @@ from steradian.core.exceptions import Conflict
 from steradian.storage import states
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
-    DESIRABLE,
-    FINAL_WISHES,
+    ALLOWED_DESIRED_STATES,
+    IRREVERSIBLE_DESIRED_STATES,
     RECONSTRUCTION_TRANSITIONS,
     SCAN_TRANSITIONS,
     SETTLED_SCAN_STATES,
     DesiredScanState,
     ReconstructionState,
     ScanState,
-    check_transition,
     is_terminal,
-    route,
+    require_transition,
+    shortest_path,
 )
 
 S, R = ScanState, ReconstructionState
@@ -53,10 +53,10 @@ def pairs(paths):
 @pytest.mark.parametrize(("present", "following"), list(itertools.product(S, S)))
 def test_a_scan_changes_only_along_the_paths_of_the_design(present, following):
     if (present, following) in pairs(SCAN_PATHS):
-        check_transition("s1", present, following)
+        require_transition("s1", present, following)
     else:
         with pytest.raises(Conflict, match=f"s1 is {present} and cannot become {following}"):
-            check_transition("s1", present, following)
+            require_transition("s1", present, following)
 
 
 @pytest.mark.parametrize(("present", "following"), list(itertools.product(R, R)))
@@ -99,7 +99,7 @@ def test_what_can_be_wished_can_be_reached(state):
         DesiredScanState.STOPPED: {S.PARTIAL, S.ABORTED},
         DesiredScanState.ABORTED: {S.ABORTED},
     }
-    for wish in DESIRABLE[state]:
+    for wish in ALLOWED_DESIRED_STATES[state]:
         goal = goals[wish]
         front, seen = [state], set()
         while front:
@@ -117,9 +117,9 @@ def test_a_route_keeps_to_the_table_and_avoids_interruption_where_it_can(present
         front += new
     if goal not in reachable:
         with pytest.raises(Conflict):
-            route(present, goal)
+            shortest_path(present, goal)
         return
-    way = (present, *route(present, goal))
+    way = (present, *shortest_path(present, goal))
     assert way[-1] is goal
     assert all(after in SCAN_TRANSITIONS[before] for before, after in itertools.pairwise(way))
 
@@ -136,17 +136,17 @@ def test_a_route_keeps_to_the_table_and_avoids_interruption_where_it_can(present
     ],
 )
 def test_a_route_is_the_way_a_person_would_tell(present, goal, way):
-    assert list(route(present, goal)) == way
+    assert list(shortest_path(present, goal)) == way
 
 
 def test_an_end_that_was_wished_cannot_be_taken_back():
-    assert FINAL_WISHES[DesiredScanState.ABORTED] == frozenset()
-    assert FINAL_WISHES[DesiredScanState.STOPPED] == {DesiredScanState.ABORTED}
+    assert IRREVERSIBLE_DESIRED_STATES[DesiredScanState.ABORTED] == frozenset()
+    assert IRREVERSIBLE_DESIRED_STATES[DesiredScanState.STOPPED] == {DesiredScanState.ABORTED}
 
 
 def test_only_an_explicit_wish_takes_an_interrupted_scan_up_again():
-    assert DesiredScanState.RUNNING in DESIRABLE[S.INTERRUPTED]
-    assert DesiredScanState.PAUSED not in DESIRABLE[S.INTERRUPTED]
+    assert DesiredScanState.RUNNING in ALLOWED_DESIRED_STATES[S.INTERRUPTED]
+    assert DesiredScanState.PAUSED not in ALLOWED_DESIRED_STATES[S.INTERRUPTED]
 
 
 def test_the_tables_cannot_be_changed_by_accident():

@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from steradian.jobs.registry import KINDS
+from steradian.jobs.registry import JOB_TYPES
 from steradian.storage.db.database import known_revisions
 from support.processes import tree_of
 from support.services import Service
@@ -65,7 +65,7 @@ def leave(folder):
         "export": {"reconstruction_id": made[0], "format": "hdf5"},
         "import": {"upload_id": said["upload"]},
     }
-    assert set(asked) == set(KINDS), "a waiting job of every kind"
+    assert set(asked) == set(JOB_TYPES), "a waiting job of every kind"
     said["jobs"] = {}
     for kind, body in asked.items():
         path = "/reconstructions" if kind in {"reconstruction", "live", "what-if"} else "/jobs"

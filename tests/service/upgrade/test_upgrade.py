@@ -11,8 +11,8 @@ import pytest
 from sqlalchemy import text
 
 from steradian.core.exceptions import DamagedFile
-from steradian.jobs.registry import KINDS
-from steradian.runtime.fsck import inspect
+from steradian.jobs.registry import JOB_TYPES
+from steradian.runtime.fsck import check_consistency
 from steradian.storage.db.database import Database, known_revisions, metadata_url
 from support.services import Service
 from support.waiting import until
@@ -48,7 +48,7 @@ def left(request, tmp_path):
 
 def test_an_earlier_folder_opens_with_all_that_is_in_it_and_goes_on(left):
     service, said = left
-    assert inspect(service.settings) == []
+    assert check_consistency(service.settings) == []
     service.start()
     assert service.get(f"/scans/{said['whole']}").json()["state"] == "complete"
     volume = service.get(f"/reconstructions/{said['volume']}/volume", headers={"Accept": "application/x-npy"})
@@ -75,8 +75,8 @@ def test_newest_archive_holds_a_waiting_job_of_every_kind_with_its_form():
     with tarfile.open(Path(__file__).parent / "data" / f"{newest}.tar.xz") as archive:
         said = json.loads(archive.extractfile("said.json").read())
         rows = archive.extractfile("rows.sql").read().decode()
-    assert set(said["jobs"]) == set(KINDS)
-    assert rows.count('{"form": 1, ') >= len(KINDS)
+    assert set(said["jobs"]) == set(JOB_TYPES)
+    assert rows.count('{"form": 1, ') >= len(JOB_TYPES)
 
 
 def test_a_folder_of_a_newer_version_is_refused_with_words(left):

@@ -9,7 +9,7 @@ import typer
 
 from steradian_client.cli import measuring, working
 from steradian_client.cli.common import client_of
-from steradian_client.cli.show import AsJson, show
+from steradian_client.cli.show import AsJson, print_item
 from steradian_client.client import Client
 
 app = typer.Typer(
@@ -37,9 +37,9 @@ def _connect(
 def about(context: typer.Context, as_json: AsJson = False) -> None:
     """Print the service's version, mode and limits."""
     client = client_of(context)
-    show(client.about(), as_json)
+    print_item(client.service_info(), as_json)
     if not as_json:
-        show(client.readiness(), as_json)
+        print_item(client.readiness(), as_json)
 
 
 @app.command(help="Print what happens, one JSON object a line, until Ctrl-C.")

@@ -7,17 +7,17 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
-from steradian_client.cli.show import AsJson, Timeout, live, settings, show, show_all
+from steradian_client.cli.show import AsJson, Timeout, print_item, print_table, progress_reporter, settings
 from steradian_client.client import Client
-from steradian_client.resources.base import Stored, Working, given
-from steradian_client.worlds import Blocking
+from steradian_client.resources.base import AwaitableResource, CrudResource, drop_none
+from steradian_client.worlds import SyncMode
 
-Id: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
+ResourceId: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
 Reason: TypeAlias = Annotated[str | None, typer.Option(help="Why.")]
 Wait: TypeAlias = Annotated[bool, typer.Option("--wait", help="Watch it until it is over.")]
 
 
-def noun(help: str) -> typer.Typer:
+def command_group(help: str) -> typer.Typer:
     """Create the command group of a resource."""
     return typer.Typer(no_args_is_help=True, help=help)
 
@@ -28,7 +28,9 @@ def client_of(context: typer.Context) -> Client:
     return client
 
 
-def add_stored(app: typer.Typer, those: Callable[[Client], Stored[Blocking, Any]], columns: Sequence[str]) -> None:
+def add_stored(
+    app: typer.Typer, those: Callable[[Client], CrudResource[SyncMode, Any]], columns: Sequence[str]
+) -> None:
     """Add ``list``, ``show`` and ``delete``."""
 
     @app.command("list", help="Show the newest; NAME=VALUE are any other filters of the service.")
@@ -42,35 +44,37 @@ def add_stored(app: typer.Typer, those: Callable[[Client], Stored[Blocking, Any]
         limit: Annotated[int, typer.Option(min=1, help="Most of them.")] = 20,
         as_json: AsJson = False,
     ) -> None:
-        named, chosen = settings(filters), given(state=state, label=label, scan_id=scan, mask_id=mask)
+        named, chosen = settings(filters), drop_none(state=state, label=label, scan_id=scan, mask_id=mask)
         for name in named.keys() & {"limit", *chosen}:
             raise typer.BadParameter(f"{name} is an option: --{name.removesuffix('_id')}")
-        show_all(those(client_of(context)).list(limit, **named, **chosen), columns, as_json)
+        print_table(those(client_of(context)).list(limit, **named, **chosen), columns, as_json)
 
     @app.command("show", help="Show one.")
-    def show_(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:
-        show(those(client_of(context)).get(identifier), as_json)
+    def show_(context: typer.Context, identifier: ResourceId, as_json: AsJson = False) -> None:
+        print_item(those(client_of(context)).get(identifier), as_json)
 
     @app.command(help="Delete one for good.")
     def delete(
         context: typer.Context,
-        identifier: Id,
+        identifier: ResourceId,
         dependents: Annotated[bool, typer.Option("--dependents", help="Also all that depends on it.")] = False,
     ) -> None:
         those(client_of(context)).delete(identifier, dependents=dependents)
 
 
-def add_watch(app: typer.Typer, those: Callable[[Client], Working[Blocking, Any]]) -> None:
+def add_watch(app: typer.Typer, those: Callable[[Client], AwaitableResource[SyncMode, Any]]) -> None:
     """Add ``watch``."""
 
     @app.command(help="Watch one until it is over, with live progress; Ctrl-C ends the watching, not the work.")
-    def watch(context: typer.Context, identifier: Id, timeout: Timeout = None, as_json: AsJson = False) -> None:
-        finish(those(client_of(context)), identifier, True, as_json, timeout)
+    def watch(context: typer.Context, identifier: ResourceId, timeout: Timeout = None, as_json: AsJson = False) -> None:
+        show_when_done(those(client_of(context)), identifier, True, as_json, timeout)
 
 
-def finish(those: Working[Blocking, Any], work: Any, wait: bool, as_json: bool, timeout: float | None = None) -> None:
+def show_when_done(
+    those: AwaitableResource[SyncMode, Any], work: Any, wait: bool, as_json: bool, timeout: float | None = None
+) -> None:
     """Print a started resource, immediately or once it has ended."""
     if wait:
-        with live() as progress:
+        with progress_reporter() as progress:
             work = those.wait(work, progress=progress, timeout=timeout)
-    show(work, as_json)
+    print_item(work, as_json)

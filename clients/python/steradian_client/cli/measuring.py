@@ -7,12 +7,24 @@ from typing import Annotated, Final, Literal
 
 import typer
 
-from steradian_client.cli.common import Id, Reason, Wait, add_stored, add_watch, client_of, finish, noun
-from steradian_client.cli.show import AsJson, Settings, live, settings, show, show_all
+from steradian_client.cli.common import (
+    Reason,
+    ResourceId,
+    Wait,
+    add_stored,
+    add_watch,
+    client_of,
+    command_group,
+    show_when_done,
+)
+from steradian_client.cli.show import AsJson, Settings, print_item, print_table, progress_reporter, settings
 from steradian_client.resources.scanners import SCANNER
 
-mask, plan = noun("Where to sense."), noun("In what order and how fast.")
-scan, scanner = noun("Run plans on the scanner."), noun("The scanner, its lease and the emergency stop.")
+mask, plan = command_group("Where to sense."), command_group("In what order and how fast.")
+scan, scanner = (
+    command_group("Run plans on the scanner."),
+    command_group("The scanner, its lease and the emergency stop."),
+)
 NOUNS: Final = {"mask": mask, "plan": plan, "scan": scan, "scanner": scanner}
 Fence = Annotated[int | None, typer.Option("--lease", help="Number of the lease that you hold.")]
 
@@ -32,17 +44,17 @@ def create_mask(
 ) -> None:
     """Create a mask, or preview it."""
     masks, chosen = client_of(context).masks, settings(parameters)
-    show(masks.preview(arrangement, **chosen) if preview else masks.create(arrangement, **chosen), as_json)
+    print_item(masks.preview(arrangement, **chosen) if preview else masks.create(arrangement, **chosen), as_json)
 
 
 @mask.command("points", help="Print positions and weights as JSON.")
-def points(context: typer.Context, identifier: Id) -> None:
+def points(context: typer.Context, identifier: ResourceId) -> None:
     """Print positions and weights."""
-    show(client_of(context).masks.points(identifier), True)
+    print_item(client_of(context).masks.points(identifier), True)
 
 
 @mask.command("picture", help="Save a picture (PNG).")
-def picture(context: typer.Context, identifier: Id, target: Path) -> None:
+def picture(context: typer.Context, identifier: ResourceId, target: Path) -> None:
     """Save a picture."""
     client_of(context).masks.save_picture(identifier, target)
 
@@ -57,7 +69,7 @@ def create_plan(
 ) -> None:
     """Create a plan, or preview its cost."""
     plans, chosen = client_of(context).plans, settings(parameters)
-    show(plans.preview(mask_id, **chosen) if preview else plans.create(mask_id, **chosen), as_json)
+    print_item(plans.preview(mask_id, **chosen) if preview else plans.create(mask_id, **chosen), as_json)
 
 
 @scan.command("create", help="Queue a run of a plan; NAME=VALUE pairs are its labels.")
@@ -79,13 +91,13 @@ def create_scan(
     scans = client_of(context).scans
     texts = {name: str(value) for name, value in settings(labels).items()}
     made = scans.create(plan_id, labels=texts, lease=lease, completes=completes, scanner_id=scanner)
-    finish(scans, made, wait, as_json)
+    show_when_done(scans, made, wait, as_json)
 
 
 @scan.command("wish", help="Have a scan paused, running (again), stopped (keeps what was measured) or aborted.")
-def wish(
+def set_desired_state(
     context: typer.Context,
-    identifier: Id,
+    identifier: ResourceId,
     state: Literal["paused", "running", "stopped", "aborted"],
     reason: Reason = None,
     lease: Fence = None,
@@ -94,22 +106,22 @@ def wish(
     """Set the desired state of a scan."""
     scans = client_of(context).scans
     if state == "running":
-        show(scans.resume(identifier, reason, lease=lease), as_json)
+        print_item(scans.resume(identifier, reason, lease=lease), as_json)
     else:
         ask = {"paused": scans.pause, "stopped": scans.stop, "aborted": scans.abort}[state]
-        show(ask(identifier, reason), as_json)
+        print_item(ask(identifier, reason), as_json)
 
 
 @scan.command("coverage", help="Count how much of the mask is measured.")
-def coverage(context: typer.Context, identifier: Id, as_json: AsJson = False) -> None:
+def coverage(context: typer.Context, identifier: ResourceId, as_json: AsJson = False) -> None:
     """Count how much of the mask is measured."""
-    show(client_of(context).scans.coverage(identifier), as_json)
+    print_item(client_of(context).scans.coverage(identifier), as_json)
 
 
 @scan.command("file", help="Download the scan file (HDF5).")
-def file(context: typer.Context, identifier: Id, target: Path) -> None:
+def download(context: typer.Context, identifier: ResourceId, target: Path) -> None:
     """Download the scan file."""
-    with live() as progress:
+    with progress_reporter() as progress:
         client_of(context).scans.save_file(
             identifier, target, progress=lambda done, total: progress("bytes", done, total)
         )
@@ -125,20 +137,20 @@ def import_(
 ) -> None:
     """Make a scan of a recording."""
     said = settings(description) or None
-    with live() as progress:
-        found = client_of(context).imports.run(source, description=said, companion=companion, progress=progress)
-    show(found, as_json)
+    with progress_reporter() as progress:
+        found = client_of(context).imports.import_file(source, description=said, companion=companion, progress=progress)
+    print_item(found, as_json)
 
 
 @scanner.command("list", help="Show all scanners.")
 def list_scanners(context: typer.Context, as_json: AsJson = False) -> None:
     """Show all scanners."""
     columns = ("id", "connection", "state", "laser", "interlock", "fault", "since", "lease", "emergency_stop")
-    show_all(client_of(context).scanners.list(), columns, as_json)
+    print_table(client_of(context).scanners.list(), columns, as_json)
 
 
 @scanner.command("lease", help="Be the one operator for a while; prints the lease's number.")
-def take(
+def take_lease(
     context: typer.Context,
     holder: str,
     seconds: Annotated[float, typer.Option(min=1)] = 600.0,
@@ -147,19 +159,19 @@ def take(
     as_json: AsJson = False,
 ) -> None:
     """Take the scanner, or hold it for longer."""
-    show(client_of(context).scanners.take_lease(holder, seconds=seconds, note=note, lease=lease), as_json)
+    print_item(client_of(context).scanners.take_lease(holder, seconds=seconds, note=note, lease=lease), as_json)
 
 
 @scanner.command("give-back", help="End a lease.")
-def give_back(context: typer.Context, lease: Annotated[int, typer.Argument(help="Its number.")]) -> None:
+def return_lease(context: typer.Context, lease: Annotated[int, typer.Argument(help="Its number.")]) -> None:
     """End a lease."""
-    client_of(context).scanners.give_lease_back(lease)
+    client_of(context).scanners.return_lease(lease)
 
 
 @scanner.command("stop", help="Emergency stop: switch the laser off and abort what runs or waits.")
 def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
     """Press the emergency stop."""
-    show(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
+    print_item(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
 
 
 @scanner.command("stop-all", help="Emergency stop of every scanner.")
@@ -185,13 +197,13 @@ def release(
     context: typer.Context, number: str | None = None, scanner_id: str = SCANNER, as_json: AsJson = False
 ) -> None:
     """Release the emergency stop."""
-    show(client_of(context).scanners.release_stop(number, scanner_id=scanner_id), as_json)
+    print_item(client_of(context).scanners.release_emergency_stop(number, scanner_id=scanner_id), as_json)
 
 
 @scanner.command("show", help="Show a scanner: connection, laser, shutter, interlock, key, fault, and how old that is.")
 def show_scanner(context: typer.Context, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
     """Show a scanner."""
-    show(client_of(context).scanners.get(scanner_id), as_json)
+    print_item(client_of(context).scanners.get(scanner_id), as_json)
 
 
 @scanner.command("clear-fault", help="Clear a latched fault, once its cause is gone; the laser stays off.")
@@ -199,4 +211,4 @@ def clear_fault(
     context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False
 ) -> None:
     """Clear a latched fault."""
-    show(client_of(context).scanners.clear_fault(scanner_id, reason=reason), as_json)
+    print_item(client_of(context).scanners.clear_fault(scanner_id, reason=reason), as_json)

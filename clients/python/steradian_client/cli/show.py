@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from steradian_client.models import Answer
+from steradian_client.models import ResponseModel
 from steradian_client.waiting import Report
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
@@ -38,7 +38,7 @@ def settings(pairs: Sequence[str] | None) -> dict[str, Any]:
     return found
 
 
-def show(answer: Answer, as_json: bool) -> None:
+def print_item(answer: ResponseModel, as_json: bool) -> None:
     """Print one response."""
     if as_json:
         print(answer.model_dump_json(indent=2))
@@ -50,7 +50,7 @@ def show(answer: Answer, as_json: bool) -> None:
     Console().print(table)
 
 
-def show_all(answers: Sequence[Answer], columns: Sequence[str], as_json: bool) -> None:
+def print_table(answers: Sequence[ResponseModel], columns: Sequence[str], as_json: bool) -> None:
     """Print several responses, as a table of the given columns for people."""
     if as_json:
         print(json.dumps([answer.model_dump(mode="json") for answer in answers], indent=2))
@@ -65,7 +65,7 @@ def show_all(answers: Sequence[Answer], columns: Sequence[str], as_json: bool) -
 
 
 @contextmanager
-def live() -> Iterator[Report]:
+def progress_reporter() -> Iterator[Report]:
     """Show progress on standard error: a bar at a terminal, a line for each stage elsewhere."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -95,7 +95,7 @@ def _text(value: Any) -> str:
         return ""
     if isinstance(value, datetime):
         return f"{value:%Y-%m-%d %H:%M:%S}"
-    if isinstance(value, Answer):
+    if isinstance(value, ResponseModel):
         return ", ".join(_text(part) for part in value.model_dump().values() if part is not None)
     if isinstance(value, dict | list):
         text = json.dumps(value, default=str)

@@ -7,11 +7,20 @@ from typing import Annotated, Final, Literal
 
 import typer
 
-from steradian_client.cli.common import Id, Reason, Wait, add_stored, add_watch, client_of, finish, noun
-from steradian_client.cli.show import AsJson, Settings, live, settings, show
+from steradian_client.cli.common import (
+    Reason,
+    ResourceId,
+    Wait,
+    add_stored,
+    add_watch,
+    client_of,
+    command_group,
+    show_when_done,
+)
+from steradian_client.cli.show import AsJson, Settings, print_item, progress_reporter, settings
 
-reconstruction = noun("Turn scans into volumes.")
-batch, job = noun("Many reconstructions of one scan."), noun("Everything in the queue.")
+reconstruction = command_group("Turn scans into volumes.")
+batch, job = command_group("Many reconstructions of one scan."), command_group("Everything in the queue.")
 NOUNS: Final = {"reconstruction": reconstruction, "batch": batch, "job": job}
 Scan = Annotated[str, typer.Argument(metavar="SCAN")]
 Priority = Annotated[int | None, typer.Option(min=0, help="Smaller ones run first.")]
@@ -36,37 +45,41 @@ def create_reconstruction(
 ) -> None:
     """Queue a reconstruction."""
     those = client_of(context).reconstructions
-    finish(those, those.create(scan_id, priority=priority, **settings(parameters)), wait, as_json)
+    show_when_done(those, those.create(scan_id, priority=priority, **settings(parameters)), wait, as_json)
 
 
 @reconstruction.command("cancel", help="Cancel one that waits or runs.")
 def cancel_reconstruction(
-    context: typer.Context, identifier: Id, reason: Reason = None, as_json: AsJson = False
+    context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False
 ) -> None:
     """Cancel a reconstruction."""
-    show(client_of(context).reconstructions.cancel(identifier, reason), as_json)
+    print_item(client_of(context).reconstructions.cancel(identifier, reason), as_json)
 
 
 @reconstruction.command("volume", help="Download the volume as a NumPy file, float32 [x, y, z].")
-def volume(context: typer.Context, identifier: Id, target: Path) -> None:
+def volume(context: typer.Context, identifier: ResourceId, target: Path) -> None:
     """Download the volume."""
-    with live() as progress:
-        client_of(context).reconstructions.save_volume(
+    with progress_reporter() as progress:
+        client_of(context).reconstructions.download_volume(
             identifier, target, progress=lambda done, total: progress("bytes", done, total)
         )
 
 
 @reconstruction.command("mip", help="Download a maximum-intensity projection (PNG).")
-def mip(context: typer.Context, identifier: Id, target: Path, axis: Literal["x", "y", "z", "depth"] = "z") -> None:
+def mip(
+    context: typer.Context, identifier: ResourceId, target: Path, axis: Literal["x", "y", "z", "depth"] = "z"
+) -> None:
     """Download a projection."""
-    client_of(context).reconstructions.save_mip(identifier, target, axis=axis)
+    client_of(context).reconstructions.download_mip(identifier, target, axis=axis)
 
 
 @reconstruction.command("export", help="Write it for other programs: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png.")
-def export(context: typer.Context, identifier: Id, format: str, folder: Path = Path()) -> None:
+def export(context: typer.Context, identifier: ResourceId, format: str, folder: Path = Path()) -> None:
     """Export a volume and download the files."""
-    with live() as progress:
-        found = client_of(context).exports.run(format, folder, reconstruction_id=identifier, progress=progress)
+    with progress_reporter() as progress:
+        found = client_of(context).exports.export_and_download(
+            format, folder, reconstruction_id=identifier, progress=progress
+        )
     for path in found:
         print(path)
 
@@ -83,13 +96,15 @@ def create_batch(
 ) -> None:
     """Queue a sweep."""
     those = client_of(context).batches
-    finish(those, those.create(scan_id, settings(vary), each=each, **settings(common)), wait, as_json)
+    show_when_done(those, those.create(scan_id, settings(vary), each=each, **settings(common)), wait, as_json)
 
 
 @batch.command("cancel", help="Cancel what is left of a batch.")
-def cancel_batch(context: typer.Context, identifier: Id, reason: Reason = None, as_json: AsJson = False) -> None:
+def cancel_batch(
+    context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False
+) -> None:
     """Cancel the unfinished jobs of a batch."""
-    show(client_of(context).batches.cancel(identifier, reason), as_json)
+    print_item(client_of(context).batches.cancel(identifier, reason), as_json)
 
 
 @job.command("create", help="Queue work, such as: create sound-speed scan_id=… first=1450 last=1550")
@@ -98,28 +113,28 @@ def create_job(
 ) -> None:
     """Queue a job other than a reconstruction."""
     those = client_of(context).jobs
-    finish(those, those.create(kind, **settings(asked)), wait, as_json)
+    show_when_done(those, those.create(kind, **settings(asked)), wait, as_json)
 
 
 @job.command("cancel", help="Cancel one that waits or runs.")
-def cancel_job(context: typer.Context, identifier: Id, reason: Reason = None, as_json: AsJson = False) -> None:
+def cancel_job(context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False) -> None:
     """Cancel a job."""
-    show(client_of(context).jobs.cancel(identifier, reason), as_json)
+    print_item(client_of(context).jobs.cancel(identifier, reason), as_json)
 
 
 @job.command("prioritise", help="Move one that waits; smaller numbers run first.")
-def prioritise(context: typer.Context, identifier: Id, priority: int, as_json: AsJson = False) -> None:
+def prioritise(context: typer.Context, identifier: ResourceId, priority: int, as_json: AsJson = False) -> None:
     """Move a job that waits."""
-    show(client_of(context).jobs.prioritise(identifier, priority), as_json)
+    print_item(client_of(context).jobs.set_priority(identifier, priority), as_json)
 
 
 @job.command("log", help="Print what it wrote while it ran.")
-def log(context: typer.Context, identifier: Id) -> None:
+def log(context: typer.Context, identifier: ResourceId) -> None:
     """Print a job's log."""
     print(client_of(context).jobs.log(identifier), end="")
 
 
 @job.command("file", help="Download a file that it left.")
-def file(context: typer.Context, identifier: Id, name: str, target: Path) -> None:
+def file(context: typer.Context, identifier: ResourceId, name: str, target: Path) -> None:
     """Download a file that a job left."""
-    client_of(context).jobs.save_file(identifier, name, target)
+    client_of(context).jobs.download_file(identifier, name, target)

@@ -6,13 +6,13 @@ import builtins
 from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
 
-from steradian_client.models import Answer
+from steradian_client.models import ResponseModel
 from steradian_client.routes import Route
+from steradian_client.waiting import CompletionWaiter, Report
 from steradian_client.waiting import Kind as WorkKind
-from steradian_client.waiting import Report, Waiting
-from steradian_client.worlds import Resource, World, operation
+from steradian_client.worlds import Mode, Resource, dual_method
 
-Kind = TypeVar("Kind", bound=Answer)
+ModelT = TypeVar("ModelT", bound=ResponseModel)
 
 
 def id_of(thing: Any) -> str:
@@ -20,21 +20,21 @@ def id_of(thing: Any) -> str:
     return thing if isinstance(thing, str) else str(thing.id)
 
 
-class Stored(Resource[World], Generic[World, Kind]):
+class CrudResource(Resource[Mode], Generic[Mode, ModelT]):
     """Base class of collections of stored resources: read, list, delete."""
 
-    _kind: type[Kind]
+    _kind: type[ModelT]
     _read: Route
     _list: Route
     _delete: Route
 
-    @operation
-    async def get(self, identifier: str) -> Kind:
+    @dual_method
+    async def get(self, identifier: str) -> ModelT:
         """Read one."""
-        return await self._session.ask(self._kind, self._read, {"id": identifier})
+        return await self._session.request_model(self._kind, self._read, {"id": identifier})
 
-    @operation
-    async def list(self, /, limit: int = 100, **filters: Any) -> builtins.list[Kind]:
+    @dual_method
+    async def list(self, /, limit: int = 100, **filters: Any) -> builtins.list[ModelT]:
         """Read the newest, those only that the service's ``filters`` let through.
 
         Parameters
@@ -44,8 +44,8 @@ class Stored(Resource[World], Generic[World, Kind]):
         """
         return await self._session.list(self._kind, self._list, limit, filters)
 
-    @operation
-    async def delete(self, thing: Kind | str, *, dependents: bool = False) -> None:
+    @dual_method
+    async def delete(self, thing: ModelT | str, *, dependents: bool = False) -> None:
         """Delete one for good.
 
         Parameters
@@ -59,16 +59,16 @@ class Stored(Resource[World], Generic[World, Kind]):
             When something depends on it, or it is in use.
         """
         params = {"dependents": True} if dependents else {}
-        await self._session.exchange(self._delete, {"id": id_of(thing)}, params=params)
+        await self._session.send_with_retries(self._delete, {"id": id_of(thing)}, params=params)
 
 
-class Working(Stored[World, WorkKind]):
+class AwaitableResource(CrudResource[Mode, WorkKind]):
     """Things that take time."""
 
     _event: str | None
     """What the event stream calls them; ``None``: it depends."""
 
-    @operation
+    @dual_method
     async def wait(
         self, work: WorkKind | str, *, progress: Report | None = None, timeout: float | None = None
     ) -> WorkKind:
@@ -94,12 +94,12 @@ class Working(Stored[World, WorkKind]):
         identifier = id_of(work)
 
         async def look(hold: float) -> WorkKind:
-            return await self._session.ask(self._kind, self._read, {"id": identifier}, wait=hold)
+            return await self._session.request_model(self._kind, self._read, {"id": identifier}, wait=hold)
 
         known = await look(0.0) if isinstance(work, str) else work
-        return await Waiting(self._session, self._event, look, progress, timeout).until_over(known)
+        return await CompletionWaiter(self._session, self._event, look, progress, timeout).wait(known)
 
 
-def given(**values: Any) -> Mapping[str, Any]:
+def drop_none(**values: Any) -> Mapping[str, Any]:
     """Return the arguments that are not None."""
     return {name: value for name, value in values.items() if value is not None}

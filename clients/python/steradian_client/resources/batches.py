@@ -7,17 +7,17 @@ from typing import Any, Literal
 
 from steradian_client import routes
 from steradian_client.models import Batch
-from steradian_client.resources.base import Working, given
-from steradian_client.worlds import World, operation
+from steradian_client.resources.base import AwaitableResource, drop_none
+from steradian_client.worlds import Mode, dual_method
 
 
-class Batches(Working[World, Batch]):
+class Batches(AwaitableResource[Mode, Batch]):
     """Many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
 
     _kind, _read, _list, _delete = Batch, routes.READ_BATCH, routes.LIST_BATCHES, routes.DELETE_BATCH
     _event = "batch"
 
-    @operation
+    @dual_method
     async def create(
         self,
         /,
@@ -49,12 +49,12 @@ class Batches(Working[World, Batch]):
             What all have in common.
         """
         values = {name: list(several) for name, several in (vary or {}).items()}
-        named = given(each=each, priority=priority, points=points, requires=requires)
+        named = drop_none(each=each, priority=priority, points=points, requires=requires)
         body = {"scan_id": scan_id, "vary": values, "parameters": parameters, **named}
-        return await self._session.ask(Batch, routes.CREATE_BATCH, json=body, key=idempotency_key)
+        return await self._session.request_model(Batch, routes.CREATE_BATCH, json=body, key=idempotency_key)
 
-    @operation
+    @dual_method
     async def cancel(self, batch_id: str, reason: str | None = None) -> Batch:
         """Cancel every job of it that waits or runs."""
         body = {"state": "cancelled", "reason": reason}
-        return await self._session.ask(Batch, routes.WISH_BATCH, {"id": batch_id}, json=body)
+        return await self._session.request_model(Batch, routes.WISH_BATCH, {"id": batch_id}, json=body)

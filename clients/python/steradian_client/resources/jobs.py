@@ -9,44 +9,48 @@ from typing import Any
 from steradian_client import routes
 from steradian_client.downloads import Report, download
 from steradian_client.models import Attempt, Job
-from steradian_client.resources.base import Working
-from steradian_client.worlds import World, operation
+from steradian_client.resources.base import AwaitableResource
+from steradian_client.worlds import Mode, dual_method
 
 
-class Jobs(Working[World, Job]):
+class Jobs(AwaitableResource[Mode, Job]):
     """Everything in the queue, and work beyond reconstructions."""
 
     _kind, _read, _list, _delete = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB
     _event = None  # reconstructions are jobs, too
 
-    @operation
+    @dual_method
     async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
         """Queue a job of a kind: sound-speed, quality, width, export or import, with its parameters."""
-        return await self._session.ask(Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key)
+        return await self._session.request_model(
+            Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key
+        )
 
-    @operation
-    async def prioritise(self, job_id: str, priority: int) -> Job:
+    @dual_method
+    async def set_priority(self, job_id: str, priority: int) -> Job:
         """Change the priority of a queued job; smaller values run first."""
-        return await self._session.ask(Job, routes.CHANGE_JOB, {"id": job_id}, json={"priority": priority})
+        return await self._session.request_model(Job, routes.CHANGE_JOB, {"id": job_id}, json={"priority": priority})
 
-    @operation
+    @dual_method
     async def cancel(self, job_id: str, reason: str | None = None) -> Job:
         """Cancel one that waits or runs."""
         body = {"state": "cancelled", "reason": reason}
-        return await self._session.ask(Job, routes.WISH_JOB, {"id": job_id}, json=body)
+        return await self._session.request_model(Job, routes.WISH_JOB, {"id": job_id}, json=body)
 
-    @operation
+    @dual_method
     async def attempts(self, job_id: str) -> builtins.list[Attempt]:
         """Read every start of it with its end."""
         return await self._session.list(Attempt, routes.READ_JOB_ATTEMPTS, identifiers={"id": job_id})
 
-    @operation
+    @dual_method
     async def log(self, job_id: str) -> str:
         """Return the log of the job."""
-        return (await self._session.exchange(routes.READ_JOB_LOG, {"id": job_id})).text
+        return (await self._session.send_with_retries(routes.READ_JOB_LOG, {"id": job_id})).text
 
-    @operation
-    async def save_file(self, job_id: str, name: str, target: Path | str, *, progress: Report | None = None) -> Path:
+    @dual_method
+    async def download_file(
+        self, job_id: str, name: str, target: Path | str, *, progress: Report | None = None
+    ) -> Path:
         """Download one of its ``files``; a broken download is resumed."""
         return await download(
             self._session, routes.READ_JOB_FILE, {"id": job_id, "name": name}, target, progress=progress

@@ -8,53 +8,55 @@ from typing import Any
 from steradian_client import routes
 from steradian_client.downloads import download
 from steradian_client.models import Mask, MaskPreview, Points, PointSpread
-from steradian_client.resources.base import Stored
-from steradian_client.worlds import World, operation
+from steradian_client.resources.base import CrudResource
+from steradian_client.worlds import Mode, dual_method
 
 
-class Masks(Stored[World, Mask]):
+class Masks(CrudResource[Mode, Mask]):
     """Collection of masks."""
 
     _kind, _read, _list, _delete = Mask, routes.READ_MASK, routes.LIST_MASKS, routes.DELETE_MASK
 
-    @operation
+    @dual_method
     async def create(self, /, arrangement: str, **parameters: Any) -> Mask:
         """Make a mask of any arrangement; the same parameters give the same mask."""
         return await self._create(arrangement, parameters)
 
-    @operation
+    @dual_method
     async def preview(self, /, arrangement: str, **parameters: Any) -> MaskPreview:
         """Return a mask's metrics without storing it."""
         asked = {"arrangement": arrangement, **parameters}
-        return await self._session.ask(MaskPreview, routes.PREVIEW_MASK, json=asked)
+        return await self._session.request_model(MaskPreview, routes.PREVIEW_MASK, json=asked)
 
-    @operation
+    @dual_method
     async def point_spread(
         self, /, arrangement: str, point: tuple[float, float, float] | None = None, **parameters: Any
     ) -> PointSpread:
         """Simulate a tiny ball at ``point`` (m), sensed by a mask of these parameters, keeping nothing."""
         asked = {"arrangement": {"arrangement": arrangement, **parameters}, "point": point}
-        return await self._session.ask(PointSpread, routes.PREVIEW_POINT_SPREAD, json=asked)
+        return await self._session.request_model(PointSpread, routes.PREVIEW_POINT_SPREAD, json=asked)
 
-    @operation
+    @dual_method
     async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:
         """Make a mask of equal solid angles; ``aperture`` and ``depth`` of the point of interest in metres."""
         return await self._create("equi-steradian", {"aperture": aperture, "depth": depth, "count": count})
 
-    @operation
+    @dual_method
     async def grid(self, *, aperture: float, count: int, interval: float) -> Mask:
         """Make a grid of ``count`` × ``count`` points; ``aperture`` and ``interval`` in metres."""
         return await self._create("grid", {"aperture": aperture, "count": count, "interval": interval})
 
-    @operation
+    @dual_method
     async def points(self, mask_id: str) -> Points:
         """Read positions and weights."""
-        return await self._session.ask(Points, routes.READ_POINTS, {"id": mask_id})
+        return await self._session.request_model(Points, routes.READ_POINTS, {"id": mask_id})
 
-    @operation
+    @dual_method
     async def save_picture(self, mask_id: str, target: Path | str) -> Path:
         """Download a picture (PNG) of the mask: points, density and coverage."""
         return await download(self._session, routes.READ_PICTURE, {"id": mask_id}, target)
 
     async def _create(self, arrangement: str, parameters: dict[str, Any]) -> Mask:
-        return await self._session.ask(Mask, routes.CREATE_MASK, json={"arrangement": arrangement, **parameters})
+        return await self._session.request_model(
+            Mask, routes.CREATE_MASK, json={"arrangement": arrangement, **parameters}
+        )

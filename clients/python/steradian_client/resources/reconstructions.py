@@ -8,21 +8,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from steradian_client import routes
-from steradian_client.arrays import RAW, Volume, array_of, axes_of
+from steradian_client.arrays import RAW, Volume, parse_array, slice_axes
 from steradian_client.downloads import Report, download
 from steradian_client.models import Attempt, Job, Quality, Reconstruction, Revision
-from steradian_client.resources.base import Working, given
-from steradian_client.worlds import World, operation
+from steradian_client.resources.base import AwaitableResource, drop_none
+from steradian_client.worlds import Mode, dual_method
 
 
-class Reconstructions(Working[World, Reconstruction]):
+class Reconstructions(AwaitableResource[Mode, Reconstruction]):
     """Jobs that turn scans into volumes."""
 
     _kind, _read, _list = Reconstruction, routes.READ_RECONSTRUCTION, routes.LIST_RECONSTRUCTIONS
     _delete = routes.DELETE_RECONSTRUCTION
     _event = "reconstruction"
 
-    @operation
+    @dual_method
     async def create(
         self,
         /,
@@ -59,64 +59,70 @@ class Reconstructions(Working[World, Reconstruction]):
         parameters
             Such as modes, upsampling, method, sound_speed (m/s), tolerance.
         """
-        named = given(priority=priority, follow=follow, interval=interval, through=through, frame=frame)
-        named = {**named, **given(timeout=timeout, requires=requires)}
+        named = drop_none(priority=priority, follow=follow, interval=interval, through=through, frame=frame)
+        named = {**named, **drop_none(timeout=timeout, requires=requires)}
         body = {"scan_id": scan_id, "parameters": parameters, **named}
-        return await self._session.ask(Reconstruction, routes.CREATE_RECONSTRUCTION, json=body, key=idempotency_key)
+        return await self._session.request_model(
+            Reconstruction, routes.CREATE_RECONSTRUCTION, json=body, key=idempotency_key
+        )
 
-    @operation
+    @dual_method
     async def prioritise(self, reconstruction_id: str, priority: int) -> Reconstruction:
         """Move one that waits; smaller ones run first."""
-        return await self._session.ask(
+        return await self._session.request_model(
             Reconstruction, routes.CHANGE_RECONSTRUCTION, {"id": reconstruction_id}, json={"priority": priority}
         )
 
-    @operation
+    @dual_method
     async def cancel(self, reconstruction_id: str, reason: str | None = None) -> Reconstruction:
         """Cancel one that waits or runs."""
         body = {"state": "cancelled", "reason": reason}
-        return await self._session.ask(Reconstruction, routes.WISH_RECONSTRUCTION, {"id": reconstruction_id}, json=body)
+        return await self._session.request_model(
+            Reconstruction, routes.WISH_RECONSTRUCTION, {"id": reconstruction_id}, json=body
+        )
 
-    @operation
+    @dual_method
     async def attempts(self, reconstruction_id: str) -> builtins.list[Attempt]:
         """Read every start of it with its end."""
         identifiers = {"id": reconstruction_id}
         return await self._session.list(Attempt, routes.READ_RECONSTRUCTION_ATTEMPTS, identifiers=identifiers)
 
-    @operation
+    @dual_method
     async def log(self, reconstruction_id: str) -> str:
         """Return the log of the reconstruction."""
-        return (await self._session.exchange(routes.READ_RECONSTRUCTION_LOG, {"id": reconstruction_id})).text
+        return (await self._session.send_with_retries(routes.READ_RECONSTRUCTION_LOG, {"id": reconstruction_id})).text
 
-    @operation
+    @dual_method
     async def revision(self, reconstruction_id: str) -> Revision:
         """Read how good the newest image of a scan is that is being followed."""
-        return await self._session.ask(Revision, routes.READ_REVISION, {"id": reconstruction_id})
+        return await self._session.request_model(Revision, routes.READ_REVISION, {"id": reconstruction_id})
 
-    @operation
+    @dual_method
     async def volume(self, reconstruction_id: str, slice: str | None = None) -> Volume:
         """Read the volume with its axes; ``slice`` in numpy's syntax, such as ``"10:20,::2,5"``."""
-        report = (await self._session.ask(Reconstruction, self._read, {"id": reconstruction_id})).report
+        report = (await self._session.request_model(Reconstruction, self._read, {"id": reconstruction_id})).report
         identifiers, params, headers = {"id": reconstruction_id}, {"slice": slice}, {"Accept": RAW}
-        answer = await self._session.exchange(routes.READ_VOLUME, identifiers, params=params, headers=headers)
-        return Volume(array_of(answer), *axes_of(report or {}, slice))
+        answer = await self._session.send_with_retries(routes.READ_VOLUME, identifiers, params=params, headers=headers)
+        return Volume(parse_array(answer), *slice_axes(report or {}, slice))
 
-    @operation
-    async def save_volume(self, reconstruction_id: str, target: Path | str, *, progress: Report | None = None) -> Path:
+    @dual_method
+    async def download_volume(
+        self, reconstruction_id: str, target: Path | str, *, progress: Report | None = None
+    ) -> Path:
         """Download the volume as a NumPy file, float32 [x, y, z]."""
         identifiers, headers = {"id": reconstruction_id}, {"Accept": "application/x-npy"}
         return await download(
             self._session, routes.READ_VOLUME, identifiers, target, headers=headers, progress=progress
         )
 
-    @operation
-    async def save_mip(
+    @dual_method
+    async def download_mip(
         self, reconstruction_id: str, target: Path | str, *, axis: Literal["x", "y", "z", "depth"] = "z"
     ) -> Path:
         """Download a maximum-intensity projection (PNG); ``depth``: along z, coloured by depth."""
         return await download(self._session, routes.READ_MIP, {"id": reconstruction_id}, target, params={"axis": axis})
 
-    @operation
+    @dual_method
     async def compare(
         self,
         reconstruction_id: str,
@@ -127,12 +133,12 @@ class Reconstructions(Working[World, Reconstruction]):
         idempotency_key: str | None = None,
     ) -> Job:
         """Queue a comparison with another reconstruction, within a disc of ``diameter`` (m)."""
-        body = given(reference_id=reference_id, diameter=diameter, threshold=threshold)
-        return await self._session.ask(
+        body = drop_none(reference_id=reference_id, diameter=diameter, threshold=threshold)
+        return await self._session.request_model(
             Job, routes.CREATE_QUALITY, {"id": reconstruction_id}, json=body, key=idempotency_key
         )
 
-    @operation
+    @dual_method
     async def quality(self, reconstruction_id: str) -> builtins.list[Quality]:
         """Return the quality comparisons of the reconstruction, newest first."""
         return await self._session.list(Quality, routes.LIST_QUALITY, identifiers={"id": reconstruction_id})

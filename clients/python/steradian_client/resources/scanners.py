@@ -9,26 +9,26 @@ from typing import Final
 from steradian_client import routes
 from steradian_client.errors import ClientError
 from steradian_client.models import EmergencyStop, Lease, Scanner
-from steradian_client.worlds import Resource, World, managed, operation
+from steradian_client.worlds import Mode, Resource, dual_context_manager, dual_method
 
 SCANNER: Final = "scanner-0"
 """The scanner of a service that has one."""
 
 
-class Scanners(Resource[World]):
+class Scanners(Resource[Mode]):
     """Collection of scanners: state, lease, emergency stop and faults."""
 
-    @operation
+    @dual_method
     async def list(self) -> builtins.list[Scanner]:
         """Read all."""
         return await self._session.list(Scanner, routes.LIST_SCANNERS)
 
-    @operation
+    @dual_method
     async def get(self, scanner_id: str = SCANNER) -> Scanner:
         """Read one."""
-        return await self._session.ask(Scanner, routes.READ_SCANNER, {"id": scanner_id})
+        return await self._session.request_model(Scanner, routes.READ_SCANNER, {"id": scanner_id})
 
-    @operation
+    @dual_method
     async def take_lease(
         self,
         holder: str,
@@ -47,12 +47,12 @@ class Scanners(Resource[World]):
         """
         return await self._take(holder, seconds, note, lease, scanner_id)
 
-    @operation
-    async def give_lease_back(self, lease: Lease | int, *, scanner_id: str = SCANNER) -> None:
+    @dual_method
+    async def return_lease(self, lease: Lease | int, *, scanner_id: str = SCANNER) -> None:
         """Release a lease; no effect without a lease."""
-        await self._session.exchange(routes.GIVE_LEASE_BACK, {"id": scanner_id}, headers=lease_header(lease))
+        await self._session.send_with_retries(routes.RETURN_LEASE, {"id": scanner_id}, headers=lease_header(lease))
 
-    @managed
+    @dual_context_manager
     async def lease(
         self, holder: str, *, seconds: float = 600.0, note: str | None = None, scanner_id: str = SCANNER
     ) -> AsyncIterator[Lease]:
@@ -64,22 +64,22 @@ class Scanners(Resource[World]):
         try:
             yield lease
         finally:
-            await self._session.exchange(routes.GIVE_LEASE_BACK, {"id": scanner_id}, headers=lease_header(lease))
+            await self._session.send_with_retries(routes.RETURN_LEASE, {"id": scanner_id}, headers=lease_header(lease))
 
-    @operation
+    @dual_method
     async def emergency_stop(self, reason: str | None = None, *, scanner_id: str = SCANNER) -> EmergencyStop:
         """Switch the laser off and abort running and queued scans; check ``laser`` of the answer."""
         body = {"reason": reason} if reason else None
-        answer = await self._session.exchange(routes.PRESS_STOP, {"id": scanner_id}, json=body)
+        answer = await self._session.send_with_retries(routes.PRESS_STOP, {"id": scanner_id}, json=body)
         return EmergencyStop.model_validate(answer.json()["emergency_stop"])
 
-    @operation
+    @dual_method
     async def stop_all(self, reason: str | None = None) -> dict[str, EmergencyStop]:
         """Press the emergency stop of every scanner; returns the answers by name, empty without scanners."""
-        answer = await self._session.exchange(routes.PRESS_EVERY_STOP, json={"reason": reason} if reason else None)
+        answer = await self._session.send_with_retries(routes.STOP_ALL, json={"reason": reason} if reason else None)
         return {one["id"]: EmergencyStop.model_validate(one["emergency_stop"]) for one in answer.json()["items"]}
 
-    @operation
+    @dual_method
     async def retire(self, scanner_id: str, *, abandon: bool = False, reason: str | None = None) -> None:
         """Decommission a scanner that no longer exists; its node registers it again when it starts.
 
@@ -96,19 +96,21 @@ class Scanners(Resource[World]):
         about: dict[str, bool | str] = {"reason": reason} if reason else {}
         if abandon:
             about["abandon"] = True
-        await self._session.exchange(routes.RETIRE_SCANNER, {"id": scanner_id}, params=about)
+        await self._session.send_with_retries(routes.RETIRE_SCANNER, {"id": scanner_id}, params=about)
 
-    @operation
-    async def release_stop(
+    @dual_method
+    async def release_emergency_stop(
         self, stop: EmergencyStop | str | None = None, reason: str | None = None, *, scanner_id: str = SCANNER
     ) -> Scanner:
         """Allow scans again; with the ``stop`` that one has seen, it is refused when there was another since."""
         number = stop.number if isinstance(stop, EmergencyStop) else stop
         # A named stop can be released twice without harm; another one, pressed meanwhile, must not be.
         route = routes.RELEASE_STOP if number is None else routes.RELEASE_NAMED_STOP
-        return await self._session.ask(Scanner, route, {"id": scanner_id}, params={"number": number, "reason": reason})
+        return await self._session.request_model(
+            Scanner, route, {"id": scanner_id}, params={"number": number, "reason": reason}
+        )
 
-    @operation
+    @dual_method
     async def clear_fault(self, scanner_id: str = SCANNER, *, reason: str | None = None) -> Scanner:
         """Clear a latched fault, once its cause is removed.
 
@@ -122,13 +124,13 @@ class Scanners(Resource[World]):
             While the cause stands (``fault-stands``), or a scan or another program has the scanner.
         """
         body = {"reason": reason} if reason else None
-        return await self._session.ask(Scanner, routes.CLEAR_FAULT, {"id": scanner_id}, json=body)
+        return await self._session.request_model(Scanner, routes.CLEAR_FAULT, {"id": scanner_id}, json=body)
 
     async def _take(
         self, holder: str, seconds: float, note: str | None, lease: Lease | int | None, scanner_id: str
     ) -> Lease:
         body = {"holder": holder, "seconds": seconds, "note": note}
-        scanner = await self._session.ask(
+        scanner = await self._session.request_model(
             Scanner, routes.TAKE_LEASE, {"id": scanner_id}, json=body, headers=lease_header(lease)
         )
         if scanner.lease is None:

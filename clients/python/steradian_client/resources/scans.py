@@ -7,24 +7,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from steradian_client import routes
-from steradian_client.arrays import RAW, array_of
+from steradian_client.arrays import RAW, parse_array
 from steradian_client.downloads import Report, download
 from steradian_client.models import Coverage, Lease, Scan, Shots, Signals
-from steradian_client.resources.base import Working, given
+from steradian_client.resources.base import AwaitableResource, drop_none
 from steradian_client.resources.scanners import lease_header
-from steradian_client.worlds import World, operation
+from steradian_client.worlds import Mode, dual_method
 
 if TYPE_CHECKING:
     from steradian_client.arrays import Array
 
 
-class Scans(Working[World, Scan]):
+class Scans(AwaitableResource[Mode, Scan]):
     """Running plans on the scanner."""
 
     _kind, _read, _list, _delete = Scan, routes.READ_SCAN, routes.LIST_SCANS, routes.DELETE_SCAN
     _event = "scan"
 
-    @operation
+    @dual_method
     async def create(
         self,
         plan_id: str,
@@ -51,21 +51,25 @@ class Scans(Working[World, Scan]):
         idempotency_key
             Repeating the call with the same key finds the scan that the first call made; ``None`` makes a new key.
         """
-        body = given(plan_id=plan_id, labels=labels, completes=completes, scanner_id=scanner_id)
+        body = drop_none(plan_id=plan_id, labels=labels, completes=completes, scanner_id=scanner_id)
         headers = lease_header(lease)
-        return await self._session.ask(Scan, routes.CREATE_SCAN, json=body, headers=headers, key=idempotency_key)
+        return await self._session.request_model(
+            Scan, routes.CREATE_SCAN, json=body, headers=headers, key=idempotency_key
+        )
 
-    @operation
-    async def label(self, scan_id: str, labels: Mapping[str, str | None]) -> Scan:
+    @dual_method
+    async def set_labels(self, scan_id: str, labels: Mapping[str, str | None]) -> Scan:
         """Set labels; ``None`` removes one."""
-        return await self._session.ask(Scan, routes.CHANGE_SCAN, {"id": scan_id}, json={"labels": dict(labels)})
+        return await self._session.request_model(
+            Scan, routes.CHANGE_SCAN, {"id": scan_id}, json={"labels": dict(labels)}
+        )
 
-    @operation
+    @dual_method
     async def pause(self, scan_id: str, reason: str | None = None) -> Scan:
         """Pause a scan with the laser off."""
         return await self._wish(scan_id, "paused", reason)
 
-    @operation
+    @dual_method
     async def resume(self, scan_id: str, reason: str | None = None, *, lease: Lease | int | None = None) -> Scan:
         """Resume a paused or interrupted scan.
 
@@ -73,54 +77,58 @@ class Scans(Working[World, Scan]):
         """
         return await self._wish(scan_id, "running", reason, lease)
 
-    @operation
+    @dual_method
     async def stop(self, scan_id: str, reason: str | None = None) -> Scan:
         """Stop a scan and keep the measured A-lines."""
         return await self._wish(scan_id, "stopped", reason)
 
-    @operation
+    @dual_method
     async def abort(self, scan_id: str, reason: str | None = None) -> Scan:
         """Give a scan up."""
         return await self._wish(scan_id, "aborted", reason)
 
-    @operation
+    @dual_method
     async def coverage(self, scan_id: str) -> Coverage:
         """Count how much of the mask is measured, also while the scan runs."""
-        return await self._session.ask(Coverage, routes.READ_COVERAGE, {"id": scan_id})
+        return await self._session.request_model(Coverage, routes.READ_COVERAGE, {"id": scan_id})
 
-    @operation
+    @dual_method
     async def shots(self, scan_id: str, points: str | None = None, *, since: str | None = None) -> Shots:
         """Return the metadata of each shot; ``points`` in NumPy's syntax, such as ``"0:100"``.
 
         With ``since``, the ``next`` of an earlier answer, only of those that have changed after it.
         """
         params = {"points": points, "since": since}
-        return await self._session.ask(Shots, routes.READ_SHOTS, {"id": scan_id}, params=params)
+        return await self._session.request_model(Shots, routes.READ_SHOTS, {"id": scan_id}, params=params)
 
-    @operation
+    @dual_method
     async def signals(self, scan_id: str, frame: int = 0) -> Signals:
         """Inspect the A-lines of a frame, as far as they are measured: codes, noise, baseline, bad A-lines."""
-        return await self._session.ask(Signals, routes.READ_SIGNALS, {"id": scan_id}, params={"frame": frame})
+        return await self._session.request_model(Signals, routes.READ_SIGNALS, {"id": scan_id}, params={"frame": frame})
 
-    @operation
+    @dual_method
     async def alines(self, scan_id: str, slice: str | None = None) -> Array:
         """Read A-lines (points, samples) in digitiser counts; ``slice`` in numpy's syntax, such as ``"0:10,::2"``."""
         params, headers = {"slice": slice}, {"Accept": RAW}
-        answer = await self._session.exchange(routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers)
-        return array_of(answer)
+        answer = await self._session.send_with_retries(
+            routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers
+        )
+        return parse_array(answer)
 
-    @operation
+    @dual_method
     async def latest_aline(self, scan_id: str) -> Array:
         """Read the A-line (samples) that was stored last, in digitiser counts."""
         headers = {"Accept": RAW}
-        return array_of(await self._session.exchange(routes.READ_LATEST_ALINE, {"id": scan_id}, headers=headers))
+        return parse_array(
+            await self._session.send_with_retries(routes.READ_LATEST_ALINE, {"id": scan_id}, headers=headers)
+        )
 
-    @operation
+    @dual_method
     async def save_file(self, scan_id: str, target: Path | str, *, progress: Report | None = None) -> Path:
         """Download the scan file (HDF5); a broken download is resumed."""
         return await download(self._session, routes.READ_SCAN_FILE, {"id": scan_id}, target, progress=progress)
 
     async def _wish(self, scan_id: str, state: str, reason: str | None, lease: Lease | int | None = None) -> Scan:
-        route = routes.RUN_SCAN if state == "running" else routes.WISH_SCAN
+        route = routes.RUN_SCAN if state == "running" else routes.SET_SCAN_STATE
         body = {"state": state, "reason": reason}
-        return await self._session.ask(Scan, route, {"id": scan_id}, json=body, headers=lease_header(lease))
+        return await self._session.request_model(Scan, route, {"id": scan_id}, json=body, headers=lease_header(lease))

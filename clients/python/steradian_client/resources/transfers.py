@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, Final
 from steradian_client import routes
 from steradian_client.downloads import Report as BytesReport
 from steradian_client.downloads import download
-from steradian_client.errors import Conflict, Damaged, InvalidInput, NotFound, ServiceError, Unreachable
+from steradian_client.errors import Conflict, ConnectionFailed, CorruptTransfer, InvalidInput, NotFound, ServiceError
 from steradian_client.models import Job, Scan, Upload, UploadPreview
-from steradian_client.resources.base import Working, given, id_of
-from steradian_client.session import FIRST_PAUSE, LONGEST_PAUSE, PASSING, Session
-from steradian_client.transport import Sending
+from steradian_client.resources.base import AwaitableResource, drop_none, id_of
+from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
+from steradian_client.transport import UploadFile
 from steradian_client.waiting import Report
-from steradian_client.worlds import Resource, World, operation
+from steradian_client.worlds import Mode, Resource, dual_method
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -32,10 +32,10 @@ RESUMED_FROM: Final = 2**20
 TUS: Final = {"Tus-Resumable": "1.0.0"}
 
 
-class Uploads(Resource[World]):
+class Uploads(Resource[Mode]):
     """Files that wait to be imported."""
 
-    @operation
+    @dual_method
     async def create(self, file: Path | str, *, progress: BytesReport | None = None) -> Upload:
         """Send a file, piece by piece, from where it broke off if it does; it is kept for a day.
 
@@ -46,12 +46,12 @@ class Uploads(Resource[World]):
         """
         return await _upload(self._session, Path(file), progress)
 
-    @operation
+    @dual_method
     async def get(self, upload_id: str) -> Upload:
         """Read one."""
-        return await self._session.ask(Upload, routes.READ_UPLOAD, {"id": upload_id})
+        return await self._session.request_model(Upload, routes.READ_UPLOAD, {"id": upload_id})
 
-    @operation
+    @dual_method
     async def preview(
         self,
         upload: Upload | str,
@@ -60,21 +60,21 @@ class Uploads(Resource[World]):
         companion: Upload | str | None = None,
     ) -> UploadPreview:
         """Preview an import of an upload, with its missing fields; ``companion`` has the positions."""
-        body = given(description=description, companion_id=None if companion is None else id_of(companion))
-        return await self._session.ask(UploadPreview, routes.PREVIEW_UPLOAD, {"id": id_of(upload)}, json=body)
+        body = drop_none(description=description, companion_id=None if companion is None else id_of(companion))
+        return await self._session.request_model(UploadPreview, routes.PREVIEW_UPLOAD, {"id": id_of(upload)}, json=body)
 
-    @operation
+    @dual_method
     async def delete(self, upload: Upload | str) -> None:
         """Delete one."""
-        await self._session.exchange(routes.DELETE_UPLOAD, {"id": id_of(upload)})
+        await self._session.send_with_retries(routes.DELETE_UPLOAD, {"id": id_of(upload)})
 
 
-class Imports(Working[World, Job]):
+class Imports(AwaitableResource[Mode, Job]):
     """Recordings of others that become scans."""
 
     _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
 
-    @operation
+    @dual_method
     async def create(
         self,
         upload: Upload | str,
@@ -98,8 +98,8 @@ class Imports(Working[World, Job]):
         other = None if companion is None else id_of(companion)
         return await self._create(id_of(upload), description, other, labels, idempotency_key)
 
-    @operation
-    async def run(
+    @dual_method
+    async def import_file(
         self,
         file: Path | str,
         *,
@@ -112,8 +112,8 @@ class Imports(Working[World, Job]):
         """Upload a file, import it and wait for the scan; errors as of :meth:`wait`."""
         return await self._run(Path(file), description, companion, labels, progress, timeout)
 
-    @operation
-    async def arrays(
+    @dual_method
+    async def import_arrays(
         self,
         /,
         traces: ArrayLike,
@@ -166,7 +166,7 @@ class Imports(Working[World, Job]):
         other = None if companion is None else (await _upload(self._session, Path(companion), sent)).id
         job = await self._create(upload.id, description, other, labels, None)
         done = await self._until_over(job, progress, timeout)
-        return await self._session.ask(Scan, routes.READ_SCAN, {"id": str((done.result or {})["scan_id"])})
+        return await self._session.request_model(Scan, routes.READ_SCAN, {"id": str((done.result or {})["scan_id"])})
 
     async def _create(
         self,
@@ -176,18 +176,18 @@ class Imports(Working[World, Job]):
         labels: Mapping[str, str] | None,
         key: str | None,
     ) -> Job:
-        body = given(
+        body = drop_none(
             kind="import", upload_id=upload_id, description=description, companion_id=companion_id, labels=labels
         )
-        return await self._session.ask(Job, routes.CREATE_JOB, json=body, key=key)
+        return await self._session.request_model(Job, routes.CREATE_JOB, json=body, key=key)
 
 
-class Exports(Working[World, Job]):
+class Exports(AwaitableResource[Mode, Job]):
     """Volumes and scans for other programs."""
 
     _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
 
-    @operation
+    @dual_method
     async def create(
         self,
         format: str,
@@ -199,8 +199,8 @@ class Exports(Working[World, Job]):
         """Queue an export: ipasc, sgl of a scan; hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png of a reconstruction."""
         return await self._create(format, reconstruction_id, scan_id, idempotency_key)
 
-    @operation
-    async def run(
+    @dual_method
+    async def export_and_download(
         self,
         format: str,
         folder: Path | str,
@@ -221,34 +221,36 @@ class Exports(Working[World, Job]):
         ]
 
     async def _create(self, format: str, reconstruction_id: str | None, scan_id: str | None, key: str | None) -> Job:
-        body = given(kind="export", format=format, reconstruction_id=reconstruction_id, scan_id=scan_id)
-        return await self._session.ask(Job, routes.CREATE_JOB, json=body, key=key)
+        body = drop_none(kind="export", format=format, reconstruction_id=reconstruction_id, scan_id=scan_id)
+        return await self._session.request_model(Job, routes.CREATE_JOB, json=body, key=key)
 
 
-async def _upload(session: Session, file: Path, progress: BytesReport | None) -> Upload:
-    sending = await session.transport.call(lambda: Sending(file, progress))
+async def _upload(session: RequestSession, file: Path, progress: BytesReport | None) -> Upload:
+    sending = await session.transport.call(lambda: UploadFile(file, progress))
     if sending.size >= RESUMED_FROM and (begun := await _begin(session, sending.size)) is not None:
         with suppress(NotFound):  # it has been deleted meanwhile, or another node has it: all is sent anew
             try:
                 return await _send_pieces(session, sending, begun)
             except NotFound:
                 raise
-            except (ServiceError, Damaged):
-                with suppress(ServiceError, Unreachable):  # what came of it takes room, and cannot be named any more
-                    await session.exchange(routes.DELETE_UPLOAD, {"id": begun})
+            except (ServiceError, CorruptTransfer):
+                with suppress(
+                    ServiceError, ConnectionFailed
+                ):  # what came of it takes room, and cannot be named any more
+                    await session.send_with_retries(routes.DELETE_UPLOAD, {"id": begun})
                 raise
         sending.start = 0
     headers = {"Content-Type": "application/octet-stream"}
-    answer = await session.exchange(routes.CREATE_UPLOAD, file=sending, headers=headers)
+    answer = await session.send_with_retries(routes.CREATE_UPLOAD, file=sending, headers=headers)
     upload = Upload.model_validate_json(answer.content)
     _check(sending, upload.bytes, upload.sha256 or "")
     return upload
 
 
-async def _begin(session: Session, size: int) -> str | None:
+async def _begin(session: RequestSession, size: int) -> str | None:
     """Announce a file; returns the upload's identifier, or ``None`` for a service that knows whole bodies only."""
     try:
-        answer = await session.exchange(routes.CREATE_UPLOAD, headers={"Upload-Length": str(size), **TUS})
+        answer = await session.send_with_retries(routes.CREATE_UPLOAD, headers={"Upload-Length": str(size), **TUS})
     except InvalidInput as error:
         if any("body" in str(one.get("pointer")) for one in error.errors):
             return None
@@ -256,33 +258,33 @@ async def _begin(session: Session, size: int) -> str | None:
     return Upload.model_validate_json(answer.content).id
 
 
-async def _send_pieces(session: Session, sending: Sending, identifier: str) -> Upload:
+async def _send_pieces(session: RequestSession, sending: UploadFile, identifier: str) -> Upload:
     """Send a file in parts, resuming after interruptions as long as bytes arrive."""
-    where, begun, pause = {"id": identifier}, time.monotonic(), FIRST_PAUSE
+    where, begun, pause = {"id": identifier}, time.monotonic(), INITIAL_BACKOFF
     received = None  # its checksum, unless the last answer is lost
     while True:
         headers = {"Content-Type": "application/offset+octet-stream", "Upload-Offset": str(sending.start), **TUS}
         try:
-            answer = await session.exchange(routes.APPEND_UPLOAD, where, file=sending, headers=headers)
+            answer = await session.send_with_retries(routes.APPEND_UPLOAD, where, file=sending, headers=headers)
             received = _sha256(answer.headers.get("Repr-Digest", ""))
             _check(sending, int(answer.headers["Upload-Offset"]), received)
-        except (Unreachable, ServiceError) as error:
-            passes = isinstance(error, Unreachable | Conflict) or error.status in PASSING
+        except (ConnectionFailed, ServiceError) as error:
+            passes = isinstance(error, ConnectionFailed | Conflict) or error.status in RETRYABLE
             if not passes or time.monotonic() - begun > session.patience:
                 raise
             await session.transport.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
-        upload = await session.ask(Upload, routes.READ_UPLOAD, where)
+        upload = await session.request_model(Upload, routes.READ_UPLOAD, where)
         if upload.length is None:
             return upload.model_copy(update={"sha256": received})
         if upload.bytes > sending.start:
-            sending.start, begun, pause = upload.bytes, time.monotonic(), FIRST_PAUSE
+            sending.start, begun, pause = upload.bytes, time.monotonic(), INITIAL_BACKOFF
 
 
-def _check(sending: Sending, size: int, sha256: str) -> None:
+def _check(sending: UploadFile, size: int, sha256: str) -> None:
     if (size, sha256) != (sending.size, sending.sha256):
         was = f"{sending.path.name} has {sending.size} bytes, SHA-256 {sending.sha256}"
-        raise Damaged(f"{was}; {size} bytes with SHA-256 {sha256 or 'unknown'} were received")
+        raise CorruptTransfer(f"{was}; {size} bytes with SHA-256 {sha256 or 'unknown'} were received")
 
 
 def _sha256(digest: str) -> str:

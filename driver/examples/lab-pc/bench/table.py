@@ -1,7 +1,7 @@
 """The optical table, made up: mirrors with a lens behind them, film, object, pulsed laser, shutter, and the cables.
 
 Nothing here is known to the parts that are tried on it: mirrors bend the scan field, the film has its own sensitivity
-at every place, the digitiser starts late. What a lab would measure, :func:`marks` and the scanner's own sweeps do.
+at every place, the digitiser starts late. What a lab would measure, :func:`calibration_marks` and the scanner's own sweeps do.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.hardware import Sampling
+from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import shapes
-from fabry_perot.simulator.film import LINEWIDTH, SWING, VISIBILITY, Response
+from fabry_perot.simulator.film import LINEWIDTH, MAX_MODULATION, VISIBILITY, Response
 from fabry_perot.simulator.recorder import Recorder, peak_pressure
 
 DELAY = 120e-9
 """From the laser pulse to the first sample, in s."""
-EDGES, BEAT = "PFI2", 0.25
+GATE_EDGES, GATE_PERIOD = "PFI2", 0.25
 """Terminal that a heart (or a stimulus) is wired to, and the time between its edges in s."""
 SETTLES = 400
 """µs that the mirrors need."""
@@ -35,7 +35,7 @@ def film_place(volts: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([x * swell, y * swell])
 
 
-def marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def calibration_marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (N, 2) of a target's marks, and the volts (N, 2) at which a camera saw the beam on them."""
     axis = np.linspace(-7e-3, 7e-3, count)
     places = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -46,7 +46,7 @@ def marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @dataclass
-class Train:
+class TriggerTrain:
     """Triggers of counter 0."""
 
     first: float
@@ -55,7 +55,7 @@ class Train:
 
 
 @dataclass
-class Ring:
+class RecordRing:
     """Triggered records of the digitiser that were not fetched."""
 
     samples: int = 0
@@ -64,7 +64,7 @@ class Ring:
     """x, y (m), wavelength (m), time (µs), number of the shot."""
 
 
-class Table:
+class OpticalTable:
     """All of it; what happened since the last look happens at each look, at its own time.
 
     Parameters
@@ -86,19 +86,19 @@ class Table:
             relief="wedge",
         )
         peak = peak_pressure(shapes.by_name(phantom, seed), 1500.0)
-        self.shift = 1e-12 * SWING * LINEWIDTH / 2 / peak
+        self.shift = 1e-12 * MAX_MODULATION * LINEWIDTH / 2 / peak
         """How far a pressure moves the film's resonance, in m per unit of pressure."""
         self._connection = socket.create_connection(laser)
         self._fibre = self._connection.makefile("rw")
         self.volts = np.zeros(2)
         self.table: list[tuple[float, float]] = []
-        self.train: Train | None = None
+        self.train: TriggerTrain | None = None
         self.gate = 0.0
         """Until when, in s of the table's clock, counter 1 is high."""
         self.shutter_driven = False
         self.interlock = self.key = True
         self.shots = 0
-        self.ring = Ring()
+        self.ring = RecordRing()
 
     @staticmethod
     def clock() -> float:
@@ -107,7 +107,7 @@ class Table:
 
     def next_edge(self) -> float:
         """Return when the next edge comes, in s of the table's clock."""
-        return (self.clock() // BEAT + 1) * BEAT
+        return (self.clock() // GATE_PERIOD + 1) * GATE_PERIOD
 
     def light(self) -> float:
         """Return the wavelength that comes out of the fibre now, in m; 0 for darkness."""
@@ -128,8 +128,8 @@ class Table:
 
     def setup(self, samples: int, interval: float) -> None:
         """Tell the digitiser what a record is."""
-        self.ring = Ring(samples)
-        self.recorder.begin(Sampling(samples, round(interval * 1e12), 1))
+        self.ring = RecordRing(samples)
+        self.recorder.begin(PlanSampling(samples, round(interval * 1e12), 1))
 
     def look(self) -> None:
         """Let happen what has happened until now."""
@@ -159,7 +159,7 @@ class Table:
             return np.zeros(self.ring.samples)
         place = (round(1e9 * x), round(1e9 * y))
         record = self.recorder.record(*place, round(1e12 * wavelength), shot)
-        level = float(self.recorder.film.level(*place, np.array([1e12]))[0])  # far off resonance
+        level = float(self.recorder.film.dc_level(*place, np.array([1e12]))[0])  # far off resonance
         slope = 1e-3 * level * VISIBILITY * (3 * np.sqrt(3) / 8) / (1e-12 * LINEWIDTH / 2)
         volts: NDArray[np.float64] = record.samples.astype(np.float64) * record.scale * slope * self.shift
         return volts

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Generic, TypeVar
 
-Question = TypeVar("Question")
+K = TypeVar("K")
 Answer = TypeVar("Answer")
 
 
-class Looks(Generic[Question, Answer]):
+class BatchLoader(Generic[K, Answer]):
     """Batching loader: keys requested during a batch are loaded by the next one, so no result predates its request.
 
     A look that has begun answers nobody who asks later, so that no answer is older than its question.
@@ -22,13 +22,13 @@ class Looks(Generic[Question, Answer]):
         Answers several questions, each of which is asked once.
     """
 
-    def __init__(self, look: Callable[[tuple[Question, ...]], Mapping[Question, Answer]]) -> None:
+    def __init__(self, look: Callable[[tuple[K, ...]], Mapping[K, Answer]]) -> None:
         self._look = look
         self._thread = ThreadPoolExecutor(1, "looks")
-        self._asked: dict[Question, asyncio.Future[Answer]] = {}
+        self._asked: dict[K, asyncio.Future[Answer]] = {}
         self._task: asyncio.Task[None] | None = None
 
-    async def ask(self, question: Question) -> Answer:
+    async def load(self, question: K) -> Answer:
         """Return the loader's result for a key; raises the loader's exception."""
         if question not in self._asked:
             self._asked[question] = asyncio.get_running_loop().create_future()

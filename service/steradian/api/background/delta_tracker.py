@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-KEPT = 16
+MAX_FILES = 16
 """Files that are kept in mind; who looks at another one again is told all of it."""
 
 
@@ -24,14 +24,14 @@ class _File:
     look: int = 1
 
 
-class ShotLooks:
+class RowDeltaTracker:
     """Remembers at which look each row of a file was first found as it is."""
 
     def __init__(self) -> None:
         self._files: dict[str, _File] = {}
         self._lock = Lock()
 
-    def compare(self, name: str, marks: NDArray[Any], since: str | None) -> tuple[NDArray[np.bool_], str]:
+    def changed_since(self, name: str, marks: NDArray[Any], since: str | None) -> tuple[NDArray[np.bool_], str]:
         """Return the rows that changed since a cursor.
 
         Parameters
@@ -57,7 +57,7 @@ class ShotLooks:
                 file.found[changed] = file.look
                 file.marks = marks
             self._files[name] = file
-            if len(self._files) > KEPT:
+            if len(self._files) > MAX_FILES:
                 del self._files[next(iter(self._files))]
             epoch, _, number = (since or "").partition(".")
             known = epoch == file.epoch and number.isascii() and number.isdecimal()

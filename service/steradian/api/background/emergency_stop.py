@@ -8,25 +8,25 @@ import threading
 import time
 from collections.abc import Callable
 
-from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch, Press
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome, StopPress
 from steradian.storage.db.tables import ScannerRow
 from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
 
-PATIENCE = 1.8
+ANSWER_TIMEOUT = 1.8
 """Seconds for which the acquisition's answer is waited for: it asks the scanner for up to 1.5 s."""
 SECOND_LOOK = 0.6
 """Seconds within which an unconfirmed answer may become a confirmed one: a connection that ends as it is asked."""
-RECORDING = 0.2
+RECORD_TIMEOUT = 0.2
 """Seconds for which an answer waits until the stop stands in the database, too."""
-ERRANDS = 100
+MAX_RELAYED = 100
 """Presses of other nodes that are kept in mind."""
-LOOK = 0.005
-EVERY = 1.0
+POLL_INTERVAL = 0.005
+RECORD_INTERVAL = 1.0
 """Seconds between two looks at what is to be recorded."""
 _log = logging.getLogger(__name__)
 
 
-class EmergencyDesk:
+class EmergencyStopController:
     """Controller of the emergency stop: sets the latch without database or thread pool, and records it in a thread.
 
     Parameters
@@ -40,7 +40,7 @@ class EmergencyDesk:
     def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository) -> None:
         self._latch, self._scanner = latch, scanner
         self._recorded = ""
-        self._errands: dict[str, Press] = {}
+        self._errands: dict[str, StopPress] = {}
         self._order = threading.Lock()
         """Between the record of a press and a release: what is in the database last is what happened last."""
         self._pressed, self._over = threading.Event(), threading.Event()
@@ -55,19 +55,21 @@ class EmergencyDesk:
         self._pressed.set()
 
     @property
-    def standing(self) -> Press | None:
+    def active(self) -> StopPress | None:
         """Active stop, or None."""
-        return self._latch.standing()
+        return self._latch.active()
 
-    def deed(self, press: Press) -> Deed | None:
+    def outcome(self, press: StopPress) -> StopOutcome | None:
         """Return the acquisition process's acknowledgement of a stop, if any."""
-        return self._latch.deed(press.number)
+        return self._latch.outcome(press.number)
 
-    def is_recorded(self, press: Press) -> bool:
+    def is_recorded(self, press: StopPress) -> bool:
         """Whether a press stands in the database."""
         return self._recorded == press.number
 
-    async def press(self, who: str, reason: str | None, errand: str | None = None) -> tuple[Press, Deed | None]:
+    async def press(
+        self, who: str, reason: str | None, errand: str | None = None
+    ) -> tuple[StopPress, StopOutcome | None]:
         """Press the stop and wait briefly for the acquisition process's answer.
 
         Parameters
@@ -78,18 +80,18 @@ class EmergencyDesk:
         press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason, errand or None)
         if errand:
             self._errands[errand] = press
-            if len(self._errands) > ERRANDS:
+            if len(self._errands) > MAX_RELAYED:
                 del self._errands[next(iter(self._errands))]
         self._pressed.set()
         began = time.monotonic()
-        await until(lambda: self.deed(press) is not None, PATIENCE)
-        await until(lambda: self._is_confirmed(press), min(SECOND_LOOK, began + PATIENCE - time.monotonic()))
+        await wait_until(lambda: self.outcome(press) is not None, ANSWER_TIMEOUT)
+        await wait_until(lambda: self._is_confirmed(press), min(SECOND_LOOK, began + ANSWER_TIMEOUT - time.monotonic()))
         self._pressed.set()  # what came of it is noted at once, too: other nodes know it from the database
-        await until(lambda: self.is_recorded(press), RECORDING)
-        return press, self.deed(press)
+        await wait_until(lambda: self.is_recorded(press), RECORD_TIMEOUT)
+        return press, self.outcome(press)
 
-    def _is_confirmed(self, press: Press) -> bool:
-        deed = self.deed(press)
+    def _is_confirmed(self, press: StopPress) -> bool:
+        deed = self.outcome(press)
         return deed is not None and deed.laser != "unconfirmed"
 
     def release(self, who: str, number: str | None = None, reason: str | None = None) -> None:
@@ -117,7 +119,7 @@ class EmergencyDesk:
                 )
             if press is not None:
                 self._latch.release(press.number)
-            if (later := self.standing) is not None:
+            if (later := self.active) is not None:
                 raise EmergencyStopped(f"{later.who} pressed the emergency stop while it was released")
             self._scanner.release_stop(who, reason)
 
@@ -130,8 +132,8 @@ class EmergencyDesk:
                 self._record()
             except Exception as error:
                 _log.warning("the emergency stop cannot be looked at in the database, the latch holds: %s", error)
-                self._over.wait(EVERY / 4)
-            self._pressed.wait(EVERY)
+                self._over.wait(RECORD_INTERVAL / 4)
+            self._pressed.wait(RECORD_INTERVAL)
 
     def _record(self) -> None:
         """Reconcile latch and database: a stop that is active in either becomes active in both."""
@@ -144,22 +146,22 @@ class EmergencyDesk:
                 if row.stop_number != press.number:
                     row = self._scanner.stop(press.who, press.reason, press.number)
                 self._recorded = press.number
-            deed = self.deed(press)
+            deed = self.outcome(press)
             known = (row.stop_number, row.stop_laser, row.stop_detail)
             if deed is not None and known != (deed.number, deed.laser, deed.detail):
-                self._scanner.note_deed(deed.number, deed.laser, deed.seconds, deed.detail)
+                self._scanner.record_stop_outcome(deed.number, deed.laser, deed.seconds, deed.detail)
 
-    def _known(self, row: ScannerRow) -> Press | None:
+    def _known(self, row: ScannerRow) -> StopPress | None:
         """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""
-        if row.stopped_at is not None and self.standing is None:
+        if row.stopped_at is not None and self.active is None:
             self._latch.press(row.stopped_by or "", row.stop_reason, row.stop_number)
-            if self.standing is None:  # it was released here, and that did not reach the database
+            if self.active is None:  # it was released here, and that did not reach the database
                 self._latch.press(row.stopped_by or "", row.stop_reason)
-        return self.standing
+        return self.active
 
 
-async def until(condition: Callable[[], bool], seconds: float) -> None:
+async def wait_until(condition: Callable[[], bool], seconds: float) -> None:
     """Poll a condition until it holds or the timeout expires."""
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:  # noqa: ASYNC110 - another process or thread answers
-        await asyncio.sleep(LOOK)
+        await asyncio.sleep(POLL_INTERVAL)

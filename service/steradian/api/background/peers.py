@@ -31,15 +31,15 @@ from steradian.security.keys import Principal, Scope, Unauthorized
 from steradian.storage.db.tables import ScannerRow
 from steradian.storage.repositories.scanners import ScannerRepository
 
-SECRET, BEHALF = "Steradian-Node", "Steradian-Principal"
-ERRAND: Final = "Steradian-Errand"
+SECRET, ON_BEHALF_HEADER = "Steradian-Node", "Steradian-Principal"
+STOP_ID_HEADER: Final = "Steradian-Errand"
 """Names a press of the stop, which is brought again until there is an answer."""
-PASSED_ON: Final = (
+FORWARDED_HEADERS: Final = (
     *("accept", "content-type", "if-match", "if-none-match", "if-range", "range", "scanner-lease"),
     "want-repr-digest",
 )
 """Headers of a request that the other node needs to answer it, as often as they stand in it."""
-NOT_PASSED_BACK: Final = frozenset({"connection", "date", "keep-alive", "server", "transfer-encoding"})
+HOP_BY_HOP_HEADERS: Final = frozenset({"connection", "date", "keep-alive", "server", "transfer-encoding"})
 """Headers of an answer that are of one connection alone."""
 CONNECT, PATIENCE = 3.0, 20.0
 """Seconds for which another node's connection, and a word of it, is waited for."""
@@ -54,7 +54,7 @@ class NodeUnavailable(SteradianError):
     code = "node-unavailable"
 
 
-class Elsewhere(Exception):
+class ForwardToPeer(Exception):
     """Control-flow exception of a handler: the request is forwarded to the scanner's node."""
 
     def __init__(self, scanner_id: str) -> None:
@@ -63,7 +63,7 @@ class Elsewhere(Exception):
 
 
 @dataclass(frozen=True)
-class Question:
+class PeerRequest:
     """Request to another node on behalf of a principal: method, path with query, body, headers."""
 
     method: str
@@ -73,18 +73,18 @@ class Question:
     headers: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    async def of(cls, request: Request) -> Question:
+    async def from_request(cls, request: Request) -> PeerRequest:
         """Repeat a request."""
         query = request.scope["query_string"].decode("latin-1")
         target = request.scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
-        headers = [(name, value) for name, value in request.headers.items() if name in PASSED_ON]
+        headers = [(name, value) for name, value in request.headers.items() if name in FORWARDED_HEADERS]
         if below := prefix():
             headers.append((HEADER, below))
         headers.append(("x-request-id", str(request.scope["state"]["request_id"])))
         return cls(request.method, target, request.state.principal, await request.body(), tuple(headers))
 
 
-class Nodes:
+class PeerRegistry:
     """Registry of scanner nodes, cached from the database.
 
     Parameters
@@ -102,29 +102,29 @@ class Nodes:
         self._rows: Mapping[str, ScannerRow] = {}
         self._threads: defaultdict[str, CapacityLimiter] = defaultdict(lambda: CapacityLimiter(AT_ONCE))
 
-    def remember(self) -> None:
+    def refresh(self) -> None:
         """Refresh the registry cached for times without a database."""
         self._rows = {row.id: row for row in self._scanners.rows()}
 
-    def knows(self, scanner_id: str) -> bool:
+    def contains(self, scanner_id: str) -> bool:
         """Whether a scanner exists, according to the registry in memory."""
         return scanner_id == self._own or scanner_id in self._rows
 
-    def is_here(self, scanner_id: str | None) -> bool:
+    def is_local(self, scanner_id: str | None) -> bool:
         """Whether a scanner is this node's."""
         return scanner_id is not None and scanner_id == self._own
 
-    def is_elsewhere(self, scanner_id: str | None) -> bool:
+    def is_remote(self, scanner_id: str | None) -> bool:
         """Whether a scanner belongs to another node; a decommissioned scanner belongs to none."""
         return not self._is_all and scanner_id != self._own and scanner_id in self._rows
 
     def follows(self, scanner_id: str) -> bool:
         """Whether a scanner is another node's, and that one has workers for images that grow with its scans."""
         row = self._rows.get(scanner_id)  # once: they are replaced meanwhile
-        return row is not None and row.follows and self.is_elsewhere(scanner_id)
+        return row is not None and row.follows and self.is_remote(scanner_id)
 
     @property
-    def is_noted(self) -> bool:
+    def is_registered(self) -> bool:
         """Whether this node's scanner is among those of the service: a person may have retired it by mistake."""
         return self._own is None or self._own in self._rows
 
@@ -143,7 +143,7 @@ class Nodes:
         row = self._rows.get(scanner_id)
         return row is None or (since is not None and row.revision > since and row.stopped_at is None)
 
-    def ask(self, scanner_id: str, question: Question, seconds: float = PATIENCE) -> HTTPResponse:
+    def send(self, scanner_id: str, question: PeerRequest, seconds: float = PATIENCE) -> HTTPResponse:
         """Ask the node of a scanner; its answer is still to be read, and then closed.
 
         Parameters
@@ -159,8 +159,8 @@ class Nodes:
         with self._reached(scanner_id, seconds) as connection:
             return self._put(connection, question)
 
-    def told(self, scanner_id: str, question: Question, seconds: float) -> tuple[int, bytes]:
-        """Send a request to a scanner's node and read the response within ``seconds``; errors as of :meth:`ask`."""
+    def request_json(self, scanner_id: str, question: PeerRequest, seconds: float) -> tuple[int, bytes]:
+        """Send a request to a scanner's node and read the response within ``seconds``; errors as of :meth:`send`."""
         with self._reached(scanner_id, seconds) as connection:
             cut = threading.Timer(seconds, _cut, [connection.sock])
             cut.daemon = True
@@ -189,9 +189,9 @@ class Nodes:
             connection.close()
             raise NodeUnavailable(f"the node of {scanner_id} does not answer: {error}") from error
 
-    def _put(self, connection: HTTPConnection, question: Question) -> HTTPResponse:
+    def _put(self, connection: HTTPConnection, question: PeerRequest) -> HTTPResponse:
         connection.putrequest(question.method, question.target)
-        proof = ((SECRET, self._secret or ""), (BEHALF, _written(question.who)), ("Connection", "close"))
+        proof = ((SECRET, self._secret or ""), (ON_BEHALF_HEADER, _written(question.who)), ("Connection", "close"))
         for name, value in (*question.headers, *proof):
             connection.putheader(name, value)
         if question.body or question.method != "GET":
@@ -200,7 +200,7 @@ class Nodes:
         return connection.getresponse()
 
     @staticmethod
-    def refuse_rounds(request: Request, scanner_id: str) -> None:
+    def reject_forwarding_loop(request: Request, scanner_id: str) -> None:
         """Reject a request that another node already forwarded, because the registered address is wrong.
 
         Raises
@@ -208,15 +208,15 @@ class Nodes:
         NodeUnavailable
             When it did.
         """
-        if came_from_a_node(request):
+        if is_forwarded(request):
             raise NodeUnavailable(f"the address that is noted for the node of {scanner_id} is another node's")
 
     async def forward(self, request: Request, scanner_id: str) -> Response:
         """Forward a request to a scanner's node and return the response; raises :class:`NodeUnavailable`."""
-        self.refuse_rounds(request, scanner_id)
-        question, limiter = await Question.of(request), self._threads[scanner_id]
+        self.reject_forwarding_loop(request, scanner_id)
+        question, limiter = await PeerRequest.from_request(request), self._threads[scanner_id]
         async with _place(limiter, scanner_id):
-            answer = await to_thread.run_sync(self.ask, scanner_id, question, limiter=CapacityLimiter(1))
+            answer = await to_thread.run_sync(self.send, scanner_id, question, limiter=CapacityLimiter(1))
         if answer.status == HTTPStatus.UNAUTHORIZED:  # this node, and not who asks
             answer.close()
             raise NodeUnavailable(f"the node of {scanner_id} has another STERADIAN_NODE_SECRET than this one")
@@ -230,7 +230,7 @@ class Nodes:
         return _as_it_came(answer, StreamingResponse(_pieces(answer, limiter), answer.status))
 
 
-def came_from_a_node(request: Request) -> bool:
+def is_forwarded(request: Request) -> bool:
     """Whether another node forwarded the request."""
     return getattr(request.state, "forwarded", False)
 
@@ -248,14 +248,14 @@ def principal_of(headers: Headers, secret: str | None) -> Principal | None:
         return None
     if secret is None or not hmac.compare_digest(given.encode("latin-1"), secret.encode()):
         raise Unauthorized("that is not the secret of this service's nodes")
-    said = json.loads(headers[BEHALF])
+    said = json.loads(headers[ON_BEHALF_HEADER])
     return Principal(said["name"], frozenset(map(Scope, said["scopes"])), said["key_id"])
 
 
 def _as_it_came(answer: HTTPResponse, passed_back: Response) -> Response:
     """Give an answer the headers of another, repeated ones as often as there."""
     said = ((name.lower(), value) for name, value in answer.getheaders())
-    kept = ((name, value) for name, value in said if name not in NOT_PASSED_BACK)
+    kept = ((name, value) for name, value in said if name not in HOP_BY_HOP_HEADERS)
     passed_back.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in kept]
     return passed_back
 

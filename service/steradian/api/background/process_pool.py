@@ -24,15 +24,15 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from steradian.core.exceptions import SteradianError
 
-BENCHES = 3
+POOL_SIZE = 3
 """Things worked out at a time, two pictures at most among them; the rest waits in line."""
 IDLE = 60.0
 """Seconds after which a child without work is ended, and its memory free."""
-MAX_WORK = 120
+CPU_SECONDS = 120
 """Seconds of a processor that one thing may take, which is the same however busy the machine is."""
 MAX_SECONDS = 1800.0
 """Longest that it may take, waiting included."""
-OVERWORKED = -getattr(signal, "SIGXCPU", 24)
+CPU_LIMIT_EXIT = -getattr(signal, "SIGXCPU", 24)
 """How a child ends that has worked too long."""
 NICENESS = 5
 _P = ParamSpec("_P")
@@ -40,13 +40,13 @@ _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
 
 
-class OutOfReach(SteradianError):
+class ComputationLimitExceeded(SteradianError):
     """A call in the process pool exceeded its limit of time or memory, or its process died."""
 
     code = "too-expensive"
 
 
-class Workshop:
+class ProcessPool:
     """Runs functions of a module, on arguments that can be pickled, in processes of its own.
 
     Parameters
@@ -55,15 +55,15 @@ class Workshop:
         Seconds of a processor that a call may take.
     """
 
-    def __init__(self, max_work: int = MAX_WORK) -> None:
+    def __init__(self, max_work: int = CPU_SECONDS) -> None:
         self._max_work = max_work
-        self._hands = ThreadPoolExecutor(BENCHES, "workshop")
-        self._idle: list[_Child] = []
-        self._busy: set[_Child] = set()
+        self._hands = ThreadPoolExecutor(POOL_SIZE, "workshop")
+        self._idle: list[_PoolProcess] = []
+        self._busy: set[_PoolProcess] = set()
         self._guard = threading.Lock()
         self._over = False
 
-    async def work(self, function: Callable[_P, _T], *args: _P.args, **options: _P.kwargs) -> _T:
+    async def submit(self, function: Callable[_P, _T], *args: _P.args, **options: _P.kwargs) -> _T:
         """Execute a function in a pool process and return its result, or raise its exception.
 
         Raises
@@ -72,7 +72,7 @@ class Workshop:
             When the process that worked on it died or was ended, or took too long.
         """
         if self._over:
-            raise OutOfReach("the service ends")
+            raise ComputationLimitExceeded("the service ends")
         call = pickle.dumps((self._max_work, function, args, options), pickle.HIGHEST_PROTOCOL)
         converse = contextvars.copy_context().run  # so that what it logs bears the request
         answer = await asyncio.get_running_loop().run_in_executor(self._hands, converse, self._converse, call)
@@ -81,7 +81,7 @@ class Workshop:
             raise value
         return cast(_T, value)
 
-    def rest(self) -> None:
+    def reap_idle(self) -> None:
         """End children that have had nothing to do for :data:`IDLE` seconds."""
         with self._guard:
             old = [child for child in self._idle if time.monotonic() - child.since > IDLE]
@@ -90,7 +90,7 @@ class Workshop:
             child.end()
 
     def close(self) -> None:
-        """Terminate all pool processes; pending calls raise :class:`OutOfReach`."""
+        """Terminate all pool processes; pending calls raise :class:`ComputationLimitExceeded`."""
         self._over = True
         self._hands.shutdown(wait=False, cancel_futures=True)
         with self._guard:
@@ -110,15 +110,15 @@ class Workshop:
         self._put_back(child, is_well=True)
         return answer
 
-    def _take(self) -> _Child:
+    def _take(self) -> _PoolProcess:
         with self._guard:
             if self._over:
-                raise OutOfReach("the service ends")
-            child = self._idle.pop() if self._idle else _Child()
+                raise ComputationLimitExceeded("the service ends")
+            child = self._idle.pop() if self._idle else _PoolProcess()
             self._busy.add(child)
             return child
 
-    def _put_back(self, child: _Child, *, is_well: bool) -> None:
+    def _put_back(self, child: _PoolProcess, *, is_well: bool) -> None:
         child.since = time.monotonic()
         with self._guard:
             self._busy.remove(child)
@@ -128,7 +128,7 @@ class Workshop:
         child.end()
 
 
-class _Child:
+class _PoolProcess:
     """A process that answers one call after another."""
 
     def __init__(self) -> None:
@@ -137,7 +137,7 @@ class _Child:
         self.since = time.monotonic()
 
     def answer(self, call: bytes) -> bytes:
-        """Execute a call and return its result; raises :class:`OutOfReach`."""
+        """Execute a call and return its result; raises :class:`ComputationLimitExceeded`."""
         assert self._process.stdin is not None  # noqa: S101 - asked for
         assert self._process.stdout is not None  # noqa: S101
         patience = threading.Timer(MAX_SECONDS, self._process.kill)
@@ -154,9 +154,11 @@ class _Child:
         finally:
             patience.cancel()
         self._process.kill()
-        if self._process.wait() == OVERWORKED:
-            raise OutOfReach("it took longer than it may")
-        raise OutOfReach(f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends")
+        if self._process.wait() == CPU_LIMIT_EXIT:
+            raise ComputationLimitExceeded("it took longer than it may")
+        raise ComputationLimitExceeded(
+            f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends"
+        )
 
     def kill(self) -> None:
         """Kill the process; its current call returns no result."""

@@ -11,7 +11,7 @@ EVERY = 1.0
 _log = logging.getLogger(__name__)
 
 
-class Memory:
+class PeriodicRefresher:
     """Periodic refresher: calls functions once a second in a daemon thread.
 
     Parameters

@@ -10,21 +10,21 @@ from typing import Protocol
 
 from sqlalchemy import select
 
-from steradian.core.atomic_files import remove, sweep, sweep_older
+from steradian.core.atomic_files import remove, remove_drafts, remove_older
 from steradian.core.settings import Settings
-from steradian.jobs.registry import KINDS, resource_of
-from steradian.storage.blobs.interface import Arrays, upload_name
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.jobs.registry import JOB_TYPES, resource_of
+from steradian.storage.blobs.interface import BlobStore, upload_name
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.capacity.quota import importing_job_id
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.clock import Clock
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.record_ages import EARLIEST, Ages, redate, tell_redated
-from steradian.storage.repositories.deletion import Deletion, waiting_import
+from steradian.storage.repositories.deletion import DeletionService, waiting_import
 from steradian.storage.repositories.event_log import EventLog
-from steradian.storage.repositories.idempotency import Answers
-from steradian.storage.repositories.references import Resource, needed
+from steradian.storage.repositories.idempotency import IdempotencyStore
+from steradian.storage.repositories.references import Resource, referenced_jobs
 
 UPLOADS_KEPT = timedelta(days=1)
 _log = logging.getLogger(__name__)
@@ -38,16 +38,16 @@ class RetentionContext(Protocol):
     ages: Ages
     data: DataDirectory
     database: Database
-    arrays: Arrays
+    arrays: BlobStore
     log: EventLog
-    answers: Answers
-    deletion: Deletion
+    answers: IdempotencyStore
+    deletion: DeletionService
 
     def remove_files(self) -> None:
         """Remove files of deleted resources, as far as they are removable now."""
 
 
-def tidy(context: RetentionContext, *, shared: bool = True) -> None:
+def apply_retention(context: RetentionContext, *, shared: bool = True) -> None:
     """Apply retention: delete expired events, idempotency keys, uploads, shared images and, if configured, jobs.
 
     Parameters
@@ -59,24 +59,24 @@ def tidy(context: RetentionContext, *, shared: bool = True) -> None:
     is_sure = context.ages.can_be_trusted(context.database)
     if is_sure:
         oldest = (context.clock() - UPLOADS_KEPT).timestamp()
-        sweep_older(context.data.references, oldest)
-        sweep_older(context.data.uploads, oldest, "*.part")  # of a process that was killed
+        remove_older(context.data.references, oldest)
+        remove_older(context.data.uploads, oldest, "*.part")  # of a process that was killed
     if is_sure and shared:
         _forget_uploads(context, oldest)
         context.log.prune(context.clock() - timedelta(days=context.settings.event_days))
         context.answers.prune()
         if context.settings.retention_days is not None:
-            _forget_before(context, timedelta(days=context.settings.retention_days))
+            _delete_jobs_before(context, timedelta(days=context.settings.retention_days))
     if not shared:
         return
     context.remove_files()
-    if is_sure and isinstance(context.arrays, ObjectStore) and (count := context.arrays.sweep()):
+    if is_sure and isinstance(context.arrays, S3BlobStore) and (count := context.arrays.collect_orphans()):
         _log.info("%d objects that belonged to nothing are deleted from the store", count)
 
 
 def _forget_uploads(context: RetentionContext, oldest: float) -> None:
     """Delete files that came before a time, seconds since the epoch, and that no import has still to read."""
-    for name in context.arrays.names(upload_name("")):
+    for name in context.arrays.list_names(upload_name("")):
         found, upload = context.arrays.stat(name), name.rpartition("/")[2]
         if not found or found.modified >= oldest or waiting_import(context.database, upload) is not None:
             continue
@@ -99,27 +99,27 @@ def _sweep_drafts(context: RetentionContext) -> None:
         going |= set(session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None))))
     for folder in data.job_folders():
         if folder.name in over and not data.job(folder.name).is_running:
-            sweep(folder)
+            remove_drafts(folder)
     for scan, draft in drafts:
         job = importing_job_id(scan)
         if not going & {scan, job} and not data.job(job).is_running:
             remove(draft)
 
 
-def _forget_before(context: RetentionContext, age: timedelta) -> None:
+def _delete_jobs_before(context: RetentionContext, age: timedelta) -> None:
     when = context.clock() - age
     query = select(JobRow.id, JobRow.kind, JobRow.ended).where(JobRow.ended.is_not(None), JobRow.ended < when)
     with context.database.write() as session:
         redate(session, when, context.clock())
         # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
         # stands behind /reconstructions, then what may depend on it, each by name.
-        images = [name for name, kind in KINDS.items() if kind.resource == "reconstruction"]
+        images = [name for name, kind in JOB_TYPES.items() if kind.resource == "reconstruction"]
         ordered = query.order_by(JobRow.kind.not_in(images), JobRow.id)
         rows = session.execute(ordered.with_for_update()).all()
-        kept = needed(session)
+        kept = referenced_jobs(session)
         old = [row for row in rows if row.id not in kept]
         gone = [Resource(resource_of(row.kind), row.id) for row in old]
-        context.deletion.forget(session, gone, "service", "older than retention_days")
+        context.deletion.delete_rows(session, gone, "service", "older than retention_days")
     for row in old:
         about = (resource_of(row.kind), row.id, row.ended, age.total_seconds() / 86_400)
         _log.info("%s %s is deleted: it ended at %s, more than %g days ago (retention_days)", *about)

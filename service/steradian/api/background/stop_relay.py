@@ -11,37 +11,37 @@ from typing import Final
 
 from ulid import ULID
 
-from steradian.api.background.emergency_stop import until
-from steradian.api.background.peers import ERRAND, Nodes, NodeUnavailable, Question
+from steradian.api.background.emergency_stop import wait_until
+from steradian.api.background.peers import STOP_ID_HEADER, NodeUnavailable, PeerRegistry, PeerRequest
 from steradian.api.http.urls import link
 from steradian.api.schemas.resources import BASE
 from steradian.api.schemas.scanners import EmergencyAnswer, EmergencyView
 from steradian.security.keys import Principal
 from steradian.storage.repositories.scanners import ScannerRepository
 
-WITHIN: Final = 3.0
+ANSWER_TIMEOUT: Final = 3.0
 """Seconds for which the other node's answer is waited for: it waits up to two itself for what its scanner says."""
-SOON: Final = 0.5
+PERSIST_AFTER: Final = 0.5
 """Seconds after which a press that has not been answered is written into the database, too."""
-AGAIN: Final = 0.25
+RETRY_INTERVAL: Final = 0.25
 """Seconds between two errands."""
-MOST: Final = 8
+MAX_PENDING: Final = 8
 """Presses of one scanner that are carried at a time; an older one gives way, for the later ones stop it as well."""
 _log = logging.getLogger(__name__)
 
 
 @dataclass
-class _Errand:
+class _PendingStop:
     scanner_id: str
     number: str
-    question: Question
+    question: PeerRequest
     reason: str | None
     answer: EmergencyAnswer | None = None
     recorded: int | None = None
     """Revision of the scanner's row in which the press stands."""
 
 
-class StopCourier:
+class EmergencyStopRelay:
     """Relay that delivers emergency stops to a remote node at least once, and records them meanwhile.
 
     It ends unheard when the scanner is retired, or when somebody has released what that node read in the database. The
@@ -55,10 +55,10 @@ class StopCourier:
         How a press is written into the database.
     """
 
-    def __init__(self, nodes: Nodes, scanner: ScannerRepository) -> None:
+    def __init__(self, nodes: PeerRegistry, scanner: ScannerRepository) -> None:
         self._nodes, self._scanner = nodes, scanner
         self._over = threading.Event()
-        self._carried: dict[str, tuple[_Errand, ...]] = {}
+        self._carried: dict[str, tuple[_PendingStop, ...]] = {}
 
     def close(self) -> None:
         """Carry nothing any more."""
@@ -68,26 +68,26 @@ class StopCourier:
         """Press the stop of a scanner elsewhere; the answer is its node's, or says that nothing is confirmed."""
         path, body = f"{BASE}/scanners/{scanner_id}/emergency-stop", json.dumps({"reason": reason}).encode()
         number = str(ULID())
-        headers = (("Content-Type", "application/json"), ("Accept", "application/json"), (ERRAND, number))
-        errand = _Errand(scanner_id, number, Question("POST", path, who, body, headers), reason)
-        self._carried[scanner_id] = (*self._carried.get(scanner_id, ()), errand)[-MOST:]
-        threading.Thread(target=self._carry, args=(errand,), name="stop-courier", daemon=True).start()
-        await until(lambda: errand.answer is not None, SOON)
+        headers = (("Content-Type", "application/json"), ("Accept", "application/json"), (STOP_ID_HEADER, number))
+        errand = _PendingStop(scanner_id, number, PeerRequest("POST", path, who, body, headers), reason)
+        self._carried[scanner_id] = (*self._carried.get(scanner_id, ()), errand)[-MAX_PENDING:]
+        threading.Thread(target=self._deliver, args=(errand,), name="stop-courier", daemon=True).start()
+        await wait_until(lambda: errand.answer is not None, PERSIST_AFTER)
         if errand.answer is None:
-            threading.Thread(target=self._record, args=(errand,), name="stop-record", daemon=True).start()
-            await until(lambda: errand.answer is not None, WITHIN - SOON)
+            threading.Thread(target=self._persist, args=(errand,), name="stop-record", daemon=True).start()
+            await wait_until(lambda: errand.answer is not None, ANSWER_TIMEOUT - PERSIST_AFTER)
         return errand.answer or _unconfirmed(errand)
 
-    def _is_wanted(self, errand: _Errand) -> bool:
+    def _is_pending(self, errand: _PendingStop) -> bool:
         pending = errand.answer is None and not self._over.is_set()
         is_over = self._nodes.is_released(errand.scanner_id, errand.recorded)
         return pending and not is_over and any(each is errand for each in self._carried[errand.scanner_id])
 
-    def _carry(self, errand: _Errand) -> None:
+    def _deliver(self, errand: _PendingStop) -> None:
         told = ""
         while True:
             try:
-                status, said = self._nodes.told(errand.scanner_id, errand.question, WITHIN)
+                status, said = self._nodes.request_json(errand.scanner_id, errand.question, ANSWER_TIMEOUT)
                 if status == 202:
                     errand.answer = EmergencyAnswer.model_validate_json(said)
                     return
@@ -97,31 +97,31 @@ class StopCourier:
             if why != told:
                 _log.error("the emergency stop does not reach %s yet: %s", errand.scanner_id, why)
             told = why
-            self._over.wait(AGAIN)
-            if not self._is_wanted(errand):
+            self._over.wait(RETRY_INTERVAL)
+            if not self._is_pending(errand):
                 return
 
-    def _record(self, errand: _Errand) -> None:
+    def _persist(self, errand: _PendingStop) -> None:
         scanner, who = self._scanner.of(errand.scanner_id), errand.question.who.name
-        while self._is_wanted(errand):
+        while self._is_pending(errand):
             try:
                 errand.recorded = scanner.stop(who, errand.reason, errand.number, carried=True).revision
             except Exception as error:  # whatever it was, it is tried again
                 _log.warning("the emergency stop cannot be written into the database: %s", error)
-                self._over.wait(4 * AGAIN)
+                self._over.wait(4 * RETRY_INTERVAL)
                 continue
             return
 
 
-def _unconfirmed(errand: _Errand) -> EmergencyAnswer:
+def _unconfirmed(errand: _PendingStop) -> EmergencyAnswer:
     shown = EmergencyView(
         number=errand.number,
         at=datetime.now(UTC),
         by=errand.question.who.name,
         reason=errand.reason,
         laser="unconfirmed",
-        detail=f"the scanner could not be asked: the node of {errand.scanner_id} has not answered within {WITHIN:g} s;"
-        " use the hardware switch",
+        detail=f"the scanner could not be asked: the node of {errand.scanner_id} has not answered within "
+        f"{ANSWER_TIMEOUT:g} s; use the hardware switch",
         seconds=None,
         recorded=errand.recorded is not None,
     )

@@ -10,7 +10,7 @@ from fastapi import Request
 from pydantic import BaseModel, Field
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.validation import allowed_range
+from steradian.core.validation import describe_range
 from steradian.jobs.requests import WorkRequest
 from steradian.masks import Arrangement
 
@@ -31,7 +31,7 @@ class Finding(BaseModel):
     detail: str = Field(examples=["depth is -0.001; allowed: > 0, at most 1 (m)"])
 
 
-def finding_of(error: InvalidInput, request: Request) -> Finding:
+def field_error(error: InvalidInput, request: Request) -> Finding:
     """Describe one of our own exceptions; fields named like headers are headers."""
     named: Literal["header", "query"] | None = "header" if error.field[:1].isupper() else None
     named = "query" if error.field in request.query_params else named
@@ -40,7 +40,7 @@ def finding_of(error: InvalidInput, request: Request) -> Finding:
     return Finding(place="body", pointer=_pointer(error.field), allowed=error.allowed, detail=str(error))
 
 
-def findings_of(request: Request, errors: Sequence[Mapping[str, Any]], body: object) -> list[Finding]:
+def field_errors(request: Request, errors: Sequence[Mapping[str, Any]], body: object) -> list[Finding]:
     """Describe the findings of the framework's validation."""
     model = getattr(getattr(request.scope.get("route"), "body_field", None), "field_info", None)
     return [_finding(error, body, getattr(model, "annotation", None)) for error in errors]
@@ -119,7 +119,7 @@ def _allowed(annotation: object, path: list[str], body: object) -> str:
         info = model.model_fields.get(path[0])
         if info is not None:
             inner = body.get(path[0]) if isinstance(body, dict) else None
-            return allowed_range(info) if len(path) == 1 else _allowed(info.annotation, path[1:], inner)
+            return describe_range(info) if len(path) == 1 else _allowed(info.annotation, path[1:], inner)
     return ""
 
 

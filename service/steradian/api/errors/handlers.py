@@ -24,13 +24,13 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 from starlette.types import Scope
 
-from steradian.api.errors.catalog import PROBLEMS, address_of
-from steradian.api.errors.field_errors import Finding, finding_of, findings_of
+from steradian.api.errors.catalog import PROBLEM_TYPES, problem_type_uri
+from steradian.api.errors.field_errors import Finding, field_error, field_errors
 from steradian.api.http.conditional import NotModified
-from steradian.api.http.security_headers import NOT_KEPT, SAFE
+from steradian.api.http.security_headers import NO_STORE, SECURITY_HEADERS
 from steradian.api.http.urls import address, link
 from steradian.core.exceptions import Conflict, DiskFull, InvalidInput, NotFound, SteradianError
-from steradian.scans.file.create import is_full
+from steradian.scans.file.create import is_disk_full_error
 from steradian.storage.repositories.deletion import HasDependents
 
 MEDIA_TYPE = "application/problem+json"
@@ -51,7 +51,7 @@ _NOUNS = {kind: f"{kind}s" for kind in ("mask", "plan", "scan", "reconstruction"
 MOST_NAMED = 100
 """Dependents that a refusal names at most."""
 
-CODE_OF = {
+PROBLEM_BY_STATUS = {
     404: "no-such-route",
     405: "method-not-allowed",
     406: "not-acceptable",
@@ -101,7 +101,7 @@ _REFUSALS: dict[str, str] = {
     "429": "Too many requests; retry after Retry-After seconds",
     "5XX": "Internal server error; the log has the details under request_id",
 }
-NO_DATABASE: Final = (DBAPIError, NoConnection)
+DATABASE_ERRORS: Final = (DBAPIError, NoConnection)
 """What is raised where the database does not answer: by itself, or as all connections to it are busy."""
 RESPONSES: dict[str, dict[str, Any]] = {
     status: {"description": text, "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
@@ -110,20 +110,20 @@ RESPONSES: dict[str, dict[str, Any]] = {
 """What operations may answer besides their own."""
 
 
-def install(app: FastAPI) -> None:
+def install_handlers(app: FastAPI) -> None:
     """Install exception handlers that turn every error of an application into a problem document."""
-    app.add_exception_handler(SteradianError, _ours)
+    app.add_exception_handler(SteradianError, _handle_domain_error)
     app.add_exception_handler(RequestValidationError, _invalid)
-    app.add_exception_handler(HTTPException, _refused)
+    app.add_exception_handler(HTTPException, _handle_http_error)
     app.add_exception_handler(NotModified, _not_modified)
-    for kind in NO_DATABASE:
+    for kind in DATABASE_ERRORS:
         app.add_exception_handler(kind, database_problem)
     app.add_exception_handler(OSError, _system_problem)
-    app.add_exception_handler(ClientDisconnect, _gone)
+    app.add_exception_handler(ClientDisconnect, _handle_disconnect)
     app.add_exception_handler(Exception, _unexpected)
 
 
-def problem(
+def problem_response(
     scope: Scope,
     code: str,
     detail: str,
@@ -133,9 +133,9 @@ def problem(
     **more: Any,
 ) -> JSONResponse:
     """Build the answer to a request; ``more`` are further members of :class:`Problem`."""
-    kind, request_id = PROBLEMS[code], request_id_of(scope)
+    kind, request_id = PROBLEM_TYPES[code], request_id_of(scope)
     body = Problem(
-        type=address(address_of(code)),
+        type=address(problem_type_uri(code)),
         title=kind.title,
         status=kind.status,
         detail=detail,
@@ -150,7 +150,7 @@ def problem(
         body.model_dump(mode="json", exclude_defaults=False),
         kind.status,
         # Those of a failure pass no layer of ours that could add them.
-        headers=SAFE | {"Cache-Control": NOT_KEPT} | (headers or {}) | {"X-Request-ID": request_id},
+        headers=SECURITY_HEADERS | {"Cache-Control": NO_STORE} | (headers or {}) | {"X-Request-ID": request_id},
         media_type=MEDIA_TYPE,
     )
 
@@ -160,12 +160,12 @@ def request_id_of(scope: Scope) -> str:
     return str(scope.get("state", {}).get("request_id", ""))
 
 
-async def _ours(request: Request, error: Exception) -> JSONResponse:
+async def _handle_domain_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, SteradianError)  # noqa: S101 - installed for it only
-    if error.code not in PROBLEMS:
+    if error.code not in PROBLEM_TYPES:
         return await _unexpected(request, error)
-    errors = [finding_of(error, request)] if isinstance(error, InvalidInput) else []
-    headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if PROBLEMS[error.code].retryable else {}
+    errors = [field_error(error, request)] if isinstance(error, InvalidInput) else []
+    headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if PROBLEM_TYPES[error.code].retryable else {}
     more: dict[str, Any] = {}
     if isinstance(error, DiskFull):
         more = {
@@ -175,7 +175,7 @@ async def _ours(request: Request, error: Exception) -> JSONResponse:
         }
     elif isinstance(error, HasDependents):
         more = {"dependents": [link(f"/{_NOUNS[one.kind]}/{one.id}") for one in error.dependents[:MOST_NAMED]]}
-    return problem(request.scope, error.code, str(error), errors=errors, headers=headers, **more)
+    return problem_response(request.scope, error.code, str(error), errors=errors, headers=headers, **more)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:
@@ -183,16 +183,16 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
     raw = error.errors()
     if raw and raw[0]["type"] == "json_invalid":
         reason = raw[0].get("ctx", {}).get("error", "")
-        return problem(request.scope, "malformed-json", f"the body is no JSON: {reason}")
+        return problem_response(request.scope, "malformed-json", f"the body is no JSON: {reason}")
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if raw and raw[0]["loc"][:1] == ("body",) and error.body is not None and not _is_json(kind):
         text = f"the body is {kind or 'of no stated type'}; send Content-Type: application/json (curl --json)"
-        return problem(request.scope, CODE_OF[415], text)
-    errors = findings_of(request, raw, error.body)
-    return problem(request.scope, "invalid-input", "; ".join(e.detail for e in errors), errors=errors)
+        return problem_response(request.scope, PROBLEM_BY_STATUS[415], text)
+    errors = field_errors(request, raw, error.body)
+    return problem_response(request.scope, "invalid-input", "; ".join(e.detail for e in errors), errors=errors)
 
 
-async def _refused(request: Request, error: Exception) -> JSONResponse:
+async def _handle_http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101
     detail, headers = str(error.detail), dict(error.headers or {})
     if error.status_code == 404:
@@ -200,7 +200,9 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
     elif error.status_code == 405:
         headers["Allow"] = ", ".join(sorted(_methods(request)))
         detail = f"{address(request.url.path)} knows no {request.method}; allowed: {headers['Allow']}"
-    return problem(request.scope, CODE_OF.get(error.status_code, "bad-request"), detail, headers=headers)
+    return problem_response(
+        request.scope, PROBLEM_BY_STATUS.get(error.status_code, "bad-request"), detail, headers=headers
+    )
 
 
 def _methods(request: Request) -> set[str]:
@@ -216,7 +218,7 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
     return Response(status_code=304, headers=error.headers)
 
 
-async def _gone(request: Request, error: Exception) -> Response:
+async def _handle_disconnect(request: Request, error: Exception) -> Response:
     """Handle a client that disconnected during its request; the response is discarded."""
     _log.info("request %s: the client left before it had sent everything", request_id_of(request.scope))
     return Response(status_code=400)
@@ -224,10 +226,10 @@ async def _gone(request: Request, error: Exception) -> Response:
 
 async def _system_problem(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)  # noqa: S101
-    if is_full(error):
+    if is_disk_full_error(error):
         return _disk_full(request)
     if isinstance(error, FileNotFoundError) and await run_in_threadpool(_is_deleted, request, error):
-        return problem(request.scope, NotFound.code, "it was deleted while it was being read")
+        return problem_response(request.scope, NotFound.code, "it was deleted while it was being read")
     return await _unexpected(request, error)
 
 
@@ -241,7 +243,7 @@ def _is_deleted(request: Request, error: FileNotFoundError) -> bool:
 
 def _disk_full(request: Request) -> JSONResponse:
     _log.error("request %s: the disk is full", request_id_of(request.scope))
-    return problem(request.scope, DiskFull.code, "the disk is full; nothing of the request was kept")
+    return problem_response(request.scope, DiskFull.code, "the disk is full; nothing of the request was kept")
 
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
@@ -254,7 +256,7 @@ async def database_problem(request: Request, error: Exception) -> JSONResponse:
     _log.warning("the database does not answer: %s", getattr(error, "orig", error))
     detail = "the database does not answer; try again in a moment"
     headers = {"Retry-After": "2"}
-    return problem(request.scope, "database-unavailable", detail, headers=headers)
+    return problem_response(request.scope, "database-unavailable", detail, headers=headers)
 
 
 async def _unexpected(request: Request, error: Exception) -> JSONResponse:
@@ -262,7 +264,7 @@ async def _unexpected(request: Request, error: Exception) -> JSONResponse:
     _log.error("request %s failed", request_id, exc_info=error)
     detail = f"the service failed; its log has more under request {request_id}"
     # The server closes the connection after an exception; a client that is told does not send on it again.
-    return problem(request.scope, "internal", detail, headers={"Connection": "close"})
+    return problem_response(request.scope, "internal", detail, headers={"Connection": "close"})
 
 
 def _is_json(kind: str) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, JSONResponse, Response
 
-from steradian.api.errors.catalog import PROBLEMS, ROOT, address_of
+from steradian.api.errors.catalog import PROBLEM_TYPES, ROOT, problem_type_uri
 from steradian.api.http.array_response import JSON, negotiate
 from steradian.api.http.urls import address
 from steradian.core.exceptions import NotFound
@@ -21,26 +21,26 @@ _HTML = "text/html"
 @router.get("")
 def list_problems(request: Request) -> Response:
     """Show all kinds."""
-    every = [_told(code) for code in PROBLEMS]
+    every = [_as_json(code) for code in PROBLEM_TYPES]
     parts = (f'<li><a href="{one["type"]}">{one["code"]}</a> ({one["status"]}): {one["title"]}' for one in every)
-    return _shown(request, {"items": every}, "Problems", f"<ul>{''.join(parts)}</ul>")
+    return _as_html(request, {"items": every}, "Problems", f"<ul>{''.join(parts)}</ul>")
 
 
 @router.get("/{code}")
 def read_problem(request: Request, code: str) -> Response:
     """Show one kind to a person as a page, to a program as JSON; raises :class:`NotFound`."""
-    if code not in PROBLEMS:
+    if code not in PROBLEM_TYPES:
         raise NotFound("kind of problem", code)
-    kind, more = PROBLEMS[code], f'<p><a href="{address(ROOT)}">Other problems</a></p>'
+    kind, more = PROBLEM_TYPES[code], f'<p><a href="{address(ROOT)}">Other problems</a></p>'
     body = f"<p>{escape(kind.meaning)}</p><p>What to do: {escape(kind.remedy)}</p><p>{kind.status} {code}</p>{more}"
-    return _shown(request, _told(code), kind.title, body)
+    return _as_html(request, _as_json(code), kind.title, body)
 
 
-def _told(code: str) -> dict[str, Any]:
-    return {"type": address(address_of(code)), "code": code} | asdict(PROBLEMS[code])
+def _as_json(code: str) -> dict[str, Any]:
+    return {"type": address(problem_type_uri(code)), "code": code} | asdict(PROBLEM_TYPES[code])
 
 
-def _shown(request: Request, told: dict[str, Any], title: str, body: str) -> Response:
+def _as_html(request: Request, told: dict[str, Any], title: str, body: str) -> Response:
     headers = {"Vary": "Accept"}
     if negotiate(request, (JSON, _HTML)) == JSON:
         return JSONResponse(told, headers=headers)

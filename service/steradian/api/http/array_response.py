@@ -25,9 +25,9 @@ from werkzeug.datastructures import MIMEAccept
 from werkzeug.http import parse_accept_header
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.core.json_encoding import nulls
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.locking import open_to_read
+from steradian.core.json_encoding import nan_to_none
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.locking import open_for_reading
 
 NPY: Final = "application/x-npy"
 RAW: Final = "application/octet-stream"
@@ -35,7 +35,7 @@ JSON: Final = "application/json"
 CSV: Final = "text/csv"
 PNG: Final = "image/png"
 PICTURE: Final[dict[str, Any]] = {PNG: {"schema": {"type": "string", "format": "binary"}}}
-PIECE_BYTES: Final = 4 * 2**20
+CHUNK_BYTES: Final = 4 * 2**20
 MAX_JSON_VALUES: Final = 100_000
 _PART = re.compile(r"\s*(?:(-?[0-9]{1,12})|(-?[0-9]{1,12})?:(-?[0-9]{1,12})?(?::([0-9]{1,12})?)?)\s*")
 
@@ -76,7 +76,7 @@ def negotiate(request: Request, offered: tuple[str, ...]) -> str:
 
 
 @dataclass(frozen=True)
-class Selection:
+class ArraySlice:
     """Parsed NumPy-style index expression for an array of known shape.
 
     Attributes
@@ -91,7 +91,7 @@ class Selection:
     shape: tuple[int, ...]
 
     @classmethod
-    def parse(cls, text: str | None, shape: tuple[int, ...], field: str = "slice") -> Selection:
+    def parse(cls, text: str | None, shape: tuple[int, ...], field: str = "slice") -> ArraySlice:
         """Read numpy's syntax (``10:20,::2,5``) for an array of a shape; missing axes are taken whole.
 
         Raises
@@ -116,10 +116,10 @@ class Selection:
             else:
                 start, stop, step = (int(number) if number else None for number in found.group(2, 3, 4))
                 index.append(slice(*slice(start, stop, step).indices(size)))
-        return cls.of(tuple(index))
+        return cls.point(tuple(index))
 
     @classmethod
-    def of(cls, index: tuple[slice | int, ...]) -> Selection:
+    def point(cls, index: tuple[slice | int, ...]) -> ArraySlice:
         """Build the slice that selects a single non-negative index per axis."""
         return cls(index, tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
 
@@ -129,7 +129,7 @@ class Selection:
         return math.prod(self.shape)
 
 
-class Source(Protocol):
+class ChunkedArray(Protocol):
     """Array that can be read chunk by chunk along its first axis.
 
     Attributes
@@ -148,23 +148,23 @@ class Source(Protocol):
         """Type of an element."""
         ...
 
-    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+    def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
         """Yield the selected part in chunks along the first axis."""
         ...
 
 
-class Whole:
+class InMemoryArray:
     """ChunkedArray backed by a NumPy array in memory."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._values, self.shape, self.dtype = values, values.shape, values.dtype
 
-    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+    def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
         """Give a part at once."""
         yield self._values[index]
 
 
-class Dataset:
+class Hdf5Array:
     """ChunkedArray backed by an HDF5 dataset, which may still be written to.
 
     Raises
@@ -178,32 +178,32 @@ class Dataset:
     def __init__(self, path: Path, name: str) -> None:
         self._path, self._name = path, name
         try:
-            with open_to_read(path) as file:
+            with open_for_reading(path) as file:
                 self.shape: tuple[int, ...] = file[name].shape
                 self.dtype: np.dtype[Any] = file[name].dtype
         except FileNotFoundError:
             raise
-        except (OSError, *BROKEN) as error:
+        except (OSError, *HDF5_ERRORS) as error:
             raise DamagedFile(f"{path.name} cannot be read: {error}") from error
 
-    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+    def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
         """Read piece by piece along the first axis, so that no request holds a whole scan."""
         first, *others = index
-        with open_to_read(self._path) as file:
+        with open_for_reading(self._path) as file:
             if isinstance(first, int):
                 yield np.asarray(file[self._name][index])
                 return
             rows = range(*first.indices(self.shape[0]))
             count = len(rows) * math.prod(len(range(*at.indices(10**12))) for at in others if isinstance(at, slice))
-            step = max(1, PIECE_BYTES * len(rows) // max(1, count * self.dtype.itemsize))
+            step = max(1, CHUNK_BYTES * len(rows) // max(1, count * self.dtype.itemsize))
             for at in range(0, len(rows), step):
                 piece = rows[at : at + step]
                 yield np.asarray(file[self._name][(slice(piece.start, piece.stop, piece.step), *others)])
 
 
-def respond(
-    source: Source,
-    selection: Selection,
+def array_response(
+    source: ChunkedArray,
+    selection: ArraySlice,
     kind: str,
     *,
     limit: int,
@@ -237,13 +237,13 @@ def respond(
     if size > limit:
         raise InvalidInput(field, " × ".join(map(str, shape)), f"at most {limit} bytes, not {size}")
     about = (headers or {}) | {"X-Shape": ",".join(map(str, shape)), "X-Dtype": dtype.str}
-    pieces = source.pieces(selection.index) if selection.count else iter(())
+    pieces = source.iter_chunks(selection.index) if selection.count else iter(())
     if kind == JSON:
         values = np.concatenate([np.atleast_1d(piece).ravel() for piece in pieces] or [np.empty(0, dtype)])
-        body = {"shape": shape, "dtype": dtype.str, "values": nulls(values.reshape(shape))} | (more or {})
+        body = {"shape": shape, "dtype": dtype.str, "values": nan_to_none(values.reshape(shape))} | (more or {})
         return Response(json.dumps(body), media_type=JSON, headers=about)
     head = _npy_header(dtype, shape) if kind == NPY else b""
-    if size <= PIECE_BYTES:  # as one piece: each of a stream changes threads
+    if size <= CHUNK_BYTES:  # as one piece: each of a stream changes threads
         return Response(b"".join(_bytes(head, pieces)), media_type=kind, headers=about)
     about["Content-Length"] = str(len(head) + size)
     first = next(pieces)  # which opens the file: one that is gone is told before the answer begins

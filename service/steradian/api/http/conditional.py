@@ -12,7 +12,7 @@ from fastapi import Depends, Header, Response
 from pydantic import BaseModel
 from werkzeug.http import parse_etags
 
-from steradian.storage.repositories.scans import Outdated
+from steradian.storage.repositories.scans import RevisionConflict
 
 
 class NotModified(Exception):
@@ -23,7 +23,7 @@ class NotModified(Exception):
         super().__init__(etag)
 
 
-class Conditions:
+class ReadPreconditions:
     """Preconditions of a safe request."""
 
     def __init__(self, response: Response, match: str | None, none_match: str | None) -> None:
@@ -48,13 +48,13 @@ class Conditions:
         """
         name = etag.strip('"')
         if self._match is not None and not parse_etags(self._match).contains(name):
-            raise Outdated(f"{self._match} is not what it is now, {etag}")
+            raise RevisionConflict(f"{self._match} is not what it is now, {etag}")
         if self._none_match is not None and parse_etags(self._none_match).contains_weak(name):
             raise NotModified(etag, vary)
         self._response.headers["ETag"] = etag
 
 
-class ChangeConditions:
+class WritePreconditions:
     """Preconditions of a modifying request."""
 
     def __init__(self, response: Response, match: str | None) -> None:
@@ -84,7 +84,7 @@ class ChangeConditions:
             found = re.fullmatch(rf"{re.escape(identifier)}-([0-9]{{1,18}})(-[0-9a-f]+)?", tag)
             if found:
                 return int(found[1])
-        raise Outdated(f"{self._match} is no version of {identifier}")
+        raise RevisionConflict(f"{self._match} is no version of {identifier}")
 
 
 Match: TypeAlias = Annotated[
@@ -98,15 +98,15 @@ async def _conditions(  # as is the next one: a plain function would be called i
     if_none_match: Annotated[
         str | None, Header(alias="If-None-Match", description="ETag that you have; 304 if it is still right")
     ] = None,
-) -> Conditions:
-    return Conditions(response, if_match, if_none_match)
+) -> ReadPreconditions:
+    return ReadPreconditions(response, if_match, if_none_match)
 
 
-async def _change_conditions(response: Response, if_match: Match = None) -> ChangeConditions:
-    return ChangeConditions(response, if_match)
+async def _change_conditions(response: Response, if_match: Match = None) -> WritePreconditions:
+    return WritePreconditions(response, if_match)
 
 
-def etag_of(identifier: str, revision: int | str, view: BaseModel | None = None) -> str:
+def resource_etag(identifier: str, revision: int | str, view: BaseModel | None = None) -> str:
     """Build the ETag of one representation of a resource revision.
 
     Progress and the place in the queue, say, are part of ``view`` and not of the ``revision``, so that If-Match does
@@ -131,5 +131,5 @@ def etag_of_file(path: Path, file: int | None = None, *, kind: str | None = None
     return f'"{path.stem}-{found.st_mtime_ns:x}-{found.st_size:x}{form}"'
 
 
-ConditionsNeeded: TypeAlias = Annotated[Conditions, Depends(_conditions)]
-ChangeConditionsNeeded: TypeAlias = Annotated[ChangeConditions, Depends(_change_conditions)]
+ReadPreconditionsDep: TypeAlias = Annotated[ReadPreconditions, Depends(_conditions)]
+WritePreconditionsDep: TypeAlias = Annotated[WritePreconditions, Depends(_change_conditions)]

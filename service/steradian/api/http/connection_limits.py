@@ -24,7 +24,7 @@ _REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nRetry-Afte
 _log = logging.getLogger(__name__)
 
 
-class Door:
+class ConnectionLimiter:
     """Connection limiter: when full, it closes the connection that has been idle longest.
 
     Parameters
@@ -37,11 +37,11 @@ class Door:
 
     def __init__(self, most: int, patience: float) -> None:
         self.most, self.patience = most, patience
-        self.inside: set[GuardedConnection] = set()
-        self.awaited: dict[GuardedConnection, None] = {}
+        self.inside: set[LimitedHttpProtocol] = set()
+        self.awaited: dict[LimitedHttpProtocol, None] = {}
         """Those whose client is to send something, the longest awaited first."""
 
-    def enter(self, connection: GuardedConnection) -> bool:
+    def admit(self, connection: LimitedHttpProtocol) -> bool:
         """Admit a connection, evicting the longest idle one when the limit is reached."""
         if len(self.inside) >= self.most:
             longest = next(iter(self.awaited), None)
@@ -52,25 +52,25 @@ class Door:
         self.inside.add(connection)
         return True
 
-    def leave(self, connection: GuardedConnection) -> None:
+    def release(self, connection: LimitedHttpProtocol) -> None:
         """Release a connection's slot."""
         self.inside.discard(connection)
         self.awaited.pop(connection, None)
 
 
-class GuardedConfig(uvicorn.Config):
+class LimitedConfig(uvicorn.Config):
     """uvicorn Config that carries a ConnectionLimiter."""
 
-    def __init__(self, app: Any, door: Door, **options: Any) -> None:
+    def __init__(self, app: Any, door: ConnectionLimiter, **options: Any) -> None:
         self.door = door
         # A connection that becomes a websocket, where a library for those is installed, would never leave the door.
-        super().__init__(app, http=GuardedConnection, ws="none", **options)
+        super().__init__(app, http=LimitedHttpProtocol, ws="none", **options)
 
 
-class GuardedConnection(HttpToolsProtocol):
+class LimitedHttpProtocol(HttpToolsProtocol):
     """HTTP protocol with a receive timeout and a header size limit."""
 
-    config: GuardedConfig
+    config: LimitedConfig
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
@@ -84,7 +84,7 @@ class GuardedConnection(HttpToolsProtocol):
         """Take the connection, or refuse it when there are too many."""
         super().connection_made(transport)
         self._peer = Peer(self.client, self.server)
-        if self._door.enter(self):
+        if self._door.admit(self):
             self._await_client()
         else:
             transport.write(_REFUSAL)
@@ -93,7 +93,7 @@ class GuardedConnection(HttpToolsProtocol):
     def connection_lost(self, error: Exception | None) -> None:
         """Give the place back."""
         self._stop_awaiting()
-        self._door.leave(self)
+        self._door.release(self)
         super().connection_lost(error)
 
     def data_received(self, data: bytes) -> None:
@@ -139,7 +139,7 @@ class GuardedConnection(HttpToolsProtocol):
 
     def drop(self) -> None:
         """End the connection without a word."""
-        self._door.leave(self)
+        self._door.release(self)
         self.transport.abort()
 
     def _await_client(self) -> None:
@@ -160,7 +160,7 @@ class GuardedConnection(HttpToolsProtocol):
             self.drop()
 
 
-def places(wanted: int) -> int:
+def raise_open_file_limit(wanted: int) -> int:
     """Raise the soft limit of open files to the hard limit and return the number of connections it allows."""
     import resource
 

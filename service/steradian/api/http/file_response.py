@@ -20,7 +20,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import Message, Receive, Scope, Send
 
 from steradian.core.exceptions import NotFound
-from steradian.storage.blobs.interface import Arrays
+from steradian.storage.blobs.interface import BlobStore
 
 RANGED: Final[dict[str, Any]] = {
     "parameters": [
@@ -44,12 +44,12 @@ RANGED: Final[dict[str, Any]] = {
         },
     ]
 }
-"""What an operation declares that answers with a :class:`RangedFile`."""
+"""What an operation declares that answers with a :class:`RangeFileResponse`."""
 PIECE = 2**18
 _WANTED = re.compile(r"(?:^|,)\s*sha-256\s*=\s*[1-9]")
 
 
-def find(arrays: Arrays, name: str, what: str, identifier: str) -> Path:
+def open_or_404(arrays: BlobStore, name: str, what: str, identifier: str) -> Path:
     """Return the local path of a stored file or raise NotFound naming the resource."""
     try:
         return arrays.open(name)
@@ -57,7 +57,7 @@ def find(arrays: Arrays, name: str, what: str, identifier: str) -> Path:
         raise NotFound(what, identifier) from None
 
 
-class RangedFile(FileResponse):
+class RangeFileResponse(FileResponse):
     """FileResponse that honours Range and Want-Repr-Digest."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -92,7 +92,7 @@ class RangedFile(FileResponse):
         await super().__call__(scope, receive, checked)
 
 
-def log_as_text(paths: Iterable[Path]) -> StreamingResponse:
+def concatenated_log_response(paths: Iterable[Path]) -> StreamingResponse:
     """Stream several growing log files as one text response."""
     logs = [(path, path.stat().st_size) for path in paths]
     headers = {"Content-Length": str(sum(size for _, size in logs))}

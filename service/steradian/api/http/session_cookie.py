@@ -17,19 +17,19 @@ from starlette.requests import cookie_parser
 from steradian.api.http.proxy_detection import is_forwarded
 from steradian.api.http.urls import BASE, address, prefix
 from steradian.security.keys import Forbidden
-from steradian.security.sessions import LIFETIME, SeenSession
+from steradian.security.sessions import LIFETIME, ValidSession
 
 NAME: Final = "steradian_session"
 TOKEN: Final = "X-CSRF-Token"  # noqa: S105 - the header's name
 
 
-class CrossSite(Forbidden):
+class CrossSiteRequest(Forbidden):
     """A cookie-authenticated request failed the origin or CSRF-token check."""
 
     code = "cross-site"
 
 
-def secret_in(headers: Headers) -> str | None:
+def session_secret(headers: Headers) -> str | None:
     """Return the session secret from the Cookie header, if present."""
     return cookie_parser("; ".join(headers.getlist("cookie"))).get(NAME) or None
 
@@ -47,7 +47,7 @@ def set_cookie(response: Response, secret: str, request: Request) -> None:
     )
 
 
-def take_cookie(response: Response, request: Request) -> None:
+def delete_session_cookie(response: Response, request: Request) -> None:
     """Expire the session cookie in the browser."""
     where = _path(request)
     response.set_cookie(
@@ -55,7 +55,7 @@ def take_cookie(response: Response, request: Request) -> None:
     )
 
 
-def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
+def check_same_origin(seen: ValidSession, headers: Headers, *, changes: bool) -> None:
     """Reject cookie-authenticated requests from another origin or without a valid CSRF token.
 
     Parameters
@@ -71,15 +71,19 @@ def check_page(seen: SeenSession, headers: Headers, *, changes: bool) -> None:
     origin, site = headers.get("origin"), headers.get("sec-fetch-site")
     followed = not changes and headers.get("sec-fetch-mode") == "navigate"
     if site not in {None, "same-origin"} and not followed and (changes or site != "none"):
-        raise CrossSite(f"a request with a session's cookie must come from a page of this service, not {site}")
+        raise CrossSiteRequest(f"a request with a session's cookie must come from a page of this service, not {site}")
     if not changes:
         return
     if origin is not None and origin.partition("://")[2] not in _hosts(headers):
-        raise CrossSite(f"a page of {origin!r} may not change anything with a session's cookie")
+        raise CrossSiteRequest(f"a page of {origin!r} may not change anything with a session's cookie")
     if origin is None and site is None:
-        raise CrossSite("a request with a session's cookie must say where it comes from: Origin or Sec-Fetch-Site")
+        raise CrossSiteRequest(
+            "a request with a session's cookie must say where it comes from: Origin or Sec-Fetch-Site"
+        )
     if not hmac.compare_digest(headers.get(TOKEN, "").encode(), seen.csrf_token.encode()):
-        raise CrossSite(f"a request with a session's cookie must bring {TOKEN} as GET {address(BASE)}/session tells it")
+        raise CrossSiteRequest(
+            f"a request with a session's cookie must bring {TOKEN} as GET {address(BASE)}/session tells it"
+        )
 
 
 def _hosts(headers: Headers) -> set[str]:

@@ -12,9 +12,9 @@ from fastapi import Query
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
-from steradian.api.http.array_response import NPY, RAW, ArrayView, Source
+from steradian.api.http.array_response import NPY, RAW, ArrayView, ChunkedArray
 from steradian.core.exceptions import InvalidInput
-from steradian.reconstructions.volumes.grid import Lattice
+from steradian.reconstructions.volumes.grid import VoxelGrid
 
 
 class AxisView(BaseModel):
@@ -72,9 +72,9 @@ WindowText: TypeAlias = Annotated[
 ]
 
 
-FARTHEST = float(np.finfo(np.float32).max / 2)
+SLAB_STOP = float(np.finfo(np.float32).max / 2)
 """Largest magnitude of a window's ends, whose differences from values are float32 numbers."""
-NEAREST = float(255 / np.finfo(np.float32).max)
+SLAB_START = float(255 / np.finfo(np.float32).max)
 """Distance of the ends, below which what is multiplied is none."""
 
 
@@ -100,8 +100,8 @@ class Window:
             least = greatest = math.nan
         if not (math.isfinite(least) and math.isfinite(greatest) and least < greatest):
             raise InvalidInput("window", text, "LEAST,GREATEST: two finite numbers, the second one greater")
-        if max(-least, greatest) > FARTHEST or greatest - least < NEAREST:
-            allowed = f"ends from {-FARTHEST:.2g} to {FARTHEST:.2g} and at least {NEAREST:.2g} apart (float32)"
+        if max(-least, greatest) > SLAB_STOP or greatest - least < SLAB_START:
+            allowed = f"ends from {-SLAB_STOP:.2g} to {SLAB_STOP:.2g} and at least {SLAB_START:.2g} apart (float32)"
             raise InvalidInput("window", text, allowed)
         return cls(least, greatest)
 
@@ -112,25 +112,25 @@ class Window:
         return shown
 
 
-class Converted:
+class ConvertedArray:
     """Values of another type: float32, or uint8 by a window."""
 
-    def __init__(self, source: Source, window: Window | None) -> None:
+    def __init__(self, source: ChunkedArray, window: Window | None) -> None:
         self._source, self._window, self.shape = source, window, source.shape
         self.dtype: np.dtype[Any] = np.dtype("<f4" if window is None else "u1")
 
-    def pieces(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
+    def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
         """Convert piece by piece."""
-        for piece in self._source.pieces(index):
+        for piece in self._source.iter_chunks(index):
             yield piece.astype(self.dtype, copy=False) if self._window is None else self._window.apply(piece)
 
 
-def converted(source: Source, dtype: str | None, window: Window | None) -> Source:
+def converted(source: ChunkedArray, dtype: str | None, window: Window | None) -> ChunkedArray:
     """Return values of the type that was asked for, as they are if none was."""
-    return source if dtype is None else Converted(source, window)
+    return source if dtype is None else ConvertedArray(source, window)
 
 
-def halvings(shape: tuple[int, ...], max_size: int | None) -> int:
+def pyramid_level_for(shape: tuple[int, ...], max_size: int | None) -> int:
     """Return the pyramid level at which no side is longer than ``max_size``."""
     level = 0
     while max_size is not None and any(-(-side // 2**level) > max_size for side in shape):
@@ -138,14 +138,14 @@ def halvings(shape: tuple[int, ...], max_size: int | None) -> int:
     return level
 
 
-def brightest(image: NDArray[Any], times: int) -> NDArray[Any]:
+def max_pool(image: NDArray[Any], times: int) -> NDArray[Any]:
     """Make a projection coarser: the brightest of ``times`` × ``times`` pixels, fewer at the far edges."""
     for axis, side in enumerate(image.shape):
         image = np.maximum.reduceat(image, np.arange(0, side, times), axis=axis)
     return image
 
 
-def headers_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, str]:
+def axis_headers(lattice: VoxelGrid, level: int, window: Window | None) -> dict[str, str]:
     """Return the headers that describe axes (m), level and window of a response."""
 
     def told(line: tuple[float, ...]) -> str:
@@ -160,7 +160,7 @@ def headers_of(lattice: Lattice, level: int, window: Window | None) -> dict[str,
     return about if window is None else about | {"X-Window": f"{window.least:.9g},{window.greatest:.9g}"}
 
 
-def json_of(lattice: Lattice, level: int, window: Window | None) -> dict[str, Any]:
+def axis_json(lattice: VoxelGrid, level: int, window: Window | None) -> dict[str, Any]:
     """Return the same description as a part of :class:`VoxelsView`."""
     lines = zip(lattice.names, lattice.origin, lattice.spacing, lattice.shape, strict=True)
     axes = [{"name": name, "origin_m": at, "spacing_m": step, "size": size} for name, at, step, size in lines]

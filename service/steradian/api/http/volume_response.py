@@ -9,18 +9,18 @@ from typing import Any, Literal
 from fastapi import Response
 from numpy.typing import NDArray
 
-from steradian.api.http.array_response import NPY, Selection, Whole, respond
-from steradian.api.http.conditional import Conditions, etag_of_file
-from steradian.api.http.volume_params import Window, brightest, converted, halvings, headers_of, json_of
+from steradian.api.http.array_response import NPY, ArraySlice, InMemoryArray, array_response
+from steradian.api.http.conditional import ReadPreconditions, etag_of_file
+from steradian.api.http.volume_params import Window, axis_headers, axis_json, converted, max_pool, pyramid_level_for
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.reconstructions.volumes.grid import in_coarser
-from steradian.reconstructions.volumes.reader import StoredVolume, stored_volume
-from steradian.storage.blobs.interface import Arrays, result_name
+from steradian.reconstructions.volumes.reader import VolumeReader, stored_volume
+from steradian.storage.blobs.interface import BlobStore, result_name
 from steradian.storage.data_dir.job_directory import PROJECTIONS, VOLUME
 
 
 @dataclass(frozen=True)
-class ProjectionWish:
+class ProjectionQuery:
     """Query parameters of a projection."""
 
     axis: Literal["x", "y", "z", "depth"]
@@ -31,7 +31,7 @@ class ProjectionWish:
 
 
 @dataclass(frozen=True)
-class VolumeWish:
+class VolumeQuery:
     """Query parameters of a volume."""
 
     slice: str | None
@@ -41,8 +41,8 @@ class VolumeWish:
     window: str | None
 
 
-def projection_as_numbers(
-    arrays: Arrays, identifier: str, kind: str, conditions: Conditions, wish: ProjectionWish
+def projection_response(
+    arrays: BlobStore, identifier: str, kind: str, conditions: ReadPreconditions, wish: ProjectionQuery
 ) -> Response:
     """Return a stored projection of the whole volume, or compute that of a slab.
 
@@ -57,29 +57,29 @@ def projection_as_numbers(
     conditions.tag(etag, vary="Accept")
     lattice, along = stored.lattice, "z" if wish.axis == "depth" else wish.axis
     if wish.axis == "depth":
-        image: NDArray[Any] = stored.depths(_slab(wish.slab, stored.size(along)))
+        image: NDArray[Any] = stored.depth_of_max(_slab(wish.slab, stored.size(along)))
     elif wish.slab is not None:
-        image = stored.slab(along, _slab(wish.slab, stored.size(along)))
+        image = stored.slab_mip(along, _slab(wish.slab, stored.size(along)))
     else:
         image = stored.projection(along)
-    lattice = lattice.without(along)
-    level = halvings(image.shape, wish.max_size)
+    lattice = lattice.project_out(along)
+    level = pyramid_level_for(image.shape, wish.max_size)
     window = _window(wish, stored)
-    source = converted(Whole(brightest(image, 2**level)), wish.dtype, window)
-    coarse = lattice.coarser(2**level)
-    return respond(
+    source = converted(InMemoryArray(max_pool(image, 2**level)), wish.dtype, window)
+    coarse = lattice.downsampled(2**level)
+    return array_response(
         source,
-        Selection.parse(None, source.shape),
+        ArraySlice.parse(None, source.shape),
         kind,
         limit=image.nbytes,
-        headers=headers_of(coarse, level, window) | {"ETag": etag, "Vary": "Accept"},
-        more=json_of(coarse, level, window),
+        headers=axis_headers(coarse, level, window) | {"ETag": etag, "Vary": "Accept"},
+        more=axis_json(coarse, level, window),
         field="max_size",
     )
 
 
-def volume_as_numbers(
-    arrays: Arrays, identifier: str, kind: str, conditions: Conditions, wish: VolumeWish, limit: int
+def volume_response(
+    arrays: BlobStore, identifier: str, kind: str, conditions: ReadPreconditions, wish: VolumeQuery, limit: int
 ) -> Response:
     """Answer with a part of the volume, of the level that was asked for or is fine enough.
 
@@ -90,24 +90,24 @@ def volume_as_numbers(
     """
     etag, stored = _stored(arrays, identifier, kind)
     conditions.tag(etag, vary="Accept")
-    whole = Selection.parse(wish.slice, stored.lattice.shape)
+    whole = ArraySlice.parse(wish.slice, stored.lattice.shape)
     if wish.level is not None and wish.level > stored.levels:
         raise InvalidInput("level", wish.level, f"0 to {stored.levels}, which this volume has")
     level, selection = wish.level or 0, _coarser(whole, wish.level or 0)
     while level < stored.levels and wish.max_size is not None and max(selection.shape, default=0) > wish.max_size:
         level += 1
         selection = _coarser(whole, level)
-    lattice = stored.lattice.coarser(2**level)
+    lattice = stored.lattice.downsampled(2**level)
     window = _window(wish, stored)
-    source = converted(stored.at(level), wish.dtype, window)
-    headers = headers_of(lattice.part(selection.index), level, window) | {"ETag": etag, "Vary": "Accept"}
+    source = converted(stored.level(level), wish.dtype, window)
+    headers = axis_headers(lattice.slice(selection.index), level, window) | {"ETag": etag, "Vary": "Accept"}
     if kind == NPY:
         headers["Content-Disposition"] = f'attachment; filename="{identifier}.npy"'
-    more = json_of(lattice.part(selection.index), level, window)
-    return respond(source, selection, kind, limit=limit, headers=headers, more=more)
+    more = axis_json(lattice.slice(selection.index), level, window)
+    return array_response(source, selection, kind, limit=limit, headers=headers, more=more)
 
 
-def _stored(arrays: Arrays, identifier: str, kind: str) -> tuple[str, StoredVolume]:
+def _stored(arrays: BlobStore, identifier: str, kind: str) -> tuple[str, VolumeReader]:
     """Open the volume, or the newest revision's projections, with the ETag read beforehand."""
     for name in (VOLUME, PROJECTIONS, VOLUME):  # these are removed when that is whole
         with suppress(FileNotFoundError, NotFound):
@@ -116,22 +116,22 @@ def _stored(arrays: Arrays, identifier: str, kind: str) -> tuple[str, StoredVolu
     raise NotFound("volume of", identifier)
 
 
-def _coarser(whole: Selection, level: int) -> Selection:
-    return Selection.of(in_coarser(whole.index, 2**level, "slice"))
+def _coarser(whole: ArraySlice, level: int) -> ArraySlice:
+    return ArraySlice.point(in_coarser(whole.index, 2**level, "slice"))
 
 
 def _slab(text: str | None, size: int) -> range:
     """Read a slab along an axis of a number of voxels."""
-    at = Selection.parse(text, (size,), "slab").index[0]
+    at = ArraySlice.parse(text, (size,), "slab").index[0]
     chosen = range(at, at + 1) if isinstance(at, int) else range(*at.indices(size))
     if not chosen:
         raise InvalidInput("slab", text, f"at least one of the {size} voxels along the axis")
     return chosen
 
 
-def _window(wish: ProjectionWish | VolumeWish, stored: StoredVolume) -> Window | None:
+def _window(wish: ProjectionQuery | VolumeQuery, stored: VolumeReader) -> Window | None:
     if wish.dtype == "uint8":
-        return Window.parse(wish.window) if wish.window else Window(0.0, max(0.0, stored.brightest()) or 1.0)
+        return Window.parse(wish.window) if wish.window else Window(0.0, max(0.0, stored.max_value()) or 1.0)
     if wish.window is not None:
         raise InvalidInput("window", wish.window, "nothing without dtype=uint8, whose ends it states")
     return None

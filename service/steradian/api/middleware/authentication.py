@@ -1,7 +1,7 @@
 """Authentication middleware and the table of scopes per route.
 
 No handler takes a scope, a principal or a key as a parameter: the principal is put into the request's scope by
-:class:`Authenticate`, and :class:`GuardedRoute` compares it with the table.
+:class:`AuthenticationMiddleware`, and :class:`AuthorizedRoute` compares it with the table.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from steradian.api.background.peers import Elsewhere, principal_of
-from steradian.api.errors.handlers import NO_DATABASE, database_problem, problem
+from steradian.api.background.peers import ForwardToPeer, principal_of
+from steradian.api.errors.handlers import DATABASE_ERRORS, database_problem, problem_response
 from steradian.api.http.proxy_detection import is_forwarded, stranger
-from steradian.api.http.session_cookie import check_page, secret_in
+from steradian.api.http.session_cookie import check_same_origin, session_secret
 from steradian.api.middleware.cors import is_read_of
-from steradian.api.middleware.json_body import JsonRequest
+from steradian.api.middleware.json_body import StrictJsonRequest
 from steradian.api.middleware.stop_authorization import bearer_of_ticket, is_stop
-from steradian.api.params.filters import refuse_unknown
+from steradian.api.params.filters import reject_unknown_query_params
 from steradian.core.settings import Settings
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
-from steradian.security.rates import Rate, TooOften
-from steradian.security.sessions import SeenSession, SessionStore
+from steradian.security.rates import RateLimiter, RateLimitExceeded
+from steradian.security.sessions import SessionStore, ValidSession
 from steradian.security.stop_tickets import StopTickets
 
 V1: Final = "/api/v1"
-ANYONE: Final = None
+PUBLIC: Final = None
 """Any authenticated caller, whatever the scopes of the key."""
 
 SCOPES: Final[dict[tuple[str, str], Need | None]] = {
@@ -61,9 +61,9 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("DELETE", f"{V1}/scanners/{{scanner_id}}"): Need.ADMIN,
     ("PUT", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/lease"): Need.OPERATE,
-    ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): ANYONE,
-    ("POST", f"{V1}/emergency-stop"): ANYONE,
-    ("GET", f"{V1}/emergency-stop"): ANYONE,
+    ("POST", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): PUBLIC,
+    ("POST", f"{V1}/emergency-stop"): PUBLIC,
+    ("GET", f"{V1}/emergency-stop"): PUBLIC,
     ("DELETE", f"{V1}/scanners/{{scanner_id}}/emergency-stop"): Need.OPERATE,
     ("POST", f"{V1}/scanners/{{scanner_id}}/clear-fault"): Need.OPERATE,
     ("POST", f"{V1}/scans"): Need.OPERATE,
@@ -111,33 +111,35 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("GET", f"{V1}/jobs/{{job_id}}/attempts"): Need.READ,
     ("GET", f"{V1}/jobs/{{job_id}}/log"): Need.READ,
     ("GET", f"{V1}/jobs/{{job_id}}/files/{{name}}"): Need.READ,
-    ("POST", f"{V1}/session"): ANYONE,
-    ("GET", f"{V1}/session"): ANYONE,
-    ("DELETE", f"{V1}/session"): ANYONE,
+    ("POST", f"{V1}/session"): PUBLIC,
+    ("GET", f"{V1}/session"): PUBLIC,
+    ("DELETE", f"{V1}/session"): PUBLIC,
     ("POST", f"{V1}/tickets"): Need.READ,
     ("GET", f"{V1}/events"): Need.READ,
     ("GET", "/metrics"): Need.READ,
 }
 """What a key must allow for each route."""
 
-GUARDED: Final = (V1, "/metrics")
+SCOPED_ROUTES: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
-UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
-LOCAL: Final = Principal("local", frozenset({Need.ADMIN}))
-AT_ONCE: Final = 10.0
+MUTATING_METHODS: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+LOOPBACK: Final = Principal("local", frozenset({Need.ADMIN}))
+BURST_SECONDS: Final = 10.0
 """Seconds' worth of requests that may come at once."""
-CHANGE: Final = 5.0
+WRITE_COST: Final = 5.0
 """What a request that changes something costs of a key's rate; one that reads costs 1."""
 
 
-class _Keeper(Protocol):
+class AuthBackend(Protocol):
+    """Services that authentication reads: settings, API keys, sessions and stop tickets."""
+
     settings: Settings
     keys: KeyStore
     sessions: SessionStore
     stop_tickets: StopTickets
 
 
-class Authenticate:
+class AuthenticationMiddleware:
     """Authentication middleware.
 
     Identifies the caller and rejects missing or invalid credentials before the body is read.
@@ -148,11 +150,14 @@ class Authenticate:
     refused.
     """
 
-    def __init__(self, app: ASGIApp, keeper: _Keeper) -> None:
+    def __init__(self, app: ASGIApp, keeper: AuthBackend) -> None:
         self.app, self._settings = app, keeper.settings
         self._keys, self._sessions, self._tickets = keeper.keys, keeper.sessions, keeper.stop_tickets
         per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
-        self._asked, self._failed = Rate(per_second, AT_ONCE * per_second), Rate(failed / 60, failed)
+        self._asked, self._failed = (
+            RateLimiter(per_second, BURST_SECONDS * per_second),
+            RateLimiter(failed / 60, failed),
+        )
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -161,20 +166,20 @@ class Authenticate:
             try:
                 scope["state"]["principal"] = principal = await self._principal(scope)
                 counts = not (is_stop(scope) or scope["state"].get("forwarded"))
-                if principal is not None and principal is not LOCAL and counts:
-                    self._asked.take(principal.name, CHANGE if scope["method"] in UNSAFE else 1.0)
+                if principal is not None and principal is not LOOPBACK and counts:
+                    self._asked.acquire(principal.name, WRITE_COST if scope["method"] in MUTATING_METHODS else 1.0)
             except Unauthorized as error:
                 headers = {"WWW-Authenticate": 'Bearer realm="steradian"', "Connection": "close"}
-                answer = problem(scope, error.code, str(error), headers=headers)
+                answer = problem_response(scope, error.code, str(error), headers=headers)
                 return await answer(scope, receive, send)
-            except TooOften as error:
+            except RateLimitExceeded as error:
                 headers = {"Retry-After": str(error.retry_after)}
-                answer = problem(scope, error.code, str(error), headers=headers)
+                answer = problem_response(scope, error.code, str(error), headers=headers)
                 return await answer(scope, receive, send)
             except Forbidden as error:
-                answer = problem(scope, error.code, str(error))
+                answer = problem_response(scope, error.code, str(error))
                 return await answer(scope, receive, send)
-            except NO_DATABASE as error:
+            except DATABASE_ERRORS as error:
                 answer = await database_problem(Request(scope), error)
                 return await answer(scope, receive, send)
         return await self.app(scope, receive, send)
@@ -182,7 +187,7 @@ class Authenticate:
     async def _principal(self, scope: Scope) -> Principal | None:
         headers, path = Headers(scope=scope), scope["path"]
         given = headers.get("authorization", "")
-        if not any(path == root or path.startswith(f"{root}/") for root in GUARDED):
+        if not any(path == root or path.startswith(f"{root}/") for root in SCOPED_ROUTES):
             return None
         if (asking := principal_of(headers, self._settings.node_secret)) is not None:
             scope["state"]["forwarded"] = True
@@ -193,14 +198,14 @@ class Authenticate:
             kind, _, key = given.partition(" ")
             if kind.lower() != "bearer":
                 raise Unauthorized("send the key as Authorization: Bearer …")
-            if is_stop(scope) and (known := self._keys.recall(key.strip())) is not None:
+            if is_stop(scope) and (known := self._keys.check_cached(key.strip())) is not None:
                 return known
             return await self._prove(scope, self._keys.check, key.strip())
         if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
             scope["state"]["ticket"] = ticket[0]
-            return await self._prove(scope, self._keys.see_ticket, ticket[0])
-        if (secret := secret_in(headers)) and (seen := await self._recognise(scope, secret)):
-            check_page(seen, headers, changes=scope["method"] in UNSAFE)
+            return await self._prove(scope, self._keys.peek_ticket, ticket[0])
+        if (secret := session_secret(headers)) and (seen := await self._recognise(scope, secret)):
+            check_same_origin(seen, headers, changes=scope["method"] in MUTATING_METHODS)
             scope["state"]["session"] = seen
             return seen.principal
         if self._settings.needs_key:
@@ -210,28 +215,28 @@ class Authenticate:
         if not is_stop(scope) and (why := stranger(scope)) is not None:
             raise Unauthorized(f"{why}, so a key is needed: Authorization: Bearer …")
         self._check_origin(scope, headers)
-        return LOCAL
+        return LOOPBACK
 
     async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
         """Return the owner of a key or ticket; an address with too many failed attempts may use known keys only."""
         address = (scope.get("client") or ("",))[0]
-        if self._failed.is_spent(address) and not (is_stop(scope) and scope["method"] == "POST"):
-            if (known := self._keys.recall(secret)) is not None:
+        if self._failed.is_exhausted(address) and not (is_stop(scope) and scope["method"] == "POST"):
+            if (known := self._keys.check_cached(secret)) is not None:
                 return known
-            raise TooOften(60 / self._settings.failed_keys_per_minute)
+            raise RateLimitExceeded(60 / self._settings.failed_keys_per_minute)
         try:
             return await run_in_threadpool(check, secret)
         except Unauthorized:
-            with suppress(TooOften):
-                self._failed.take(address)
+            with suppress(RateLimitExceeded):
+                self._failed.acquire(address)
             raise
 
-    async def _recognise(self, scope: Scope, secret: str) -> SeenSession | None:
+    async def _recognise(self, scope: Scope, secret: str) -> ValidSession | None:
         """Return the owner of a session; ``None`` when it has ended, so that the request is handled as anonymous."""
         with suppress(Unauthorized):
             if is_stop(scope):
                 with suppress(Unauthorized):
-                    return self._sessions.recall(secret)
+                    return self._sessions.check_cached(secret)
             return await run_in_threadpool(self._sessions.check, secret)
         return None
 
@@ -243,11 +248,11 @@ class Authenticate:
         if not (_is_loopback(name) or name in self._hosts):
             raise Forbidden(f"this service is not addressed as {host!r} without a key")
         origin = headers.get("origin")
-        if method in UNSAFE and origin is not None and origin.partition("://")[2] != host:
+        if method in MUTATING_METHODS and origin is not None and origin.partition("://")[2] != host:
             raise Forbidden(f"a page of {origin!r} may not change anything here without a key")
         if is_read_of(scope, headers, self._settings.origins):
             return
-        followed = method not in UNSAFE and headers.get("sec-fetch-mode") == "navigate"
+        followed = method not in MUTATING_METHODS and headers.get("sec-fetch-mode") == "navigate"
         if headers.get("sec-fetch-site", "none") not in {"same-origin", "none"} and not followed:
             raise Forbidden("a page of another origin may do nothing here without a key")
 
@@ -269,7 +274,7 @@ def _is_loopback(name: str) -> bool:
         return False
 
 
-class GuardedRoute(APIRoute):
+class AuthorizedRoute(APIRoute):
     """APIRoute that checks the scope before the body is read."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
@@ -283,15 +288,15 @@ class GuardedRoute(APIRoute):
                 raise Unauthorized("a key is needed")
             if need is not None and not principal.may(need):
                 raise Forbidden(f"this needs a key with the scope {need}")
-            refuse_unknown(request, self.dependant)
-            checked = JsonRequest(request.scope, request.receive)
+            reject_unknown_query_params(request, self.dependant)
+            checked = StrictJsonRequest(request.scope, request.receive)
             try:
                 answer = await handle(checked)
             except HTTPException:
                 if checked.refusal is not None:
                     raise checked.refusal from None
                 raise
-            except Elsewhere as error:
+            except ForwardToPeer as error:
                 return await request.app.state.services.nodes.forward(checked, error.scanner_id)  # type: ignore[no-any-return]
             if applied := getattr(request.state, "preference_applied", None):
                 answer.headers["Preference-Applied"] = applied

@@ -13,8 +13,8 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from ulid import ULID
 
-from steradian.api.errors.handlers import CODE_OF, problem
-from steradian.api.http.security_headers import complete
+from steradian.api.errors.handlers import PROBLEM_BY_STATUS, problem_response
+from steradian.api.http.security_headers import add_security_headers
 from steradian.api.middleware.metrics import Metrics
 from steradian.api.middleware.stop_authorization import EMERGENCY_STOP
 from steradian.core.logging_config import request_id
@@ -23,22 +23,22 @@ from steradian.core.settings import Settings
 _log = logging.getLogger(__name__)
 UPLOADS, STREAMS = "/api/v1/uploads", "/api/v1/events"
 _UPLOAD = re.compile(rf"{UPLOADS}(/[^/]+)?")
-MAX_STREAMS, AT_ONCE = 200, 4
+MAX_STREAMS, MAX_CONCURRENT_OPENS = 200, 4
 LISTS = frozenset(
     f"/api/v1/{name}"
     for name in ("masks", "masks/preview", "plans", "plans/preview", "designs/preview", "designs/point-spread")
 )
 """Paths whose bodies may hold numbers for each point of a mask."""
-JSON_BYTES, POINT_BYTES = 2**20, 128
+JSON_BYTES, MAX_POINTS_BODY_BYTES = 2**20, 128
 """Largest body of any other path, and what those bodies may have more for each point (indented, with all digits)."""
-STOP_BYTES = 4096
+MAX_STOP_BODY_BYTES = 4096
 """The body of an emergency stop holds a reason, nothing else."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 """Those that the metrics tell apart."""
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
-class RequestId:
+class RequestIdMiddleware:
     """Middleware that assigns X-Request-ID, keeping a valid one of the caller, and adds security headers."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -56,7 +56,7 @@ class RequestId:
         async def named(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).setdefault("X-Request-ID", identifier)
-                complete(message)
+                add_security_headers(message)
             await send(message)
 
         token = request_id.set(identifier)
@@ -66,7 +66,7 @@ class RequestId:
             request_id.reset(token)
 
 
-class Observe:
+class AccessLogMiddleware:
     """Access log and metrics middleware; queries are omitted because they may contain tickets.
 
     A line about something that was made, deleted or wished begins a story that other processes go on with: it is
@@ -97,23 +97,23 @@ class Observe:
             seconds = (answered if answered > begun else time.monotonic()) - begun
             route = getattr(scope.get("route"), "path_format", "none")
             method = scope["method"] if scope["method"] in METHODS else "other"
-            self._metrics.count(method, route, status, seconds)
+            self._metrics.observe_request(method, route, status, seconds)
             principal = getattr(scope["state"].get("principal"), "name", "")
             about = {"method": scope["method"], "path": scope["path"], "status": status, "who": principal}
             text = f"{scope['method']} {scope['path']} {status} {1e3 * seconds:.1f} ms{made and f': {made}'}"
-            level = logging.INFO if status < 300 and (made or _is_wish(scope)) else logging.DEBUG
+            level = logging.INFO if status < 300 and (made or _is_state_change_request(scope)) else logging.DEBUG
             more = {"milliseconds": round(1e3 * seconds, 1)} | ({"location": made} if made else {})
             _log.log(level, "%s", text, extra=about | more)
 
 
-def _is_wish(scope: Scope) -> bool:
+def _is_state_change_request(scope: Scope) -> bool:
     """Whether a request changes a desired state or presses a stop."""
     method, path = scope["method"], scope["path"]
     presses = method == "POST" and EMERGENCY_STOP.fullmatch(path)
     return method == "DELETE" or path.endswith("/desired-state") or bool(presses)
 
 
-class OnlyText:
+class RejectNulMiddleware:
     """Middleware that rejects URLs that contain U+0000, which PostgreSQL cannot store."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -123,10 +123,10 @@ class OnlyText:
         """Serve."""
         if scope["type"] != "http" or not ("\0" in scope["path"] or b"%00" in scope["query_string"]):
             return await self.app(scope, receive, send)
-        return await problem(scope, "not-found", "an address with U+0000 names nothing")(scope, receive, send)
+        return await problem_response(scope, "not-found", "an address with U+0000 names nothing")(scope, receive, send)
 
 
-class Head:
+class HeadMiddleware:
     """Middleware that answers HEAD from the GET handler without producing the body."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -153,14 +153,14 @@ class _HeadersSent(Exception):
     """There is nothing more to send."""
 
 
-class StreamsInTurn:
+class StreamAdmissionMiddleware:
     """Middleware that limits how many event streams are opened at the same time, so that other requests are served.
 
     It stands before everything else, as what a crowd costs before it waits here, it costs whoever comes with it.
     """
 
     def __init__(self, app: ASGIApp) -> None:
-        self.app, self._turns = app, asyncio.Semaphore(AT_ONCE)
+        self.app, self._turns = app, asyncio.Semaphore(MAX_CONCURRENT_OPENS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve."""
@@ -185,7 +185,7 @@ class StreamsInTurn:
             pass_on()
 
 
-class StreamLimit:
+class MaxStreamsMiddleware:
     """Middleware that rejects event streams beyond the configured maximum."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -197,7 +197,7 @@ class StreamLimit:
             return await self.app(scope, receive, send)
         if self._open >= MAX_STREAMS:
             headers, text = {"Retry-After": "5", "Connection": "close"}, f"{MAX_STREAMS} clients listen already"
-            return await problem(scope, "refused", text, headers=headers)(scope, receive, send)
+            return await problem_response(scope, "refused", text, headers=headers)(scope, receive, send)
         self._open += 1
         try:
             await self.app(scope, receive, send)
@@ -205,17 +205,17 @@ class StreamLimit:
             self._open -= 1
 
 
-class BodyLimit:
+class BodySizeLimitMiddleware:
     """Middleware that rejects request bodies larger than the route allows, before reading if possible."""
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self.app, self._uploads = app, settings.max_import_bytes
-        self._lists = min(settings.max_upload_bytes, JSON_BYTES + POINT_BYTES * settings.max_mask_points)
+        self._lists = min(settings.max_upload_bytes, JSON_BYTES + MAX_POINTS_BODY_BYTES * settings.max_mask_points)
         self._json = min(settings.max_upload_bytes, JSON_BYTES)
 
     def _limit(self, path: str) -> int:
         if EMERGENCY_STOP.fullmatch(path):
-            return min(self._json, STOP_BYTES)
+            return min(self._json, MAX_STOP_BODY_BYTES)
         return self._uploads if _UPLOAD.fullmatch(path) else self._lists if path in LISTS else self._json
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -228,7 +228,7 @@ class BodyLimit:
         stated = Headers(scope=scope).get("content-length", "0")
         if not stated.isdecimal() or int(stated) > limit:
             # Not with Connection: close, as a connection that is closed on what is still coming takes the answer along.
-            await problem(scope, CODE_OF[413], text)(scope, receive, send)
+            await problem_response(scope, PROBLEM_BY_STATUS[413], text)(scope, receive, send)
             return
         taken = 0
 

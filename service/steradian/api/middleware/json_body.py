@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from fastapi import Request
 
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput, SteradianError
 
-SMALL = 64 * 2**10
+INLINE_PARSE_BYTES = 64 * 2**10
 """Bytes that are parsed at once; what is larger is parsed in another process."""
-LONG = 1000
+LONG_LIST_ITEMS = 1000
 """Items up to which any list is taken from there."""
 _ODD = re.compile("[\0\ud800-\udfff]")
 """What no database keeps as text: PostgreSQL fails at every later look into a document that holds it."""
 
 
-class JsonRequest(Request):
+class StrictJsonRequest(Request):
     """Request whose JSON body must not contain duplicate keys."""
 
     refusal: SteradianError | None = None
@@ -33,11 +33,11 @@ class JsonRequest(Request):
     async def json(self) -> Any:
         """Parse the body; raises :class:`json.JSONDecodeError`, also for input at which a parser gives up."""
         body = await self.body()
-        if len(body) <= SMALL:
+        if len(body) <= INLINE_PARSE_BYTES:
             return _parse(body)
-        services: Services = self.app.state.services
+        services: ServiceContainer = self.app.state.services
         try:
-            return await services.workshop.work(_parse_large, body)
+            return await services.workshop.submit(_parse_large, body)
         except SteradianError as error:
             self.refusal = error
             raise
@@ -66,14 +66,16 @@ def _parse_large(body: bytes) -> Any:
 
 
 def _packed(name: str, value: Any) -> Any:
-    if not isinstance(value, list | dict | str) or len(value) <= LONG:
+    if not isinstance(value, list | dict | str) or len(value) <= LONG_LIST_ITEMS:
         return value
     try:
         array = np.array(value)
     except ValueError:  # ragged
         array = np.empty(0, object)
     if array.dtype.kind not in "if":
-        raise InvalidInput(name, f"{type(value).__name__} of {len(value)}", f"numbers, where it is longer than {LONG}")
+        raise InvalidInput(
+            name, f"{type(value).__name__} of {len(value)}", f"numbers, where it is longer than {LONG_LIST_ITEMS}"
+        )
     return value if array.ndim == 1 else array
 
 

@@ -11,9 +11,9 @@ from prometheus_client.metrics_core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from steradian import __version__
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.jobs.queue.estimates import backlog
-from steradian.jobs.queue.matching import count_unmet, workers
+from steradian.jobs.queue.matching import count_unsatisfiable, present_workers
 from steradian.runtime.heartbeat import gpu_of, is_alive
 from steradian.storage.states import ReconstructionState, ScanState
 
@@ -23,7 +23,7 @@ BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10
 class Metrics:
     """Counts requests, and looks at queue and processes when asked."""
 
-    def __init__(self, services: Services) -> None:
+    def __init__(self, services: ServiceContainer) -> None:
         self.registry = CollectorRegistry()
         labels = ("method", "route", "status")
         self._requests = Counter("steradian_http_requests", "Requests served", labels, registry=self.registry)
@@ -31,18 +31,18 @@ class Metrics:
             "steradian_http_request_seconds", "Until the answer began", ("method", "route"),
             buckets=BUCKETS, registry=self.registry,
         )  # fmt: skip
-        self.registry.register(_Present(services))
+        self.registry.register(_StateCollector(services))
 
-    def count(self, method: str, route: str, status: int, seconds: float) -> None:
+    def observe_request(self, method: str, route: str, status: int, seconds: float) -> None:
         """Record status and latency of a request under its route template, so that identifiers create no series."""
         self._requests.labels(method, route, str(status)).inc()
         self._seconds.labels(method, route).observe(seconds)
 
 
-class _Present(Collector):
+class _StateCollector(Collector):
     """Collector that reads queue, scan and process state at scrape time."""
 
-    def __init__(self, services: Services) -> None:
+    def __init__(self, services: ServiceContainer) -> None:
         self._services = services
 
     def describe(self) -> list[GaugeMetricFamily]:
@@ -64,8 +64,8 @@ class _Present(Collector):
                 family.add_metric([str(state)], counts.get(str(state), 0))
             yield family
         with services.ledger.database.read() as session:
-            present = workers(session, now := services.ledger.clock())
-            waiting, unmet = backlog(session, now, present), count_unmet(session, present)
+            present = present_workers(session, now := services.ledger.clock())
+            waiting, unmet = backlog(session, now, present), count_unsatisfiable(session, present)
         if waiting.seconds is not None:
             told = "What one worker would take for all jobs that wait; absent where no past job tells"
             yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)
@@ -96,7 +96,7 @@ class _Present(Collector):
         yield GaugeMetricFamily("steradian_events_last", "Number of the last event", value=services.log.bounds().last)
 
 
-def _processes(services: Services) -> list[str]:
+def _processes(services: ServiceContainer) -> list[str]:
     """Name those that have shown a sign of life; none while the data folder is away."""
     try:
         return sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json"))

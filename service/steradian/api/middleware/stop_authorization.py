@@ -9,7 +9,7 @@ from typing import Final
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from steradian.api.http.session_cookie import check_page, secret_in
+from steradian.api.http.session_cookie import check_same_origin, session_secret
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets
@@ -49,9 +49,9 @@ def bearer_of_ticket(scope: Scope, keys: KeyStore, sessions: SessionStore, ticke
 def _remembered(headers: Headers, keys: KeyStore, sessions: SessionStore, *, changes: bool) -> Principal | None:
     with suppress(Unauthorized, Forbidden):
         if given := headers.get("authorization", ""):
-            return keys.recall(given.partition(" ")[2].strip())
-        if secret := secret_in(headers):
-            seen = sessions.recall(secret)
-            check_page(seen, headers, changes=changes)
+            return keys.check_cached(given.partition(" ")[2].strip())
+        if secret := session_secret(headers):
+            seen = sessions.check_cached(secret)
+            check_same_origin(seen, headers, changes=changes)
             return seen.principal
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 ID: Final = "$response.body#/id"
-MADE: Final[dict[str, tuple[str, ...]]] = {
+CREATING_OPERATIONS: Final[dict[str, tuple[str, ...]]] = {
     "mask_create": ("mask",),
     "plan_create": ("plan",),
     "scan_create": ("scan",),
@@ -17,7 +17,7 @@ MADE: Final[dict[str, tuple[str, ...]]] = {
     "scanner_read": ("scanner",),
 }
 """Operations whose answer shows one thing, and what it is."""
-NEXT: Final[dict[str, dict[str, dict[str, str]]]] = {
+FOLLOW_UP_OPERATIONS: Final[dict[str, dict[str, dict[str, str]]]] = {
     "mask": {"plan_create": {"mask_id": ID}, "plan_preview": {"mask_id": ID}},
     "plan": {"scan_create": {"plan_id": ID}},
     "scan": {"reconstruction_create": {"scan_id": ID}, "batch_create": {"scan_id": ID}},
@@ -30,18 +30,18 @@ def add_links(document: dict[str, Any]) -> None:
     """Link the answers that show a thing to every operation that has it in its address or its body."""
     operations = {one["operationId"]: one for path in document["paths"].values() for one in path.values()}
     links: dict[str, dict[str, Any]] = {}
-    having: dict[str, set[str]] = {thing: set(bodies) for thing, bodies in NEXT.items()}
+    having: dict[str, set[str]] = {thing: set(bodies) for thing, bodies in FOLLOW_UP_OPERATIONS.items()}
     for name, operation in operations.items():
         for parameter in operation.get("parameters", ()):
             if parameter["in"] == "path" and parameter["name"].endswith("_id"):
                 links[name] = {"operationId": name, "parameters": {parameter["name"]: ID}}
                 having.setdefault(parameter["name"].removesuffix("_id"), set()).add(name)
-    for bodies in NEXT.values():
+    for bodies in FOLLOW_UP_OPERATIONS.values():
         links |= {name: {"operationId": name, "requestBody": body} for name, body in bodies.items()}
     for name, link in links.items():
         link["description"] = operations[name]["summary"]
     document["components"]["links"] = links
-    for name, things in MADE.items():
+    for name, things in CREATING_OPERATIONS.items():
         found = sorted(target for thing in things for target in having[thing] if target != name)
         for status, answer in operations[name]["responses"].items():
             if status[0] == "2":

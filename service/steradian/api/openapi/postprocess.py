@@ -15,7 +15,7 @@ from steradian.api.errors.handlers import RESPONSES, Problem
 from steradian.api.http import session_cookie as cookies
 from steradian.api.http.array_response import NPY, RAW
 from steradian.api.http.urls import prefix
-from steradian.api.middleware.authentication import GUARDED
+from steradian.api.middleware.authentication import SCOPED_ROUTES
 from steradian.api.middleware.stop_authorization import STOP_TICKET
 from steradian.api.openapi.links import add_links
 
@@ -57,7 +57,7 @@ SECURITY: Final = {
         "description": "A ticket from POST /tickets, good for one event stream that begins within 30 s",
     },
 }
-CONFLICTS: Final = frozenset(
+CONFLICT_CODES: Final = frozenset(
     {
         *("batch_create", "batch_delete", "batch_desired_state_set"),
         *("emergency_stop_release", "scanner_lease_return", "scanner_lease_take", "scanner_retire"),
@@ -71,11 +71,13 @@ CONFLICTS: Final = frozenset(
     }
 )
 """Operations that a state of things can stand against."""
-NAMING: Final = frozenset({"plan_create", "plan_preview", "scan_create", "batch_create", "reconstruction_create"})
+OPERATION_NAMES: Final = frozenset(
+    {"plan_create", "plan_preview", "scan_create", "batch_create", "reconstruction_create"}
+)
 """Operations without an identifier in their path whose body names what must exist; beside ``job_create``."""
 BY_STOP_TICKET: Final = frozenset({"emergency_stop_press", "emergency_stops_press", "emergency_stops_read"})
 """Operations that a stop ticket is good for."""
-HEADERS: Final[dict[str, tuple[str, str]]] = {
+RESPONSE_HEADERS: Final[dict[str, tuple[str, str]]] = {
     "Accept-Ranges": ("That ranges of bytes can be asked for", "bytes"),
     "Cache-Control": ("Whether it may be kept; what has an ETag may be, if it is asked about each time", "no-store"),
     "Content-Range": ("Which bytes of how many these are", "bytes 0-99/1000"),
@@ -116,20 +118,20 @@ def name_operation(route: APIRoute) -> str:
     return f"{noun}_{verb}"
 
 
-def describe(app: FastAPI) -> None:
+def install_openapi(app: FastAPI) -> None:
     """Replace the application's OpenAPI generator by one that completes the document."""
     plain = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            complete(plain())
+            complete_document(plain())
         below = prefix()
         return plain() | ({"servers": [{"url": below, "description": "This service"}]} if below else {})
 
     app.openapi = openapi  # type: ignore[method-assign]
 
 
-def complete(document: dict[str, Any]) -> None:
+def complete_document(document: dict[str, Any]) -> None:
     """Complete the generated document: add operations' errors and headers, remove internal schemas."""
     document |= {"servers": [{"url": "/", "description": "This service"}], "tags": TAGS}
     components = document.setdefault("components", {})
@@ -141,7 +143,7 @@ def complete(document: dict[str, Any]) -> None:
     components["securitySchemes"] = SECURITY
     components["headers"] = {
         name: {"description": text, "schema": {"type": "string"}, "example": example}
-        for name, (text, example) in HEADERS.items()
+        for name, (text, example) in RESPONSE_HEADERS.items()
     }
     for path, operations in document["paths"].items():
         for method, operation in operations.items():
@@ -156,7 +158,7 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
     sent = {parameter["name"] for parameter in operation.get("parameters", ())}
     for parameter in operation.get("parameters", ()):
         _take_null_out(parameter["schema"])
-    guarded = any(path == root or path.startswith(f"{root}/") for root in GUARDED)
+    guarded = any(path == root or path.startswith(f"{root}/") for root in SCOPED_ROUTES)
     ways: list[dict[str, list[str]]] = [{}, {"key": []}, {"session": []}] if guarded else []
     more = {"events_follow": "ticket"} | dict.fromkeys(BY_STOP_TICKET, "stop-ticket")
     operation["security"] = [*ways, {more[name]: []}] if name in more else ways
@@ -181,7 +183,7 @@ def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
     sent, places = {parameter["name"] for parameter in parameters}, {parameter["in"] for parameter in parameters}
     if guarded:
         found |= {"401", "403", "422", "429"}
-    if places & {"path", "query"} or name in NAMING or name == "job_create":
+    if places & {"path", "query"} or name in OPERATION_NAMES or name == "job_create":
         found.add("404")
     if body:
         found |= {"400", "413", "415"} if "application/json" in body else {"400", "413"}
@@ -191,7 +193,7 @@ def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
         found.add("412")
     if len(operation["responses"].get("200", {}).get("content", {})) > 1:
         found.add("406")
-    if name in CONFLICTS:
+    if name in CONFLICT_CODES:
         found.add("409")
     return found
 

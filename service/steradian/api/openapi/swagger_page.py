@@ -9,7 +9,7 @@ from typing import Any, Final
 from fastapi import APIRouter
 from fastapi.responses import FileResponse, HTMLResponse, Response
 
-from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
+from steradian.api.http.conditional import ReadPreconditionsDep, etag_of_file
 from steradian.api.http.security_headers import POLICY
 from steradian.core.exceptions import NotFound
 
@@ -43,7 +43,7 @@ def read_start_script() -> Response:
 
 
 @router.get("/docs/{name}")
-def read_page_file(name: str, conditions: ConditionsNeeded) -> Response:
+def read_page_file(name: str, conditions: ReadPreconditionsDep) -> Response:
     """Return a file of the documentation page from the wheel of ``fastapi-offline``; raises :class:`NotFound`."""
     if name not in _FILES:
         raise NotFound("file of the page", name)

@@ -16,11 +16,11 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.http.proxy_detection import is_forwarded
 from steradian.api.http.urls import BASE, address, prefix
-from steradian.api.services import Services
-from steradian.api.streaming.broadcaster import Feed
+from steradian.api.services import ServiceContainer
+from steradian.api.streaming.broadcaster import EventBroadcaster
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.security.keys import Principal
-from steradian.storage.repositories.idempotency import Answer, Key
+from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 
 MAX_WAIT, MAX_WAIT_FORWARDED = 120.0, 50.0
 """Longest that a request is held (s), and one that came through a proxy, which gives up after 60 s; it asks again."""
@@ -35,8 +35,8 @@ _KEY: Final = re.compile(r"^[\x21-\x7e]+$")
 T = TypeVar("T")
 
 
-async def _services(request: Request) -> Services:
-    services: Services = request.app.state.services
+async def _services(request: Request) -> ServiceContainer:
+    services: ServiceContainer = request.app.state.services
     return services
 
 
@@ -50,14 +50,14 @@ def longest_wait(request: Request) -> float:
     return MAX_WAIT_FORWARDED if is_forwarded(request.scope) else MAX_WAIT
 
 
-class Patience:
+class LongPoll:
     """Long-poll helper: hold a request until a condition holds, the wait expires or the client disconnects."""
 
     def __init__(self, request: Request, seconds: float) -> None:
         self._request, self.seconds = request, seconds
-        self._feed: Feed = request.app.state.feed
+        self._feed: EventBroadcaster = request.app.state.feed
 
-    async def until(self, look: Callable[[], T], is_over: Callable[[T], bool]) -> T:
+    async def wait_for(self, look: Callable[[], T], is_over: Callable[[T], bool]) -> T:
         """Poll in a thread until a predicate holds, the wait has expired or the client has disconnected.
 
         It is looked again when the event log has grown, which one task watches for all, and now and then anyway.
@@ -68,7 +68,7 @@ class Patience:
         if not self.seconds or is_over(seen):
             return seen
         with suppress(TimeoutError):
-            async with asyncio.timeout(self.seconds), aclosing(self._feed.listen(progress=False)) as changes:
+            async with asyncio.timeout(self.seconds), aclosing(self._feed.subscribe(progress=False)) as changes:
                 async for _ in changes:
                     seen = await run_in_threadpool(look)
                     if is_over(seen) or await self._request.is_disconnected():
@@ -79,13 +79,13 @@ class Patience:
 async def _wait(
     request: Request,
     prefer: Annotated[str | None, Header(alias="Prefer", description=_WAIT_HELP)] = None,
-) -> Patience:
+) -> LongPoll:
     # It may come in several lines, but is declared as one text: common generators know no other headers.
     for preference in ",".join(request.headers.getlist("prefer")).split(","):
         found = re.fullmatch(r"\s*wait\s*=\s*\"?([0-9]{1,9})\"?\s*", preference)
         if found:
-            return Patience(request, min(float(found[1]), longest_wait(request)))
-    return Patience(request, 0.0)
+            return LongPoll(request, min(float(found[1]), longest_wait(request)))
+    return LongPoll(request, 0.0)
 
 
 def _key_header(what: str) -> Any:
@@ -99,7 +99,7 @@ async def _key(
     idempotency_key: Annotated[
         str | None, _key_header("A repeated request with it is done once and gets the first one's answer")
     ] = None,
-) -> Key | None:
+) -> IdempotencyKey | None:
     return None if idempotency_key is None else await _read_key(request, idempotency_key)
 
 
@@ -108,31 +108,31 @@ async def _required_key(
     idempotency_key: Annotated[
         str, _key_header("Any text of your own, new for each scan: a repeated request never fires twice")
     ],
-) -> Key:
+) -> IdempotencyKey:
     return await _read_key(request, idempotency_key)
 
 
-async def _read_key(request: Request, text: str) -> Key:
+async def _read_key(request: Request, text: str) -> IdempotencyKey:
     if not _KEY.fullmatch(text) or len(text) > MAX_KEY:
         raise InvalidInput("Idempotency-Key", text, f"1 to {MAX_KEY} visible ASCII characters")
     digest = hashlib.sha256(await request.body()).hexdigest()
-    return Key(request.state.principal.name, request.url.path, text, digest)
+    return IdempotencyKey(request.state.principal.name, request.url.path, text, digest)
 
 
-ServicesNeeded: TypeAlias = Annotated[Services, Depends(_services)]
-Who: TypeAlias = Annotated[Principal, Depends(_who)]
-"""Who asks, as proved to :class:`steradian.api.middleware.authentication.Authenticate`."""
-Wait: TypeAlias = Annotated[Patience, Depends(_wait)]
+ServicesDep: TypeAlias = Annotated[ServiceContainer, Depends(_services)]
+CurrentPrincipal: TypeAlias = Annotated[Principal, Depends(_who)]
+"""Who asks, as proved to :class:`steradian.api.middleware.authentication.AuthenticationMiddleware`."""
+Wait: TypeAlias = Annotated[LongPoll, Depends(_wait)]
 """How long the client is ready to wait; not at all when it did not say."""
-OptionalKey: TypeAlias = Annotated[Key | None, Depends(_key)]
-RequiredKey: TypeAlias = Annotated[Key, Depends(_required_key)]
+OptionalIdempotencyKey: TypeAlias = Annotated[IdempotencyKey | None, Depends(_key)]
+RequiredIdempotencyKey: TypeAlias = Annotated[IdempotencyKey, Depends(_required_key)]
 Limit: TypeAlias = Annotated[int, Query(ge=1, le=1000, description="Most items of the answer", examples=[100])]
-Before: TypeAlias = Annotated[
+PageCursor: TypeAlias = Annotated[
     int | None, Query(ge=0, le=2**31 - 1, description="Cursor of the Link header's next page", examples=[17])
 ]
 
 
-def link_next(response: Response, request: Request, limit: int, cursor: int | None) -> None:
+def set_next_link(response: Response, request: Request, limit: int, cursor: int | None) -> None:
     """Add the ``Link: rel="next"`` header for the next page, with the same filters."""
     if cursor is not None:
         chosen = [pair for pair in request.query_params.multi_items() if pair[0] not in {"limit", "before"}]
@@ -141,7 +141,7 @@ def link_next(response: Response, request: Request, limit: int, cursor: int | No
 
 
 @contextmanager
-def deleted_since(answer: Answer) -> Iterator[None]:
+def deleted_since(answer: StoredResponse) -> Iterator[None]:
     """Mark a repeated response whose resource has been deleted, so that the client does not wait for a result."""
     try:
         yield
@@ -150,7 +150,7 @@ def deleted_since(answer: Answer) -> Iterator[None]:
             raise
 
 
-def replay(answer: Answer) -> Response:
+def idempotent_response(answer: StoredResponse) -> Response:
     """Build the response for a stored (or newly stored) idempotent result."""
     before = answer.location.rpartition(f"{BASE}/")[0]  # below which path it was asked first
     location, body = answer.location, answer.body

@@ -43,14 +43,14 @@ ArrangementName: TypeAlias = Literal[
     "points",
     "subset",
 ]
-OfArrangement: TypeAlias = Annotated[ArrangementName | None, Query(description="Only of this kind")]
-OfMask: TypeAlias = Annotated[str | None, _one("of this mask", "m0123456789abcdef01234567")]
-ThroughMask: TypeAlias = Annotated[
+ArrangementFilter: TypeAlias = Annotated[ArrangementName | None, Query(description="Only of this kind")]
+MaskIdFilter: TypeAlias = Annotated[str | None, _one("of this mask", "m0123456789abcdef01234567")]
+ThroughMaskIdFilter: TypeAlias = Annotated[
     str | None, _one("of what this mask measured, or what-if would have", "m0123456789abcdef01234567")
 ]
-OfPlan: TypeAlias = Annotated[str | None, _one("of this plan", "p0123456789abcdef01234567")]
-OfScan: TypeAlias = Annotated[str | None, _one("of this scan", "s01jz0000000000000000000000")]
-OfBatch: TypeAlias = Annotated[str | None, _one("of this batch", "b01jz0000000000000000000000")]
+PlanIdFilter: TypeAlias = Annotated[str | None, _one("of this plan", "p0123456789abcdef01234567")]
+ScanIdFilter: TypeAlias = Annotated[str | None, _one("of this scan", "s01jz0000000000000000000000")]
+BatchIdFilter: TypeAlias = Annotated[str | None, _one("of this batch", "b01jz0000000000000000000000")]
 JobKind: TypeAlias = Annotated[
     Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "width", "export", "import"] | None,
     Query(description="Only this kind"),
@@ -60,13 +60,13 @@ VolumeKind: TypeAlias = Annotated[
 ]
 
 
-def pairs_of(labels: list[str] | None) -> list[Label]:
+def parse_labels(labels: list[str] | None) -> list[Label]:
     """Parse ``key=value`` label filters; the key ends at the first equals sign."""
     parted = (label.partition("=") for label in labels or ())
     return [(name, text if equals else None) for name, equals, text in parted]
 
 
-def refuse_unknown(request: Request, dependant: Dependant) -> None:
+def reject_unknown_query_params(request: Request, dependant: Dependant) -> None:
     """Reject a request that has query parameters the operation does not declare.
 
     Raises

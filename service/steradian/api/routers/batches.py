@@ -17,15 +17,23 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import Before, Limit, OptionalKey, ServicesNeeded, Who, link_next, replay
-from steradian.api.params.filters import BatchStates, OfScan
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import (
+    CurrentPrincipal,
+    Limit,
+    OptionalIdempotencyKey,
+    PageCursor,
+    ServicesDep,
+    idempotent_response,
+    set_next_link,
+)
+from steradian.api.params.filters import BatchStates, ScanIdFilter
 from steradian.api.params.path import BATCH_ID
-from steradian.api.routers.reconstructions import JobWish, note_reconstruction
+from steradian.api.routers.reconstructions import JobWish, create_rows
 from steradian.api.schemas.reports import ReportView
 from steradian.api.schemas.resources import Listing
-from steradian.api.services import Services
-from steradian.api.use_cases.admission import check_parts, check_reconstruction, cost_of, frames_of
+from steradian.api.services import ServiceContainer
+from steradian.api.use_cases.admission import check_reconstruction, check_references, estimate_resources, frames_of
 from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.core.validation import Value
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
@@ -34,11 +42,11 @@ from steradian.jobs.requests import Identifier, ReconstructionRequest, Required,
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.db.tables import BatchRow, ReconstructionRow
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.idempotency import Answer
-from steradian.storage.repositories.references import hold_needs
+from steradian.storage.repositories.idempotency import StoredResponse
+from steradian.storage.repositories.references import lock_references
 from steradian.storage.states import BatchState, is_terminal
 
-router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=AuthorizedRoute)
 MAX_JOBS = 200
 _SCAN = "s01jz0000000000000000000000"
 _EXAMPLES: list[Any] = [
@@ -66,7 +74,7 @@ class BatchRequest(Value):
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
     requires: Required = Field(default=Required(), description="What the worker of each job must have")
 
-    def whole(self, excitation: list[float]) -> dict[str, list[Any]]:
+    def expand_grid(self, excitation: list[float]) -> dict[str, list[Any]]:
         """Return the varied values with the shorthand "each" expanded.
 
         ``excitation`` is the wavelength of each frame.
@@ -78,7 +86,7 @@ class BatchRequest(Value):
             first.setdefault(wavelength, number)
         return self.vary | {"frame": list(range(len(excitation))) if self.each == "frame" else list(first.values())}
 
-    def jobs(self, vary: dict[str, list[Any]]) -> list[ReconstructionRequest]:
+    def to_job_requests(self, vary: dict[str, list[Any]]) -> list[ReconstructionRequest]:
         """Return one job request per combination of values.
 
         Raises :class:`InvalidInput` for too many or an invalid one.
@@ -95,7 +103,7 @@ class BatchRequest(Value):
         return [self._one(dict(zip(vary, values, strict=True))) for values in itertools.product(*vary.values())]
 
     def _one(self, chosen: dict[str, Any]) -> ReconstructionRequest:
-        beside = _Beside.create(**{name: chosen.pop(name) for name in _BESIDE if name in chosen})
+        beside = SweepOptions.create(**{name: chosen.pop(name) for name in _BESIDE if name in chosen})
         parameters = ReconstructionParameters.create(**self.parameters | chosen)
         through = None if beside.mask_id is None else Through(mask_id=beside.mask_id, points=self.points)
         about: dict[str, Any] = {"through": through, "frame": beside.frame}
@@ -103,14 +111,14 @@ class BatchRequest(Value):
         return ReconstructionRequest.create(scan_id=self.scan_id, parameters=parameters, **about)
 
 
-class _Beside(Value):
+class SweepOptions(Value):
     """Request fields that may vary besides reconstruction parameters."""
 
     mask_id: Identifier | None = None
     frame: int | None = Field(default=None, ge=0)
 
 
-_BESIDE = tuple(_Beside.model_fields)
+_BESIDE = tuple(SweepOptions.model_fields)
 
 
 class MemberView(BaseModel):
@@ -160,59 +168,64 @@ class BatchView(BaseModel):
 
 
 @router.post("", status_code=202, summary="Queue a sweep of parameters", response_model=BatchView)
-async def create_batch(services: ServicesNeeded, who: Who, wanted: BatchRequest, key: OptionalKey) -> Response:
+async def create_batch(
+    services: ServicesDep, who: CurrentPrincipal, wanted: BatchRequest, key: OptionalIdempotencyKey
+) -> Response:
     """Queue a reconstruction for every combination of values; all are queued or none is."""
 
-    def make(session: Session) -> Answer:
-        services.require_room(session, sum(cost.disk for cost in costs), f"the batch of {len(costs)} volumes", measured)
-        hold_needs(session, *(one.model_dump(mode="json") for one in chosen))
+    def make(session: Session) -> StoredResponse:
+        services.require_disk_space(
+            session, sum(cost.disk for cost in costs), f"the batch of {len(costs)} volumes", measured
+        )
+        lock_references(session, *(one.model_dump(mode="json") for one in chosen))
         batch = services.batches.add(session, scan, vary, wanted.parameters, who.name)
         noted = [
-            note_reconstruction(services, session, scan, one, who, cost, batch)
-            for one, cost in zip(chosen, costs, strict=True)
+            create_rows(services, session, scan, one, who, cost, batch) for one, cost in zip(chosen, costs, strict=True)
         ]
         members = [row for row, _ in noted]
         view = BatchView.of(batch, members, {row.id: to_status(job) for row, job in noted})
-        return Answer(202, view.links["self"], view.model_dump_json())
+        return StoredResponse(202, view.links["self"], view.model_dump_json())
 
-    answer = await run_in_threadpool(services.answers.kept, key)
+    answer = await run_in_threadpool(services.answers.get, key)
     if answer is None:
         excitation = await run_in_threadpool(_excitation, services, wanted.scan_id)
-        vary = wanted.whole(excitation)
-        chosen = wanted.jobs(vary)
+        vary = wanted.expand_grid(excitation)
+        chosen = wanted.to_job_requests(vary)
         scan = await run_in_threadpool(check_reconstruction, services, chosen[0])
         for one in chosen:
-            await run_in_threadpool(check_parts, services, scan, one)
-        costs = await run_in_threadpool(lambda: [cost_of(services, scan, one) for one in chosen])
-        measured = await run_in_threadpool(services.measure)
-        answer = await run_in_threadpool(services.answers.once, key, make)
-    return replay(answer)
+            await run_in_threadpool(check_references, services, scan, one)
+        costs = await run_in_threadpool(lambda: [estimate_resources(services, scan, one) for one in chosen])
+        measured = await run_in_threadpool(services.refresh_disk_usage)
+        answer = await run_in_threadpool(services.answers.run_once, key, make)
+    return idempotent_response(answer)
 
 
 @router.get("", summary="Batches, newest first")
 def list_batches(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     response: Response,
     state: BatchStates = None,
-    scan_id: OfScan = None,
+    scan_id: ScanIdFilter = None,
     limit: Limit = 20,
-    before: Before = None,
+    before: PageCursor = None,
 ) -> Listing[BatchView]:
     """List batches."""
     page = services.batches.page(limit, before, filters.batches(state=state, scan_id=scan_id))
-    link_next(response, request, limit, page.cursor)
+    set_next_link(response, request, limit, page.cursor)
     return Listing(items=[_view(services, row) for row in page.rows])
 
 
 @router.get("/{batch_id}", summary="One batch and its jobs")
-def read_batch(services: ServicesNeeded, batch_id: BATCH_ID) -> BatchView:
+def read_batch(services: ServicesDep, batch_id: BATCH_ID) -> BatchView:
     """Return the states of a batch's jobs and the results of the finished ones."""
     return _view(services, services.batches.get(batch_id))
 
 
 @router.put("/{batch_id}/desired-state", summary="Cancel what is left of a batch")
-def set_batch_desired_state(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, wanted: JobWish) -> BatchView:
+def set_batch_desired_state(
+    services: ServicesDep, who: CurrentPrincipal, batch_id: BATCH_ID, wanted: JobWish
+) -> BatchView:
     """Cancel every job that waits or runs; repeating it changes nothing."""
     row = services.batches.get(batch_id)
     for member in services.reconstructions.of_batch(batch_id):
@@ -224,11 +237,11 @@ def set_batch_desired_state(services: ServicesNeeded, who: Who, batch_id: BATCH_
     return _view(services, row)
 
 
-def _excitation(services: Services, scan_id: str) -> list[float]:
+def _excitation(services: ServiceContainer, scan_id: str) -> list[float]:
     return frames_of(services.plans.get(services.scans.get(scan_id).plan_id).parameters)
 
 
-def _view(services: Services, row: BatchRow) -> BatchView:
+def _view(services: ServiceContainer, row: BatchRow) -> BatchView:
     members = services.reconstructions.of_batch(row.id)
     jobs = services.ledger.statuses([member.id for member in members])
     return BatchView.of(row, [member for member in members if member.id in jobs], jobs)

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Response
 
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Who
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
 from steradian.api.params.path import BATCH_ID, JOB_ID, MASK_ID, PLAN_ID, RECONSTRUCTION_ID, SCAN_ID
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.security.keys import Forbidden, Principal, Scope
 
-router = APIRouter(prefix=V1, route_class=GuardedRoute)
-NEEDS: Final = {
+router = APIRouter(prefix=V1, route_class=AuthorizedRoute)
+REQUIRED_SCOPES: Final = {
     "mask": Scope.PLAN,
     "plan": Scope.PLAN,
     "scan": Scope.OPERATE,
@@ -26,50 +26,62 @@ NEEDS: Final = {
 Dependents = Annotated[
     bool, Query(description="Also delete all that depends on it; else a 409 has-dependents names what does")
 ]
-GONE: dict[str, Any] = {"status_code": 204, "response_class": Response}
+DELETED_RESPONSE: dict[str, Any] = {"status_code": 204, "response_class": Response}
 
 
-@router.delete("/masks/{mask_id}", summary="Delete a mask", tags=["masks"], **GONE)
-def delete_mask(services: ServicesNeeded, who: Who, mask_id: MASK_ID, dependents: Dependents = False) -> Response:
+@router.delete("/masks/{mask_id}", summary="Delete a mask", tags=["masks"], **DELETED_RESPONSE)
+def delete_mask(
+    services: ServicesDep, who: CurrentPrincipal, mask_id: MASK_ID, dependents: Dependents = False
+) -> Response:
     """Delete a mask; plans of it depend on it, and reconstructions through it."""
     return _delete(services, who, "mask", mask_id, dependents)
 
 
-@router.delete("/plans/{plan_id}", summary="Delete a plan", tags=["plans"], **GONE)
-def delete_plan(services: ServicesNeeded, who: Who, plan_id: PLAN_ID, dependents: Dependents = False) -> Response:
+@router.delete("/plans/{plan_id}", summary="Delete a plan", tags=["plans"], **DELETED_RESPONSE)
+def delete_plan(
+    services: ServicesDep, who: CurrentPrincipal, plan_id: PLAN_ID, dependents: Dependents = False
+) -> Response:
     """Delete a plan; scans of it depend on it."""
     return _delete(services, who, "plan", plan_id, dependents)
 
 
-@router.delete("/scans/{scan_id}", summary="Delete a scan with its A-lines", tags=["scans"], **GONE)
-def delete_scan(services: ServicesNeeded, who: Who, scan_id: SCAN_ID, dependents: Dependents = False) -> Response:
+@router.delete("/scans/{scan_id}", summary="Delete a scan with its A-lines", tags=["scans"], **DELETED_RESPONSE)
+def delete_scan(
+    services: ServicesDep, who: CurrentPrincipal, scan_id: SCAN_ID, dependents: Dependents = False
+) -> Response:
     """Delete a scan that is over, or interrupted; jobs and batches on it depend on it."""
     return _delete(services, who, "scan", scan_id, dependents)
 
 
-@router.delete("/batches/{batch_id}", summary="Delete a batch", tags=["batches"], **GONE)
-def delete_batch(services: ServicesNeeded, who: Who, batch_id: BATCH_ID, dependents: Dependents = False) -> Response:
+@router.delete("/batches/{batch_id}", summary="Delete a batch", tags=["batches"], **DELETED_RESPONSE)
+def delete_batch(
+    services: ServicesDep, who: CurrentPrincipal, batch_id: BATCH_ID, dependents: Dependents = False
+) -> Response:
     """Delete a batch; its reconstructions depend on it."""
     return _delete(services, who, "batch", batch_id, dependents)
 
 
-@router.delete("/reconstructions/{reconstruction_id}", summary="Delete a volume", tags=["reconstructions"], **GONE)
+@router.delete(
+    "/reconstructions/{reconstruction_id}", summary="Delete a volume", tags=["reconstructions"], **DELETED_RESPONSE
+)
 def delete_reconstruction(
-    services: ServicesNeeded, who: Who, reconstruction_id: RECONSTRUCTION_ID, dependents: Dependents = False
+    services: ServicesDep, who: CurrentPrincipal, reconstruction_id: RECONSTRUCTION_ID, dependents: Dependents = False
 ) -> Response:
     """Delete a reconstruction that is over, with all its files; comparisons and exports of it depend on it."""
     return _delete(services, who, "reconstruction", reconstruction_id, dependents)
 
 
-@router.delete("/jobs/{job_id}", summary="Delete a job and what it left", tags=["jobs"], **GONE)
-def delete_job(services: ServicesNeeded, who: Who, job_id: JOB_ID, dependents: Dependents = False) -> Response:
+@router.delete("/jobs/{job_id}", summary="Delete a job and what it left", tags=["jobs"], **DELETED_RESPONSE)
+def delete_job(
+    services: ServicesDep, who: CurrentPrincipal, job_id: JOB_ID, dependents: Dependents = False
+) -> Response:
     """Delete a job that is over, with all its files; of a reconstruction, the same as DELETE /reconstructions."""
     return _delete(services, who, "job", job_id, dependents)
 
 
-def _delete(services: Services, who: Principal, kind: str, identifier: str, dependents: bool) -> Response:
+def _delete(services: ServiceContainer, who: Principal, kind: str, identifier: str, dependents: bool) -> Response:
     def check(kinds: Iterable[str]) -> None:
-        if missing := sorted({str(NEEDS[kind]) for kind in kinds if not who.may(NEEDS[kind])}):
+        if missing := sorted({str(REQUIRED_SCOPES[kind]) for kind in kinds if not who.may(REQUIRED_SCOPES[kind])}):
             raise Forbidden(f"to delete this with all that depends on it a key needs the scope {' and '.join(missing)}")
 
     services.deletion.delete(kind, identifier, who.name, dependents=dependents, check=check)

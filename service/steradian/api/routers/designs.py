@@ -8,20 +8,20 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from steradian.api.http.array_response import JSON
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded
-from steradian.api.routers.masks import check_size
-from steradian.api.routers.plans import Measuring
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep
+from steradian.api.routers.masks import check_point_limit
+from steradian.api.routers.plans import PlanParameters
 from steradian.api.schemas.reports import PreviewView
 from steradian.api.schemas.resources import MaskPreviewView
 from steradian.core.exceptions import InvalidInput
-from steradian.core.json_encoding import nulls
+from steradian.core.json_encoding import nan_to_none
 from steradian.core.units import SOUND_SPEED
-from steradian.core.validation import Value, quantity
+from steradian.core.validation import Value, quantity_field
 from steradian.masks import Arrangement, Mask
-from steradian.storage.repositories.plans import preview_document
+from steradian.storage.repositories.plans import plan_cost_document
 
-router = APIRouter(prefix=f"{V1}/designs", tags=["designs"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/designs", tags=["designs"], route_class=AuthorizedRoute)
 
 MOST_POINTS = 20_000
 """Largest mask whose point spread is worked out while somebody waits."""
@@ -36,7 +36,7 @@ Point = Annotated[
 ]
 
 
-class DesignRequest(Measuring):
+class DesignRequest(PlanParameters):
     """A mask and how it would be measured."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"arrangement": _EQUI, "pulse_rate": 1000}]})
@@ -52,8 +52,8 @@ class PointSpreadRequest(Value):
 
     arrangement: Arrangement
     point: Point = None
-    width: float = quantity("m", "Full width at half maximum of the ball", ge=1e-6, le=0.01, default=150e-6)
-    sound_speed: float = quantity("m/s", "Speed of sound", default=1500.0, **SOUND_SPEED.limits)
+    width: float = quantity_field("m", "Full width at half maximum of the ball", ge=1e-6, le=0.01, default=150e-6)
+    sound_speed: float = quantity_field("m/s", "Speed of sound", default=1500.0, **SOUND_SPEED.limits)
 
 
 class DesignView(BaseModel):
@@ -84,26 +84,26 @@ class PointSpreadView(BaseModel):
 
 
 @router.post("/preview", summary="What a mask and a plan would be together", response_model=DesignView)
-async def preview_design(services: ServicesNeeded, wanted: DesignRequest) -> Response:
+async def preview_design(services: ServicesDep, wanted: DesignRequest) -> Response:
     """Compute a mask's points, visit order, coverage and cost without storing anything."""
-    check_size(wanted.arrangement, services.settings.max_mask_points)
-    return Response(await services.workshop.work(_look, wanted), media_type=JSON)
+    check_point_limit(wanted.arrangement, services.settings.max_mask_points)
+    return Response(await services.workshop.submit(_look, wanted), media_type=JSON)
 
 
 @router.post("/point-spread", summary="What a tiny ball would look like", response_model=PointSpreadView)
-async def preview_point_spread(services: ServicesNeeded, wanted: PointSpreadRequest) -> Response:
+async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest) -> Response:
     """Simulate a ball, sense it through a mask that is not stored, and reconstruct it."""
-    check_size(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))
-    return Response(await services.workshop.work(_spread, wanted), media_type=JSON)
+    check_point_limit(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))
+    return Response(await services.workshop.submit(_spread, wanted), media_type=JSON)
 
 
 def _look(wanted: DesignRequest) -> bytes:
-    from steradian.masks.limited_view import visible_share
-    from steradian.masks.promises import promises
+    from steradian.masks.limited_view import visible_fraction
+    from steradian.masks.promises import evaluate_mask
 
     plan = wanted.plan(_mask(wanted.arrangement))
     mask = plan.mask  # with several beams another
-    seen = promises(mask, wanted.point)
+    seen = evaluate_mask(mask, wanted.point)
     place, angles = seen.point_of_interest, seen.solid_angles
     return (
         DesignView(
@@ -112,9 +112,9 @@ def _look(wanted: DesignRequest) -> bytes:
             weights=mask.weights.tolist(),
             outline=None if mask.outline is None else mask.outline.tolist(),
             solid_angles=None if angles is None else angles.tolist(),
-            visible_share=None if place is None else visible_share(mask, place),
+            visible_share=None if place is None else visible_fraction(mask, place),
             visit=plan.visit.tolist(),
-            plan=PreviewView.model_validate(preview_document(plan)),
+            plan=PreviewView.model_validate(plan_cost_document(plan)),
         )
         .model_dump_json()
         .encode()
@@ -128,7 +128,7 @@ def _spread(wanted: PointSpreadRequest) -> bytes:
     found = point_spread(mask, wanted.point, width=wanted.width, sound_speed=wanted.sound_speed)
     view: dict[str, Any] = {name: getattr(found, name) for name in ("true_width", "background")}
     view |= {name: getattr(found, name).tolist() for name in ("x", "z", "section")}
-    view |= dict(zip(("lateral", "axial"), nulls([found.lateral, found.axial]), strict=True))
+    view |= dict(zip(("lateral", "axial"), nan_to_none([found.lateral, found.axial]), strict=True))
     return PointSpreadView(**view).model_dump_json().encode()
 
 

@@ -8,13 +8,13 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Request
 from pydantic import BaseModel, Field
 
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Who
-from steradian.api.routers.scanners import StopRequest, press_one
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
+from steradian.api.routers.scanners import StopRequest, press_stop
 from steradian.api.schemas.resources import Listing
 from steradian.api.schemas.scanners import EmergencyAnswer
 
-router = APIRouter(prefix=V1, tags=["scanners"], route_class=GuardedRoute)
+router = APIRouter(prefix=V1, tags=["scanners"], route_class=AuthorizedRoute)
 
 
 class StopRight(BaseModel):
@@ -24,7 +24,7 @@ class StopRight(BaseModel):
 
 
 @router.get("/emergency-stop", summary="Whether you may press the emergency stop")
-async def read_emergency_stops(who: Who) -> StopRight:
+async def read_emergency_stops(who: CurrentPrincipal) -> StopRight:
     """Return the name under which a press of this caller would be recorded, without pressing.
 
     It is let in exactly as a press is: by a key, a session or a stop ticket, without the database. A page asks this
@@ -35,7 +35,7 @@ async def read_emergency_stops(who: Who) -> StopRight:
 
 @router.post("/emergency-stop", status_code=202, summary="Stop every scanner now")
 async def press_emergency_stops(
-    services: ServicesNeeded, request: Request, who: Who, wanted: Annotated[StopRequest | None, Body()] = None
+    services: ServicesDep, request: Request, who: CurrentPrincipal, wanted: Annotated[StopRequest | None, Body()] = None
 ) -> Listing[EmergencyAnswer]:
     """Press the stop of all scanners that there are; any authenticated caller may, and none need be known by name.
 
@@ -43,5 +43,5 @@ async def press_emergency_stops(
     laser uses its hardware switch.
     """
     reason = wanted.reason if wanted else None
-    presses = (press_one(services, request, who, name, reason) for name in services.nodes.scanners)
+    presses = (press_stop(services, request, who, name, reason) for name in services.nodes.scanners)
     return Listing(items=await asyncio.gather(*presses))

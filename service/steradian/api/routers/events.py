@@ -18,18 +18,18 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Who
-from steradian.api.services import Services
-from steradian.api.streaming.broadcaster import Event, Feed, Progress
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
+from steradian.api.services import ServiceContainer
+from steradian.api.streaming.broadcaster import Event, EventBroadcaster, Progress
 from steradian.security.keys import TICKET_SECONDS, Principal
-from steradian.storage.repositories.event_log import Bounds
+from steradian.storage.repositories.event_log import LogBounds
 
-router = APIRouter(prefix=V1, tags=["events"], route_class=GuardedRoute)
+router = APIRouter(prefix=V1, tags=["events"], route_class=AuthorizedRoute)
 BATCH = 200
 """Events that are read for one listener at a time."""
 RETRY_MS = 1000
-SIGN_OF_LIFE = 15.0
+KEEPALIVE = 15.0
 """Seconds of silence after which a listener is told that the service is there."""
 _STREAM = {"text/event-stream": {"schema": {"type": "string", "description": "Server-sent events"}}}
 _SNAPSHOT = ("scans", "reconstructions", "jobs", "batches", "scanners")
@@ -46,7 +46,7 @@ class TicketView(BaseModel):
 
 
 @dataclass(frozen=True)
-class Filter:
+class EventFilter:
     """Subscription filter: resource, kind and resume position."""
 
     kind: str | None
@@ -54,7 +54,7 @@ class Filter:
     with_progress: bool
     last_event_id: str | None
 
-    def wants(self, one: Progress | Event) -> bool:
+    def matches(self, one: Progress | Event) -> bool:
         """Whether an event or a piece of progress passes."""
         return self.kind in {None, one.kind} and self.scan_id in {None, one.scan_id}
 
@@ -73,11 +73,11 @@ async def _filter(
     last_event_id_header: Annotated[
         str | None, Header(alias="Last-Event-ID", description="Go on after this event: epoch.sequence")
     ] = None,
-) -> Filter:
-    return Filter(kind, scan_id, progress, last_event_id_header or last_event_id)
+) -> EventFilter:
+    return EventFilter(kind, scan_id, progress, last_event_id_header or last_event_id)
 
 
-Wanted = Annotated[Filter, Depends(_filter)]
+Wanted = Annotated[EventFilter, Depends(_filter)]
 
 
 class EventStream(Response):
@@ -116,15 +116,15 @@ async def _left(receive: Receive) -> None:
         pass
 
 
-async def _feed(request: Request, services: ServicesNeeded, wanted: Wanted) -> AsyncIterator[Feed]:
+async def _open_stream(request: Request, services: ServicesDep, wanted: Wanted) -> AsyncIterator[EventBroadcaster]:
     """Open the stream of a ticket, which opens it again for a client that shows an event of it."""
-    feed: Feed = request.app.state.feed
+    feed: EventBroadcaster = request.app.state.feed
     ticket: str | None = getattr(request.state, "ticket", None)
     if ticket is None:
         yield feed
         return
-    bounds = await feed.bounds()
-    goes_on = wanted.last_event_id is not None and _begin(bounds, wanted.last_event_id)[1] is None
+    bounds = await feed.log_bounds()
+    goes_on = wanted.last_event_id is not None and _resume_position(bounds, wanted.last_event_id)[1] is None
     await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
     try:
         yield feed
@@ -134,7 +134,7 @@ async def _feed(request: Request, services: ServicesNeeded, wanted: Wanted) -> A
 
 
 @router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")
-def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
+def create_ticket(services: ServicesDep, who: CurrentPrincipal) -> TicketView:
     """Make a ticket: a browser's EventSource can send no key, and a key does not belong into a URL."""
     return TicketView(ticket=services.keys.issue_ticket(who), seconds=TICKET_SECONDS)
 
@@ -147,7 +147,10 @@ def create_ticket(services: ServicesNeeded, who: Who) -> TicketView:
     responses={200: {"description": "A stream that ends only when one side leaves", "content": _STREAM}},
 )
 async def follow_events(
-    services: ServicesNeeded, who: Who, feed: Annotated[Feed, Depends(_feed)], wanted: Wanted
+    services: ServicesDep,
+    who: CurrentPrincipal,
+    feed: Annotated[EventBroadcaster, Depends(_open_stream)],
+    wanted: Wanted,
 ) -> EventStream:
     """Follow changes of state (events named scan, reconstruction, job, batch, scanner), revisions and progress.
 
@@ -157,42 +160,44 @@ async def follow_events(
     stand whenever one of them moves on, a job when its priority is changed; with each such event, places in the queue
     may be others. A revision is a newer image of a scan that is followed: its id is the reconstruction's.
     """
-    return EventStream(_frames(services, who, feed, wanted))
+    return EventStream(_stream_events(services, who, feed, wanted))
 
 
-async def _frames(services: Services, who: Principal, feed: Feed, wanted: Filter) -> AsyncGenerator[bytes, None]:
-    bounds = await feed.bounds()
-    cursor, problem = _begin(bounds, wanted.last_event_id)
+async def _stream_events(
+    services: ServiceContainer, who: Principal, feed: EventBroadcaster, wanted: EventFilter
+) -> AsyncGenerator[bytes, None]:
+    bounds = await feed.log_bounds()
+    cursor, problem = _resume_position(bounds, wanted.last_event_id)
     snapshot = {name: link(f"/{name}") for name in _SNAPSHOT}
     about = {} if problem is None else {"reason": problem, "snapshot": snapshot}
     name, place = "ready" if problem is None else "reset", f"{bounds.epoch}.{cursor}"
     yield format_sse_event(event=name, id=place, data_str=json.dumps(about), retry=RETRY_MS)
     told: dict[str, Progress] = {}
     began = spoke = time.monotonic()
-    async with aclosing(feed.listen(progress=wanted.with_progress)) as changes:
+    async with aclosing(feed.subscribe(progress=wanted.with_progress)) as changes:
         async for _ in changes:
             if services.keys.is_revoked(who):
                 return
             frames, said = [], cursor
-            while events := await feed.after(cursor, bounds.epoch, BATCH):
+            while events := await feed.events_after(cursor, bounds.epoch, BATCH):
                 cursor = events[-1].sequence
-                if passing := [event for event in events if wanted.wants(event)]:
+                if passing := [event for event in events if wanted.matches(event)]:
                     said, spoke = passing[-1].sequence, time.monotonic()
                     yield b"".join(event.frame for event in passing)  # at once: a client may have missed days
             if cursor > said:  # a client that comes back need not be told what it did not want to hear
                 frames.append(format_sse_event(id=f"{bounds.epoch}.{cursor}"))
             for progress in feed.progress(since=began) if wanted.with_progress else ():
-                if told.get(progress.id) != progress and wanted.wants(progress):
+                if told.get(progress.id) != progress and wanted.matches(progress):
                     told[progress.id] = progress
-                    frames.append(progress.frame)
-            if not frames and time.monotonic() - spoke >= SIGN_OF_LIFE:
+                    frames.append(progress.sse_frame)
+            if not frames and time.monotonic() - spoke >= KEEPALIVE:
                 frames = [KEEPALIVE_COMMENT]
             if frames:
                 spoke = time.monotonic()
                 yield b"".join(frames)
 
 
-def _begin(bounds: Bounds, last_event_id: str | None) -> tuple[int, str | None]:
+def _resume_position(bounds: LogBounds, last_event_id: str | None) -> tuple[int, str | None]:
     """Return the number after which a stream begins, and the reason if that differs from the client's last event."""
     if last_event_id is None:
         return bounds.last, None

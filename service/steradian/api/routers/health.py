@@ -10,11 +10,11 @@ from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian import __version__
-from steradian.api.params.dependencies import ServicesNeeded
-from steradian.api.services import Services
+from steradian.api.params.dependencies import ServicesDep
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput
 from steradian.runtime.heartbeat import is_alive
-from steradian.storage.maintenance.binding import check
+from steradian.storage.maintenance.binding import check_binding
 from steradian.storage.maintenance.permissions import unwritable_part
 
 router = APIRouter(tags=["health"])
@@ -48,41 +48,43 @@ async def read_health() -> Health:
     summary="Whether work can be taken",
     responses={503: {"model": Readiness, "description": "Something that work needs is missing"}},
 )
-def read_readiness(services: ServicesNeeded, response: Response) -> Readiness:
+def read_readiness(services: ServicesDep, response: Response) -> Readiness:
     """Check database, store, folder, queue and processes; a scanner that is unplugged does not make it unready."""
     closed = unwritable_part(services.data)
-    checks = _checks(services, time.time()) | {"folder": closed is None}
+    checks = readiness_checks(services, time.time()) | {"folder": closed is None}
     ready = all(checks.values())
     response.status_code = 200 if ready else 503
     return Readiness(ready=ready, checks=checks, reasons={} if closed is None else {"folder": closed})
 
 
-def _checks(services: Services, now: float) -> dict[str, bool]:
+def readiness_checks(services: ServiceContainer, now: float) -> dict[str, bool]:
+    """Readiness checks by name: database, array store, disk, queue and the processes' heartbeats."""
     settings = services.settings
     processes = ["acquisition"] if settings.has_scanner else []
-    processes += [settings.executor(slot) for slot in range(settings.workers)] if settings.has_scanner else []
+    processes += [settings.worker_slot_name(slot) for slot in range(settings.workers)] if settings.has_scanner else []
     return {
-        "database": _answers(services),
-        "store": _is_mounted(services) and services.arrays.answers(),
-        "disk": _has_room(services),
+        "database": database_responds(services),
+        "store": _is_mounted(services) and services.arrays.is_available(),
+        "disk": has_free_space(services),
         "queue": services.queue_is_open,
         **{name: is_alive(services.data.heartbeat(name), now) for name in processes},
     }
 
 
-def _has_room(services: Services) -> bool:
+def has_free_space(services: ServiceContainer) -> bool:
+    """Whether the data folder's disk has more than the minimum of free bytes."""
     try:
         return shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES
     except OSError:  # the folder is gone, or its host
         return False
 
 
-def _is_mounted(services: Services) -> bool:
+def _is_mounted(services: ServiceContainer) -> bool:
     """Whether the data folder is there; where nothing is mounted lies an empty one."""
     if services.settings.role != "service":
         return True
     try:
-        check(services.database, services.data)  # with a store, too: what is measured lies there at first
+        check_binding(services.database, services.data)  # with a store, too: what is measured lies there at first
     except InvalidInput:
         return False
     except SQLAlchemyError:
@@ -90,7 +92,8 @@ def _is_mounted(services: Services) -> bool:
     return True
 
 
-def _answers(services: Services) -> bool:
+def database_responds(services: ServiceContainer) -> bool:
+    """Whether the database answers a query."""
     try:
         services.database.check()
     except SQLAlchemyError:

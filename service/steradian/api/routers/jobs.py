@@ -12,39 +12,39 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.errors.handlers import NotReady
-from steradian.api.http.conditional import ChangeConditionsNeeded, ConditionsNeeded, etag_of, etag_of_file
-from steradian.api.http.file_response import RANGED, RangedFile, find, log_as_text
-from steradian.api.middleware.authentication import V1, GuardedRoute
+from steradian.api.http.conditional import ReadPreconditionsDep, WritePreconditionsDep, etag_of_file, resource_etag
+from steradian.api.http.file_response import RANGED, RangeFileResponse, concatenated_log_response, open_or_404
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import (
-    Before,
+    CurrentPrincipal,
     Limit,
-    OptionalKey,
-    ServicesNeeded,
+    OptionalIdempotencyKey,
+    PageCursor,
+    ServicesDep,
     Wait,
-    Who,
     deleted_since,
-    link_next,
-    replay,
+    idempotent_response,
+    set_next_link,
 )
-from steradian.api.params.filters import JobKind, JobStates, OfBatch, OfScan
+from steradian.api.params.filters import BatchIdFilter, JobKind, JobStates, ScanIdFilter
 from steradian.api.params.path import FILE_NAME, JOB_ID
 from steradian.api.routers.reconstructions import AttemptsView, JobWish, PriorityChange
 from steradian.api.schemas.jobs import JobView
 from steradian.api.schemas.resources import Listing
-from steradian.api.services import Services
-from steradian.api.use_cases.admission import check_work
+from steradian.api.services import ServiceContainer
+from steradian.api.use_cases.admission import check_job
 from steradian.core.exceptions import NotFound
 from steradian.jobs.queue.ledger import to_status
-from steradian.jobs.requests import EXAMPLES, WorkRequest, job_of
+from steradian.jobs.requests import EXAMPLES, WorkRequest, to_job_request
 from steradian.security.keys import Principal
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import LOG
 from steradian.storage.db.clock import new_id
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.idempotency import Answer, Key
+from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 from steradian.storage.states import ReconstructionState
 
-router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=AuthorizedRoute)
 
 
 AnyRequest: TypeAlias = Annotated[WorkRequest, Field(discriminator="kind")]
@@ -59,100 +59,104 @@ _EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in EXAMP
     responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
 )
 async def create_job(
-    services: ServicesNeeded,
-    who: Who,
+    services: ServicesDep,
+    who: CurrentPrincipal,
     wanted: Annotated[AnyRequest, Body(openapi_examples=_EXAMPLES)],
-    key: OptionalKey,
+    key: OptionalIdempotencyKey,
     wait: Wait,
 ) -> Response:
     """Queue a job: sound-speed search, comparison, width, export or import, discriminated by ``kind``.
 
     Reconstructions, also those through another mask, are queued by POST /reconstructions and POST /batches.
     """
-    return await queue_job(services, who, wanted, key, wait)
+    return await submit_job(services, who, wanted, key, wait)
 
 
-async def queue_job(
-    services: Services,
+async def submit_job(
+    services: ServiceContainer,
     who: Principal,
     wanted: WorkRequest,
-    key: Key | None,
+    key: IdempotencyKey | None,
     wait: Wait,
 ) -> Response:
     """Validate, store and enqueue a job; long-poll if the client asked for it."""
 
-    def make(session: Session) -> Answer:
-        services.require_room(session, cost.disk, f"the {wanted.kind}", measured)
+    def make(session: Session) -> StoredResponse:
+        services.require_disk_space(session, cost.disk, f"the {wanted.kind}", measured)
         about: dict[str, Any] = {"principal": who.name, "promised": cost.disk, "memory": cost.memory}
-        row = services.submit(session, job_of(new_id("j"), wanted, **about))
+        row = services.submit(session, to_job_request(new_id("j"), wanted, **about))
         session.flush()
         view = JobView.of(to_status(row))
-        return Answer(202, view.links["self"], view.model_dump_json())
+        return StoredResponse(202, view.links["self"], view.model_dump_json())
 
-    answer = await run_in_threadpool(services.answers.kept, key)
+    answer = await run_in_threadpool(services.answers.get, key)
     if answer is None:
-        cost = await run_in_threadpool(check_work, services, wanted)
-        measured = await run_in_threadpool(services.measure)
-        answer = await run_in_threadpool(services.answers.once, key, make)
+        cost = await run_in_threadpool(check_job, services, wanted)
+        measured = await run_in_threadpool(services.refresh_disk_usage)
+        answer = await run_in_threadpool(services.answers.run_once, key, make)
     identifier = answer.location.rpartition("/")[2]
     if not wait.seconds:
-        return replay(answer)
+        return idempotent_response(answer)
     with deleted_since(answer):
         view = await _view(services, identifier, wait)
         status = 201 if view.is_over else 202
         answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
-    return replay(answer)
+    return idempotent_response(answer)
 
 
 @router.get("", summary="Jobs of every kind, newest first")
 def list_jobs(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     response: Response,
     kind: JobKind = None,
     state: JobStates = None,
-    scan_id: OfScan = None,
-    batch_id: OfBatch = None,
+    scan_id: ScanIdFilter = None,
+    batch_id: BatchIdFilter = None,
     limit: Limit = 100,
-    before: Before = None,
+    before: PageCursor = None,
 ) -> Listing[JobView]:
     """List jobs, reconstructions among them."""
     where = filters.jobs(kind=kind, state=state, scan_id=scan_id, batch_id=batch_id)
     page = services.ledger.page(limit, before, where)
-    link_next(response, request, limit, page.cursor)
+    set_next_link(response, request, limit, page.cursor)
     return Listing(items=[JobView.of(to_status(row)) for row in page.rows])
 
 
 @router.get("/{job_id}", summary="One job")
-async def read_job(services: ServicesNeeded, job_id: JOB_ID, wait: Wait, conditions: ConditionsNeeded) -> JobView:
+async def read_job(services: ServicesDep, job_id: JOB_ID, wait: Wait, conditions: ReadPreconditionsDep) -> JobView:
     """Return a job's state, and its results once it has succeeded."""
-    job = await wait.until(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
+    job = await wait.wait_for(lambda: services.ledger.status(job_id), lambda seen: seen.is_over)
     view = JobView.of(job, await run_in_threadpool(services.forecast, job))
-    conditions.tag(etag_of(job_id, job.revision, view))
+    conditions.tag(resource_etag(job_id, job.revision, view))
     return view
 
 
 @router.patch("/{job_id}", summary="Move a waiting job in the queue")
 def change_job(
-    services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: PriorityChange, conditions: ChangeConditionsNeeded
+    services: ServicesDep,
+    who: CurrentPrincipal,
+    job_id: JOB_ID,
+    wanted: PriorityChange,
+    conditions: WritePreconditionsDep,
 ) -> JobView:
     """Give a job that waits another priority; with If-Match only if it has not changed since."""
     services.ledger.get(job_id)
     job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id), who.name)
     view = JobView.of(job, services.forecast(job))
-    conditions.tag(etag_of(job_id, job.revision, view))
+    conditions.tag(resource_etag(job_id, job.revision, view))
     return view
 
 
 @router.put("/{job_id}/desired-state", summary="Cancel a job")
-def set_job_desired_state(services: ServicesNeeded, who: Who, job_id: JOB_ID, wanted: JobWish) -> JobView:
+def set_job_desired_state(services: ServicesDep, who: CurrentPrincipal, job_id: JOB_ID, wanted: JobWish) -> JobView:
     """Cancel a job that waits or runs; repeating it changes nothing."""
     services.ledger.get(job_id)
     return JobView.of(services.cancel(job_id, who.name, wanted.reason))
 
 
 @router.get("/{job_id}/attempts", summary="Every start of a job")
-def read_job_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
+def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
     """Show which worker started the job when, and how each start ended."""
     return AttemptsView.of(services.ledger.status(job_id))
 
@@ -163,24 +167,24 @@ def read_job_attempts(services: ServicesNeeded, job_id: JOB_ID) -> AttemptsView:
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def read_job_log(services: ServicesNeeded, job_id: JOB_ID) -> Response:
+def read_job_log(services: ServicesDep, job_id: JOB_ID) -> Response:
     """Show the log of all attempts; empty before the first."""
     services.ledger.get(job_id)
-    return log_of(services, job_id)
+    return job_log_response(services, job_id)
 
 
 @router.get(
     "/{job_id}/files/{name}",
     summary="A file that a job left",
-    response_class=RangedFile,
+    response_class=RangeFileResponse,
     openapi_extra=RANGED,
     responses={
         200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
     },
 )
 async def read_job_file(
-    services: ServicesNeeded, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ConditionsNeeded
-) -> RangedFile:
+    services: ServicesDep, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ReadPreconditionsDep
+) -> RangeFileResponse:
     """Download a file of a job's ``files``, also in ranges."""
     view = await _view(services, job_id, wait)
     if not view.is_over:
@@ -188,24 +192,24 @@ async def read_job_file(
     if view.state is not ReconstructionState.SUCCEEDED or name not in view.files:
         raise NotFound(f"file of job {job_id}", name)
     kept = result_name(job_id, name)
-    path = await run_in_threadpool(find, services.arrays, kept, f"file of job {job_id}", name)
+    path = await run_in_threadpool(open_or_404, services.arrays, kept, f"file of job {job_id}", name)
     etag = etag_of_file(path)
     conditions.tag(etag)
-    return RangedFile(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
+    return RangeFileResponse(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
 
 
-def log_of(services: Services, job_id: str) -> Response:
+def job_log_response(services: ServiceContainer, job_id: str) -> Response:
     """Return the concatenated logs of all attempts."""
     try:
-        return log_as_text(_logs(services, job_id))
+        return concatenated_log_response(_logs(services, job_id))
     except (NotFound, FileNotFoundError):  # a worker puts it away just now
         services.ledger.get(job_id)
-        return log_as_text(_logs(services, job_id))
+        return concatenated_log_response(_logs(services, job_id))
 
 
-def _logs(services: Services, job_id: str) -> list[Path]:
-    return [services.arrays.open(name) for name in services.arrays.names(result_name(job_id, LOG))]
+def _logs(services: ServiceContainer, job_id: str) -> list[Path]:
+    return [services.arrays.open(name) for name in services.arrays.list_names(result_name(job_id, LOG))]
 
 
-async def _view(services: Services, job_id: str, wait: Wait) -> JobView:
-    return await wait.until(lambda: JobView.of(services.ledger.status(job_id)), lambda view: view.is_over)
+async def _view(services: ServiceContainer, job_id: str, wait: Wait) -> JobView:
+    return await wait.wait_for(lambda: JobView.of(services.ledger.status(job_id)), lambda view: view.is_over)

@@ -12,19 +12,19 @@ from fastapi import APIRouter, Body, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.http.array_response import CSV, JSON, NPY, PICTURE, PNG, negotiate
-from steradian.api.http.conditional import ConditionsNeeded, etag_of
-from steradian.api.http.file_response import RANGED, RangedFile
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import Before, Limit, ServicesNeeded, link_next
-from steradian.api.params.filters import OfArrangement
+from steradian.api.http.conditional import ReadPreconditionsDep, resource_etag
+from steradian.api.http.file_response import RANGED, RangeFileResponse
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import Limit, PageCursor, ServicesDep, set_next_link
+from steradian.api.params.filters import ArrangementFilter
 from steradian.api.params.path import MASK_ID
 from steradian.api.schemas.resources import Listing, MaskPreviewView, MaskView, PointsView
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Arrangement, Mask
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.masks import to_columns
+from steradian.storage.repositories.masks import mask_row_values
 
-router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/masks", tags=["masks"], route_class=AuthorizedRoute)
 
 SMALL = 2_000
 """Points up to which a mask is made by the API's own process."""
@@ -44,17 +44,17 @@ _EXAMPLES = {
     responses={200: {"model": MaskView, "description": "The same mask exists already"}},
 )
 async def create_mask(
-    services: ServicesNeeded,
+    services: ServicesDep,
     response: Response,
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> MaskView:
     """Keep a mask; the same parameters always give the same id."""
-    check_size(arrangement, services.settings.max_mask_points)
+    check_point_limit(arrangement, services.settings.max_mask_points)
     if arrangement.expected_count > SMALL:
-        columns = await services.workshop.work(_build, arrangement)
+        columns = await services.workshop.submit(_build, arrangement)
     else:
         columns = await run_in_threadpool(_build, arrangement)
-    row, is_new = await run_in_threadpool(services.masks.put_columns, columns)
+    row, is_new = await run_in_threadpool(services.masks.insert_row, columns)
     view = MaskView.of(row)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = view.links["self"]
@@ -68,41 +68,41 @@ async def create_mask(
     responses={200: {"description": "Nothing is stored", "content": PICTURE}},
 )
 async def preview_mask(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> Response:
     """Work out points and figures of a mask, or draw it, storing nothing."""
     kind = negotiate(request, (JSON, PNG))
-    check_size(arrangement, services.settings.max_mask_points)
+    check_point_limit(arrangement, services.settings.max_mask_points)
     if kind == PNG:
         async with services.previewing:
-            body = await services.workshop.work(_picture, arrangement)
+            body = await services.workshop.submit(_picture, arrangement)
     else:
-        body = await services.workshop.work(_promises, arrangement)
+        body = await services.workshop.submit(_mask_metrics, arrangement)
     return Response(body, media_type=kind, headers={"Vary": "Accept"})
 
 
 @router.get("", summary="Masks, newest first")
 def list_masks(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     response: Response,
-    arrangement: OfArrangement = None,
+    arrangement: ArrangementFilter = None,
     limit: Limit = 100,
-    before: Before = None,
+    before: PageCursor = None,
 ) -> Listing[MaskView]:
     """List masks."""
     page = services.masks.page(limit, before, filters.masks(arrangement=arrangement))
-    link_next(response, request, limit, page.cursor)
+    set_next_link(response, request, limit, page.cursor)
     return Listing(items=[MaskView.of(row) for row in page.rows])
 
 
 @router.get("/{mask_id}", summary="One mask")
-def read_mask(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> MaskView:
+def read_mask(services: ServicesDep, mask_id: MASK_ID, conditions: ReadPreconditionsDep) -> MaskView:
     """Show a mask without its points."""
     row = services.masks.get(mask_id)
-    conditions.tag(etag_of(row.id, 1))
+    conditions.tag(resource_etag(row.id, 1))
     return MaskView.of(row)
 
 
@@ -115,53 +115,55 @@ def read_mask(services: ServicesNeeded, mask_id: MASK_ID, conditions: Conditions
     },
 )
 def read_mask_points(
-    services: ServicesNeeded, request: Request, mask_id: MASK_ID, conditions: ConditionsNeeded
+    services: ServicesDep, request: Request, mask_id: MASK_ID, conditions: ReadPreconditionsDep
 ) -> Response:
     """Show the points as JSON, as CSV (x, y, weight) or as an npy array (count, 3) of x, y and weight."""
     kind = negotiate(request, (JSON, CSV, NPY))
     row = services.masks.get(mask_id)
-    etag = etag_of(row.id, kind.rpartition("/")[2])
+    etag = resource_etag(row.id, kind.rpartition("/")[2])
     conditions.tag(etag, vary="Accept")
-    body = _written(services.masks.load(mask_id), kind)
+    body = _render_points(services.masks.load(mask_id), kind)
     return Response(body, media_type=kind, headers={"ETag": etag, "Vary": "Accept"})
 
 
 @router.get(
     "/{mask_id}/picture",
     summary="A picture of a mask",
-    response_class=RangedFile,
+    response_class=RangeFileResponse,
     openapi_extra=RANGED,
     responses={200: {"content": PICTURE}},
 )
-async def read_mask_picture(services: ServicesNeeded, mask_id: MASK_ID, conditions: ConditionsNeeded) -> RangedFile:
+async def read_mask_picture(
+    services: ServicesDep, mask_id: MASK_ID, conditions: ReadPreconditionsDep
+) -> RangeFileResponse:
     """Return a picture of the mask: points, density and coverage. It is drawn once and cached."""
     await run_in_threadpool(services.masks.get, mask_id)
-    etag = etag_of(mask_id, "picture")
+    etag = resource_etag(mask_id, "picture")
     conditions.tag(etag)
     path = services.data.picture(mask_id)
     if not await run_in_threadpool(path.is_file):
         async with services.drawing:
             if not await run_in_threadpool(path.is_file):
-                await services.workshop.work(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
-    return RangedFile(path, media_type=PNG, headers={"ETag": etag})
+                await services.workshop.submit(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
+    return RangeFileResponse(path, media_type=PNG, headers={"ETag": etag})
 
 
 def _build(arrangement: Arrangement) -> dict[str, Any]:
-    return to_columns(arrangement.build())
+    return mask_row_values(arrangement.build())
 
 
-def _promises(arrangement: Arrangement) -> bytes:
-    from steradian.masks.promises import promises
+def _mask_metrics(arrangement: Arrangement) -> bytes:
+    from steradian.masks.promises import evaluate_mask
 
     mask = arrangement.build()
-    return MaskPreviewView.of(mask, promises(mask)).model_dump_json().encode()
+    return MaskPreviewView.of(mask, evaluate_mask(mask)).model_dump_json().encode()
 
 
 def _picture(arrangement: Arrangement) -> bytes:
-    from steradian.drawing.painting import paint
-    from steradian.masks.picture import mask_page
+    from steradian.drawing.painting import render_page
+    from steradian.masks.picture import mask_figure
 
-    return paint(mask_page(arrangement.build(), with_point_spread=False)).png()
+    return render_page(mask_figure(arrangement.build(), with_point_spread=False)).png()
 
 
 def _draw(mask: Mask, path: Path) -> None:
@@ -170,7 +172,7 @@ def _draw(mask: Mask, path: Path) -> None:
     draw_mask(mask, path, with_point_spread=False)
 
 
-def _written(mask: Mask, kind: str) -> bytes | str:
+def _render_points(mask: Mask, kind: str) -> bytes | str:
     table = np.column_stack([mask.positions, mask.weights])
     if kind == NPY:
         array = io.BytesIO()
@@ -192,7 +194,7 @@ def _written(mask: Mask, kind: str) -> bytes | str:
     ).model_dump_json()
 
 
-def check_size(arrangement: Arrangement, limit: int) -> None:
+def check_point_limit(arrangement: Arrangement, limit: int) -> None:
     """Reject an arrangement whose expected number of points exceeds the limit; raises :class:`InvalidInput`."""
     expected = arrangement.expected_count
     if expected > limit:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 from prometheus_client import generate_latest
 
-from steradian.api.middleware.authentication import GuardedRoute
+from steradian.api.middleware.authentication import AuthorizedRoute
 from steradian.api.middleware.metrics import Metrics
 
-router = APIRouter(tags=["health"], route_class=GuardedRoute)
+router = APIRouter(tags=["health"], route_class=AuthorizedRoute)
 TEXT = "text/plain; version=0.0.4; charset=utf-8"
 
 

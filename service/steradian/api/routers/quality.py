@@ -9,10 +9,10 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, ConfigDict, Field
 
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import OptionalKey, ServicesNeeded, Wait, Who
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import CurrentPrincipal, OptionalIdempotencyKey, ServicesDep, Wait
 from steradian.api.params.path import RECONSTRUCTION_ID
-from steradian.api.routers.jobs import queue_job
+from steradian.api.routers.jobs import submit_job
 from steradian.api.schemas.jobs import JobView
 from steradian.api.schemas.resources import BASE, Listing
 from steradian.core.validation import Value
@@ -20,8 +20,8 @@ from steradian.jobs.requests import Identifier, QualityRequest
 from steradian.storage.repositories import filters
 from steradian.storage.states import ReconstructionState
 
-router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
-MOST = 200
+router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
+MAX_COMPARISONS = 200
 
 
 class Reference(Value):
@@ -55,24 +55,26 @@ class QualityView(BaseModel):
     responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
 )
 async def create_reconstruction_quality(
-    services: ServicesNeeded,
-    who: Who,
+    services: ServicesDep,
+    who: CurrentPrincipal,
     reconstruction_id: RECONSTRUCTION_ID,
     wanted: Reference,
-    key: OptionalKey,
+    key: OptionalIdempotencyKey,
     wait: Wait,
 ) -> Response:
     """Queue a comparison; the answer is its job."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
-    return await queue_job(services, who, request, key, wait)
+    return await submit_job(services, who, request, key, wait)
 
 
 @router.get("/{reconstruction_id}/quality", summary="What a reconstruction was compared with")
-def list_reconstruction_quality(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
+def list_reconstruction_quality(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
     """List the comparisons of a reconstruction, newest first."""
     services.reconstructions.get(reconstruction_id)
-    page = services.ledger.page(MOST, None, filters.jobs(kind="quality", reconstruction_id=reconstruction_id))
+    page = services.ledger.page(
+        MAX_COMPARISONS, None, filters.jobs(kind="quality", reconstruction_id=reconstruction_id)
+    )
     return Listing(
         items=[
             QualityView(

@@ -9,30 +9,30 @@ from fastapi import Path as Path_
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.background.peers import Elsewhere
+from steradian.api.background.peers import ForwardToPeer
 from steradian.api.errors.handlers import NotReady
 from steradian.api.http.array_response import JSON, NPY, PICTURE, PNG, RAW, negotiate
-from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
-from steradian.api.http.file_response import find
+from steradian.api.http.conditional import ReadPreconditionsDep, etag_of_file
+from steradian.api.http.file_response import open_or_404
 from steradian.api.http.volume_params import VOXELS, DataType, Level, MaxSize, Part, Slab, WindowText
-from steradian.api.http.volume_response import ProjectionWish, VolumeWish, projection_as_numbers, volume_as_numbers
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Wait
+from steradian.api.http.volume_response import ProjectionQuery, VolumeQuery, projection_response, volume_response
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep, Wait
 from steradian.api.params.path import RECONSTRUCTION_ID
-from steradian.api.routers.jobs import log_of
-from steradian.api.routers.reconstructions import look
+from steradian.api.routers.jobs import job_log_response
+from steradian.api.routers.reconstructions import read_with_wait
 from steradian.api.schemas.reports import ImageView
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
 from steradian.jobs.model import JobStatus
-from steradian.jobs.registry import LIVE
+from steradian.jobs.registry import LIVE_KIND
 from steradian.reconstructions.volumes.reader import stored_volume
-from steradian.reconstructions.volumes.zarr_view import member
+from steradian.reconstructions.volumes.zarr_view import get_node
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import REVISION, VOLUME
 from steradian.storage.states import ReconstructionState
 
-router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
 
 
 class RevisionView(BaseModel):
@@ -59,11 +59,11 @@ class RevisionView(BaseModel):
     responses={200: {**VOXELS, "content": PICTURE | VOXELS["content"]}},
 )
 async def read_reconstruction_mip(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
-    conditions: ConditionsNeeded,
+    conditions: ReadPreconditionsDep,
     axis: Annotated[
         Literal["x", "y", "z", "depth"],
         Query(description="Along which axis; depth: along z, coloured by depth, or as numbers the depth in metres"),
@@ -79,20 +79,18 @@ async def read_reconstruction_mip(
     the near field, as its picture; each is the brightest of those that it covers.
     """
     kind = negotiate(request, (PNG, NPY, RAW, JSON))
-    if not await run_in_threadpool(_is_followed, services, reconstruction_id):
-        await _succeeded(services, reconstruction_id, wait)
+    if not await run_in_threadpool(is_live, services, reconstruction_id):
+        await require_succeeded(services, reconstruction_id, wait)
     if kind != PNG:
-        wish = ProjectionWish(axis, slab, max_size, dtype, window)
-        return await run_in_threadpool(
-            projection_as_numbers, services.arrays, reconstruction_id, kind, conditions, wish
-        )
+        wish = ProjectionQuery(axis, slab, max_size, dtype, window)
+        return await run_in_threadpool(projection_response, services.arrays, reconstruction_id, kind, conditions, wish)
     for name, given in {"slab": slab, "max_size": max_size, "dtype": dtype, "window": window}.items():
         if given is not None:
             raise InvalidInput(name, given, f"nothing for a picture; numbers come with Accept: {RAW}, {NPY} or {JSON}")
 
     def read() -> Response:
         name = result_name(reconstruction_id, f"mip-{axis}.png")
-        path = find(services.arrays, name, f"MIP along {axis} of", reconstruction_id)
+        path = open_or_404(services.arrays, name, f"MIP along {axis} of", reconstruction_id)
         with path.open("rb") as file:  # one version of it, though the next revision may replace it now
             etag = etag_of_file(path, file.fileno())
             conditions.tag(etag, vary="Accept")
@@ -106,20 +104,20 @@ async def read_reconstruction_mip(
     summary="How good the newest revision is while a scan is followed",
 )
 async def read_reconstruction_revision(
-    services: ServicesNeeded, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ConditionsNeeded
+    services: ServicesDep, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ReadPreconditionsDep
 ) -> RevisionView:
     """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     name = result_name(reconstruction_id, REVISION)
     if not await run_in_threadpool(services.arrays.stat, name):
         job = await run_in_threadpool(services.ledger.status, reconstruction_id)
-        if job.kind == LIVE and not job.is_over:
-            await run_in_threadpool(_send_on, services, job)
+        if job.kind == LIVE_KIND and not job.is_over:
+            await run_in_threadpool(forward_if_remote, services, job)
             raise NotReady(f"reconstruction {reconstruction_id} is {job.state} and has no revision yet", retry_after=2)
         raise NotFound("revision of", reconstruction_id)
 
     def read() -> RevisionView:
-        path = find(services.arrays, name, "revision of", reconstruction_id)
+        path = open_or_404(services.arrays, name, "revision of", reconstruction_id)
         with path.open("rb") as file:
             conditions.tag(etag_of_file(path, file.fileno()))
             return RevisionView.model_validate_json(file.read())
@@ -134,11 +132,11 @@ async def read_reconstruction_revision(
     responses={200: VOXELS},
 )
 async def read_reconstruction_volume(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
     reconstruction_id: RECONSTRUCTION_ID,
     wait: Wait,
-    conditions: ConditionsNeeded,
+    conditions: ReadPreconditionsDep,
     slice: Part = None,
     level: Level = None,
     max_size: MaxSize = None,
@@ -147,13 +145,13 @@ async def read_reconstruction_volume(
 ) -> Response:
     """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers contain shape, type and axes."""
     kind = negotiate(request, (NPY, RAW, JSON))
-    await _succeeded(services, reconstruction_id, wait)
+    await require_succeeded(services, reconstruction_id, wait)
     limit = services.settings.max_volume_bytes
 
     def read() -> Response:
-        find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
-        wish = VolumeWish(slice, level, max_size, dtype, window)
-        return volume_as_numbers(services.arrays, reconstruction_id, kind, conditions, wish, limit)
+        open_or_404(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        wish = VolumeQuery(slice, level, max_size, dtype, window)
+        return volume_response(services.arrays, reconstruction_id, kind, conditions, wish, limit)
 
     return await run_in_threadpool(read)
 
@@ -165,22 +163,22 @@ async def read_reconstruction_volume(
     responses={200: {"content": {RAW: {"schema": {"type": "string", "format": "binary"}}}}},
 )
 async def read_reconstruction_zarr(
-    services: ServicesNeeded,
+    services: ServicesDep,
     reconstruction_id: RECONSTRUCTION_ID,
     path: Annotated[
         str, Path_(max_length=60, description="Member of the hierarchy: metadata or a chunk", examples=["0/c/0/0/0"])
     ],
     wait: Wait,
-    conditions: ConditionsNeeded,
+    conditions: ReadPreconditionsDep,
 ) -> Response:
     """Give zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
-    await _succeeded(services, reconstruction_id, wait)
+    await require_succeeded(services, reconstruction_id, wait)
 
     def read() -> Response:
-        file = find(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        file = open_or_404(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
         etag = etag_of_file(file)
         conditions.tag(etag)
-        found = member(stored_volume(file, etag), path)
+        found = get_node(stored_volume(file, etag), path)
         if found is None:
             raise NotFound(f"member of the hierarchy of {reconstruction_id}", path)
         return Response(found, media_type=RAW, headers={"ETag": etag})
@@ -195,15 +193,15 @@ async def read_reconstruction_zarr(
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def read_reconstruction_log(services: ServicesNeeded, reconstruction_id: RECONSTRUCTION_ID) -> Response:
+def read_reconstruction_log(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Response:
     """Show the same as GET /jobs/{id}/log, which is the address for every kind of job."""
     services.reconstructions.get(reconstruction_id)
-    return log_of(services, reconstruction_id)
+    return job_log_response(services, reconstruction_id)
 
 
-async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
+async def require_succeeded(services: ServiceContainer, identifier: str, wait: Wait) -> None:
     """Reject a request for the result of a job that has none, with the reason."""
-    _, job = await look(services, identifier, wait)
+    _, job = await read_with_wait(services, identifier, wait)
     if job.state is ReconstructionState.SUCCEEDED:
         return
     if not job.is_over:
@@ -212,19 +210,19 @@ async def _succeeded(services: Services, identifier: str, wait: Wait) -> None:
     raise Conflict(f"reconstruction {identifier} has {job.state} and left no result{why}")
 
 
-def _is_followed(services: Services, identifier: str) -> bool:
+def is_live(services: ServiceContainer, identifier: str) -> bool:
     """Whether there are pictures of a job that is not over."""
     job = services.ledger.status(identifier)
-    if job.kind != LIVE or job.is_over:
+    if job.kind != LIVE_KIND or job.is_over:
         return False
     if services.arrays.stat(result_name(identifier, REVISION)) is not None:
         return True
-    _send_on(services, job)
+    forward_if_remote(services, job)
     return False
 
 
-def _send_on(services: Services, job: JobStatus) -> None:
+def forward_if_remote(services: ServiceContainer, job: JobStatus) -> None:
     """Forward requests for a live reconstruction to its scanner's node."""
     scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
     if scanner_id is not None and services.nodes.follows(scanner_id):
-        raise Elsewhere(scanner_id)
+        raise ForwardToPeer(scanner_id)

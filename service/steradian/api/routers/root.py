@@ -11,11 +11,11 @@ from steradian import __version__
 from steradian.api.errors.catalog import ROOT
 from steradian.api.http.array_response import CSV, JSON, NPY, RAW
 from steradian.api.http.urls import address, link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, longest_wait
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep, longest_wait
 from steradian.jobs.requests import SUFFIXES
 
-router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
+router = APIRouter(prefix=V1, tags=["service"], route_class=AuthorizedRoute)
 
 
 class RootView(BaseModel):
@@ -45,7 +45,7 @@ _FORMATS = {
 
 @router.get("", summary="The service, its mode, limits and links")
 @router.get("/", include_in_schema=False)
-def read_root(services: ServicesNeeded, request: Request) -> RootView:
+def read_root(services: ServicesDep, request: Request) -> RootView:
     """Return the service's name, version, limits and links."""
     settings = services.settings
     return RootView(

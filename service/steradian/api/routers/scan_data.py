@@ -14,38 +14,38 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.background.peers import Elsewhere
+from steradian.api.background.peers import ForwardToPeer
 from steradian.api.errors.handlers import NotReady
 from steradian.api.http.array_response import (
     ARRAY_ANSWER,
     JSON,
     NPY,
     RAW,
+    ArraySlice,
     ArrayView,
-    Dataset,
-    Selection,
-    Whole,
+    Hdf5Array,
+    InMemoryArray,
+    array_response,
     negotiate,
-    respond,
 )
-from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
-from steradian.api.http.file_response import RANGED, RangedFile, find
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Wait
+from steradian.api.http.conditional import ReadPreconditionsDep, etag_of_file
+from steradian.api.http.file_response import RANGED, RangeFileResponse, open_or_404
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep, Wait
 from steradian.api.params.path import SCAN_ID
 from steradian.api.routers.scans import is_settled
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
-from steradian.core.json_encoding import nulls, plain
+from steradian.core.json_encoding import nan_to_none, to_jsonable
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.latest import newest_row
-from steradian.scans.file.locking import open_to_read
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.latest import latest_row
+from steradian.scans.file.locking import open_for_reading
+from steradian.scans.file.rows import ShotTable
 from steradian.storage.blobs.interface import scan_name
 
 _FLAGS: Final = {"saturated": 1, "mistuned": 2, "misfired": 4, "partial": 8}
-router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)
 
 Points = Annotated[
     str | None,
@@ -55,7 +55,7 @@ Slice = Annotated[
     str | None,
     Query(max_length=60, description="Points and samples (axes of the answer), numpy syntax", examples=["0:10,::2"]),
 ]
-Since = Annotated[
+ChangeCursor = Annotated[
     str | None,
     Query(
         max_length=60,
@@ -143,28 +143,28 @@ class LatestView(ArrayView):
 @router.get(
     "/{scan_id}/file",
     summary="The A-lines as HDF5",
-    response_class=RangedFile,
+    response_class=RangeFileResponse,
     openapi_extra=RANGED,
     responses={
         200: {"content": {"application/x-hdf5": {"schema": {"type": "string", "format": "binary"}}}},
     },
 )
 async def read_scan_file(
-    services: ServicesNeeded, scan_id: SCAN_ID, wait: Wait, conditions: ConditionsNeeded
-) -> RangedFile:
+    services: ServicesDep, scan_id: SCAN_ID, wait: Wait, conditions: ReadPreconditionsDep
+) -> RangeFileResponse:
     """Download the scan file, also in ranges."""
-    row = await wait.until(lambda: services.scans.get(scan_id), is_settled)
+    row = await wait.wait_for(lambda: services.scans.get(scan_id), is_settled)
     if not is_settled(row):
         raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
     path = await run_in_threadpool(file_of, services, scan_id)
     etag = etag_of_file(path)
     conditions.tag(etag)
-    return RangedFile(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
+    return RangeFileResponse(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
 
 
 @router.get("/{scan_id}/shots", summary="What became of each shot")
 def read_scan_shots(
-    services: ServicesNeeded, scan_id: SCAN_ID, points: Points = None, since: Since = None
+    services: ServicesDep, scan_id: SCAN_ID, points: Points = None, since: ChangeCursor = None
 ) -> ShotsView:
     """Show status, shot number, time, energy and quality of each point, also while the scan runs.
 
@@ -173,14 +173,14 @@ def read_scan_shots(
     """
     with opened(services, scan_id) as file:
         marks = np.stack([file["alines/crc32c"][:], file["alines/status"][:]], axis=1)
-        newest = newest_row(file)
-        columns, mask = RowTable.of_file(file).columns, len(file["mask/weights"])
+        newest = latest_row(file)
+        columns, mask = ShotTable.of_file(file).columns, len(file["mask/weights"])
         coverage = CoverageView.of(file, columns["status"] == schema.STORED, columns["quality"])
     count = len(columns["status"])
-    chosen = Selection.parse(points, (count,), "points").index[0]
+    chosen = ArraySlice.parse(points, (count,), "points").index[0]
     wanted = np.zeros(count, bool)
     wanted[chosen] = True
-    changed, following = services.shot_looks.compare(scan_id, marks, since)
+    changed, following = services.shot_looks.changed_since(scan_id, marks, since)
     rows = np.flatnonzero(wanted & changed)
     told = {name: values[rows] for name, values in columns.items()}
     return ShotsView(
@@ -188,13 +188,13 @@ def read_scan_shots(
         frames=(rows // mask).tolist(),
         stored=(told["status"] == schema.STORED).tolist(),
         shot=told["shot"].tolist(),
-        fire_time=nulls(told["fire_time_s"]),
-        energy=nulls(told["energy"]),
+        fire_time=nan_to_none(told["fire_time_s"]),
+        energy=nan_to_none(told["energy"]),
         quality=told["quality"].tolist(),
         averages=told["averages"].tolist(),
-        time_zero=nulls(told["time_zero_s"]),
-        level=nulls(told["dc_v"]),
-        gain=nulls(told["gain_db"]),
+        time_zero=nan_to_none(told["time_zero_s"]),
+        level=nan_to_none(told["dc_v"]),
+        gain=nan_to_none(told["gain_db"]),
         coverage=coverage,
         newest=newest,
         next=following,
@@ -208,7 +208,7 @@ def read_scan_shots(
     responses={200: ARRAY_ANSWER},
 )
 def read_scan_alines(
-    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded, slice: Slice = None
+    services: ServicesDep, request: Request, scan_id: SCAN_ID, conditions: ReadPreconditionsDep, slice: Slice = None
 ) -> Response:
     """Read A-lines (points, samples) in digitiser counts, also while the scan runs; an ETag comes when it is over."""
     kind = negotiate(request, (NPY, RAW, JSON))
@@ -217,9 +217,9 @@ def read_scan_alines(
     if is_settled(services.scans.get(scan_id)):
         headers["ETag"] = etag_of_file(path, kind=kind)
         conditions.tag(headers["ETag"], vary="Accept")
-    alines = Dataset(path, "alines/samples")
-    selection = Selection.parse(slice, alines.shape)
-    return respond(alines, selection, kind, limit=services.settings.max_volume_bytes, headers=headers)
+    alines = Hdf5Array(path, "alines/samples")
+    selection = ArraySlice.parse(slice, alines.shape)
+    return array_response(alines, selection, kind, limit=services.settings.max_volume_bytes, headers=headers)
 
 
 @router.get(
@@ -229,17 +229,17 @@ def read_scan_alines(
     responses={200: {**ARRAY_ANSWER, "model": LatestView}},
 )
 def read_scan_latest_aline(
-    services: ServicesNeeded, request: Request, scan_id: SCAN_ID, conditions: ConditionsNeeded
+    services: ServicesDep, request: Request, scan_id: SCAN_ID, conditions: ReadPreconditionsDep
 ) -> Response:
     """Read the newest A-line in digitiser counts; headers or JSON fields give its index and its time axis in s."""
     kind = negotiate(request, (NPY, RAW, JSON))
     with opened(services, scan_id) as file:
-        row = newest_row(file)
+        row = latest_row(file)
         if row is None:
             raise NotReady(f"scan {scan_id} has no A-line yet")
-        one = RowTable.of_file(file, slice(row, row + 1)).columns
+        one = ShotTable.of_file(file, slice(row, row + 1)).columns
         interval, mask = float(file["plan"].attrs["sampling_interval_s"]), len(file["mask/weights"])
-        samples = Whole(file["alines/samples"][row])
+        samples = InMemoryArray(file["alines/samples"][row])
     zero, scale = float(one["time_zero_s"][0]), float(one["scale"][0])
     more: dict[str, Any] = {"row": row, "point": row % mask, "frame": row // mask, "shot": int(one["shot"][0])}
     more |= {"quality": int(one["quality"][0]), "time_zero": zero, "sampling_interval": interval, "scale": scale}
@@ -248,38 +248,40 @@ def read_scan_latest_aline(
     headers = {"ETag": etag, "Vary": "Accept", "X-Axes": "time", "X-Row": str(row), "X-Scale": f"{scale:.9g}"}
     headers |= {"X-Origin": f"{zero:.9g}", "X-Spacing": f"{interval:.9g}"}
     limit = services.settings.max_volume_bytes
-    return respond(samples, Selection.parse(None, samples.shape), kind, limit=limit, headers=headers, more=plain(more))
+    return array_response(
+        samples, ArraySlice.parse(None, samples.shape), kind, limit=limit, headers=headers, more=to_jsonable(more)
+    )
 
 
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
-def read_scan_coverage(services: ServicesNeeded, scan_id: SCAN_ID) -> CoverageView:
+def read_scan_coverage(services: ServicesDep, scan_id: SCAN_ID) -> CoverageView:
     """Count points and the area they stand for, also while the scan runs."""
     with opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
         status, quality = file["alines/status"][:], file["alines/quality"][:]
         return CoverageView.of(file, status == schema.STORED, quality)
 
 
-def file_of(services: Services, scan_id: str) -> Path:
+def file_of(services: ServiceContainer, scan_id: str) -> Path:
     """Find the file; one that is not kept yet its scanner's node has."""
     scan = services.scans.get(scan_id)
     try:
-        return find(services.arrays, scan_name(scan_id), "file of scan", scan_id)
+        return open_or_404(services.arrays, scan_name(scan_id), "file of scan", scan_id)
     except NotFound:
-        if scan.scanner_id is None or not services.nodes.is_elsewhere(scan.scanner_id):
+        if scan.scanner_id is None or not services.nodes.is_remote(scan.scanner_id):
             raise
-        raise Elsewhere(scan.scanner_id) from None
+        raise ForwardToPeer(scan.scanner_id) from None
 
 
 @contextmanager
-def opened(services: Services, scan_id: str) -> Iterator[h5py.File]:
+def opened(services: ServiceContainer, scan_id: str) -> Iterator[h5py.File]:
     """Open a scan's file to read; errors name the scan."""
     path = file_of(services, scan_id)
     try:
-        with open_to_read(path) as file:
+        with open_for_reading(path) as file:
             yield file
     except SteradianError:
         raise
     except FileNotFoundError:  # deleted since
         raise NotFound("file of scan", scan_id) from None
-    except (OSError, *BROKEN) as error:
+    except (OSError, *HDF5_ERRORS) as error:
         raise DamagedFile(f"the file of scan {scan_id} cannot be read: {error}") from error

@@ -7,22 +7,22 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from pydantic import ConfigDict, Field
 
-from steradian.api.background.peers import ERRAND, Elsewhere, came_from_a_node
-from steradian.api.http.conditional import ConditionsNeeded, etag_of
+from steradian.api.background.peers import STOP_ID_HEADER, ForwardToPeer, is_forwarded
+from steradian.api.http.conditional import ReadPreconditionsDep, resource_etag
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded, Who
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
 from steradian.api.params.path import SCANNER_ID
 from steradian.api.schemas.resources import Listing
 from steradian.api.schemas.scanners import EmergencyAnswer, EmergencyView, ScannerView
-from steradian.api.services import Services
-from steradian.api.use_cases.decommission import retire
+from steradian.api.services import ServiceContainer
+from steradian.api.use_cases.decommission import decommission_scanner
 from steradian.core.exceptions import NotFound
 from steradian.core.validation import Value
 from steradian.security.keys import Principal, Scope
 from steradian.storage.db.tables import ScannerRow
 
-router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=AuthorizedRoute)
 
 FIRES = "the scanner says that its laser is on, or armed, although it was stopped"
 Number = Annotated[int, Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease")]
@@ -63,13 +63,15 @@ class StopRequest(Value):
 
 
 @router.get("", summary="All scanners")
-def list_scanners(services: ServicesNeeded) -> Listing[ScannerView]:
+def list_scanners(services: ServicesDep) -> Listing[ScannerView]:
     """List the scanners."""
-    return Listing(items=[_view(services, row) for row in sorted(services.scanner.rows(), key=_place, reverse=True)])
+    return Listing(
+        items=[_view(services, row) for row in sorted(services.scanner.rows(), key=_field_path, reverse=True)]
+    )
 
 
 @router.get("/{scanner_id}", summary="One scanner")
-def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: ConditionsNeeded) -> ScannerView:
+def read_scanner(services: ServicesDep, scanner_id: SCANNER_ID, conditions: ReadPreconditionsDep) -> ScannerView:
     """Return a scanner: its connection, activity, reported state and lease.
 
     What it says of laser, shutter, interlock, key and fault is as old as `age` says, and `unknown` when that is more
@@ -77,15 +79,15 @@ def read_scanner(services: ServicesNeeded, scanner_id: SCANNER_ID, conditions: C
     """
     row = services.scanner.get(scanner_id)
     view = _view(services, row)
-    conditions.tag(etag_of(row.id, row.revision, view.model_copy(update={"age": None, "looked_at": None})))
+    conditions.tag(resource_etag(row.id, row.revision, view.model_copy(update={"age": None, "looked_at": None})))
     return view
 
 
 @router.delete("/{scanner_id}", status_code=204, summary="Retire a scanner that is no more")
 def retire_scanner(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
-    who: Who,
+    who: CurrentPrincipal,
     scanner_id: SCANNER_ID,
     abandon: Annotated[
         bool, Query(description="Also give up its scans that are not over: what is stored of them is kept as partial")
@@ -97,13 +99,13 @@ def retire_scanner(
     It is refused while its node lives, as far as that can be told; where that lost database and network, only a
     person can see that its laser is off. Should it start again, the scanner is there again, and its stop as it was.
     """
-    retire(services, request, who, scanner_id, reason, abandon=abandon)
+    decommission_scanner(services, request, who, scanner_id, reason, abandon=abandon)
     return Response(status_code=204)
 
 
 @router.put("/{scanner_id}/lease", summary="Take a scanner, or hold it for longer")
 def take_scanner_lease(
-    services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, wanted: LeaseRequest, lease: Lease = None
+    services: ServicesDep, who: CurrentPrincipal, scanner_id: SCANNER_ID, wanted: LeaseRequest, lease: Lease = None
 ) -> ScannerView:
     """Take the lease of a scanner until it expires; its number (fencing token) increases with each new lease.
 
@@ -115,7 +117,9 @@ def take_scanner_lease(
 
 
 @router.delete("/{scanner_id}/lease", status_code=204, summary="Give a scanner back")
-def return_scanner_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER_ID, lease: Number) -> Response:
+def return_scanner_lease(
+    services: ServicesDep, who: CurrentPrincipal, scanner_id: SCANNER_ID, lease: Number
+) -> Response:
     """End the lease; nothing happens when there is none. An admin may end another's."""
     (scanner := services.scanner.of(scanner_id)).get(scanner_id)
     scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))
@@ -124,9 +128,9 @@ def return_scanner_lease(services: ServicesNeeded, who: Who, scanner_id: SCANNER
 
 @router.post("/{scanner_id}/emergency-stop", status_code=202, summary="Stop the scanner now")
 async def press_emergency_stop(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
-    who: Who,
+    who: CurrentPrincipal,
     scanner_id: SCANNER_ID,
     wanted: Annotated[StopRequest | None, Body()] = None,
 ) -> EmergencyAnswer:
@@ -138,19 +142,19 @@ async def press_emergency_stop(
     confirmed it, whoever holds its port, or after two seconds with the reason why it could not be asked. No other scan
     begins until the stop is released, whatever is started anew.
     """
-    if not services.nodes.knows(scanner_id):
+    if not services.nodes.contains(scanner_id):
         raise NotFound("scanner", scanner_id)
-    return await press_one(services, request, who, scanner_id, wanted.reason if wanted else None)
+    return await press_stop(services, request, who, scanner_id, wanted.reason if wanted else None)
 
 
-async def press_one(
-    services: Services, request: Request, who: Principal, scanner_id: str, reason: str | None
+async def press_stop(
+    services: ServiceContainer, request: Request, who: Principal, scanner_id: str, reason: str | None
 ) -> EmergencyAnswer:
     """Press the stop of one scanner, locally or through the relay."""
-    if (desk := services.desk_of(scanner_id)) is None:
-        services.nodes.refuse_rounds(request, scanner_id)
+    if (desk := services.local_stop_controller(scanner_id)) is None:
+        services.nodes.reject_forwarding_loop(request, scanner_id)
         return await services.courier.press(scanner_id, who, reason)
-    errand = request.headers.get(ERRAND) if came_from_a_node(request) else None
+    errand = request.headers.get(STOP_ID_HEADER) if is_forwarded(request) else None
     press, deed = await desk.press(who.name, reason, errand)
     shown = EmergencyView.of(press, deed, recorded=desk.is_recorded(press))
     here = link(f"/scanners/{scanner_id}")
@@ -159,9 +163,9 @@ async def press_one(
 
 @router.delete("/{scanner_id}/emergency-stop", summary="Release the emergency stop")
 def release_emergency_stop(
-    services: ServicesNeeded,
+    services: ServicesDep,
     request: Request,
-    who: Who,
+    who: CurrentPrincipal,
     scanner_id: SCANNER_ID,
     number: Annotated[
         str | None, Query(max_length=40, description="Release this press only; refused when there was another since")
@@ -170,20 +174,20 @@ def release_emergency_stop(
 ) -> ScannerView:
     """Allow scans again; none begins by itself."""
     services.scanner.get(scanner_id)
-    if (desk := services.desk_of(scanner_id)) is not None:
+    if (desk := services.local_stop_controller(scanner_id)) is not None:
         desk.release(who.name, number, reason)
-    elif services.is_alone and not came_from_a_node(request):
+    elif services.is_single_node and not is_forwarded(request):
         # No node has its latch; one that comes back keeps its own.
         services.scanner.of(scanner_id).release_stop(who.name, reason, number)
     else:
-        raise Elsewhere(scanner_id)
+        raise ForwardToPeer(scanner_id)
     return _view(services, services.scanner.get(scanner_id))
 
 
 @router.post("/{scanner_id}/clear-fault", summary="Clear a latched fault")
 def clear_fault(
-    services: ServicesNeeded,
-    who: Who,
+    services: ServicesDep,
+    who: CurrentPrincipal,
     scanner_id: SCANNER_ID,
     wanted: Annotated[ClearRequest | None, Body()] = None,
 ) -> ScannerView:
@@ -193,22 +197,22 @@ def clear_fault(
     Nothing happens where no fault is latched. The event that records it names the caller.
     """
     services.scanner.get(scanner_id)
-    if services.faults is None or not services.nodes.is_here(scanner_id):
-        raise Elsewhere(scanner_id)
+    if services.faults is None or not services.nodes.is_local(scanner_id):
+        raise ForwardToPeer(scanner_id)
     services.faults.clear(who.name, wanted.reason if wanted else None)
     return _view(services, services.scanner.get(scanner_id))
 
 
-def _place(row: ScannerRow) -> int:
+def _field_path(row: ScannerRow) -> int:
     return row.sequence
 
 
-def _view(services: Services, row: ScannerRow) -> ScannerView:
-    stop, desk = EmergencyView.of_row(row), services.desk_of(row.id)
+def _view(services: ServiceContainer, row: ScannerRow) -> ScannerView:
+    stop, desk = EmergencyView.of_row(row), services.local_stop_controller(row.id)
     if desk is not None:  # the latch may be ahead of the database
-        press = desk.standing
-        stop = EmergencyView.of(press, desk.deed(press), recorded=desk.is_recorded(press)) if press else None
-    status = services.status.read() if services.status is not None and services.nodes.is_here(row.id) else None
+        press = desk.active
+        stop = EmergencyView.of(press, desk.outcome(press), recorded=desk.is_recorded(press)) if press else None
+    status = services.status.read() if services.status is not None and services.nodes.is_local(row.id) else None
     if stop is not None and status is not None and status.laser in {"armed", "on"} and stop.laser != "unconfirmed":
         # another program fires again while the stop stands; it is being stopped
         stop = stop.model_copy(update={"laser": "unconfirmed", "detail": f"{FIRES}: use the hardware switch"})

@@ -8,16 +8,16 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.http.session_cookie import TOKEN, secret_in, set_cookie, take_cookie
+from steradian.api.http.session_cookie import TOKEN, delete_session_cookie, session_secret, set_cookie
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import LOCAL, V1, GuardedRoute
+from steradian.api.middleware.authentication import LOOPBACK, V1, AuthorizedRoute
 from steradian.api.middleware.stop_authorization import STOP_TICKET
-from steradian.api.params.dependencies import ServicesNeeded, Who
+from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
 from steradian.security.keys import Principal, Scope
-from steradian.security.sessions import SeenSession
+from steradian.security.sessions import ValidSession
 from steradian.security.stop_tickets import StopTickets
 
-router = APIRouter(prefix=V1, tags=["service"], route_class=GuardedRoute)
+router = APIRouter(prefix=V1, tags=["service"], route_class=AuthorizedRoute)
 
 
 class SessionView(BaseModel):
@@ -37,19 +37,21 @@ class SessionView(BaseModel):
     )
 
     @classmethod
-    def of(cls, principal: Principal, seen: SeenSession | None, tickets: StopTickets) -> SessionView:
+    def of(cls, principal: Principal, seen: ValidSession | None, tickets: StopTickets) -> SessionView:
         """Show a caller, with a new stop ticket."""
         return cls(
             principal=principal.name,
             scopes=sorted(principal.scopes),
             csrf_token=None if seen is None else seen.csrf_token,
             expires=None if seen is None else seen.expires,
-            stop_ticket=None if principal == LOCAL else tickets.issue(principal),
+            stop_ticket=None if principal == LOOPBACK else tickets.issue(principal),
         )
 
 
 @router.post("/session", status_code=201, summary="Sign in with a key: a cookie instead of it")
-async def create_session(services: ServicesNeeded, request: Request, response: Response, who: Who) -> SessionView:
+async def create_session(
+    services: ServicesDep, request: Request, response: Response, who: CurrentPrincipal
+) -> SessionView:
     """Open a session of the key in Authorization; its cookie, which scripts cannot read, is as good as the key.
 
     It lasts for 12 hours and ends with its key. What changes something must bring the header X-CSRF-Token besides.
@@ -62,14 +64,14 @@ async def create_session(services: ServicesNeeded, request: Request, response: R
 
 
 @router.get("/session", summary="Who asks, and what a page must know of its session")
-async def read_session(services: ServicesNeeded, request: Request, who: Who) -> SessionView:
+async def read_session(services: ServicesDep, request: Request, who: CurrentPrincipal) -> SessionView:
     """Return the principal of the key or cookie; without keys every caller of this machine is ``local``."""
     return SessionView.of(who, getattr(request.state, "session", None), services.stop_tickets)
 
 
 @router.delete("/session", status_code=204, summary="Sign out")
-async def delete_session(services: ServicesNeeded, request: Request, response: Response) -> None:
+async def delete_session(services: ServicesDep, request: Request, response: Response) -> None:
     """End the session of the cookie, if there is one; its key stays valid."""
-    if secret := secret_in(request.headers):
-        await run_in_threadpool(services.sessions.end, secret)
-    take_cookie(response, request)
+    if secret := session_secret(request.headers):
+        await run_in_threadpool(services.sessions.revoke, secret)
+    delete_session_cookie(response, request)

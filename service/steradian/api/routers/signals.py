@@ -14,16 +14,16 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.errors.handlers import NotReady
 from steradian.api.http.array_response import JSON
-from steradian.api.http.conditional import ConditionsNeeded, etag_of_file
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded
+from steradian.api.http.conditional import ReadPreconditionsDep, etag_of_file
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep
 from steradian.api.params.path import SCAN_ID
 from steradian.api.routers.scan_data import file_of, opened
 from steradian.api.routers.scans import is_settled
 from steradian.core.exceptions import InvalidInput
 from steradian.scans.file import schema
 
-router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)
 Frame = Annotated[int, Query(ge=0, description="Number of the frame")]
 MOST_BYTES = 2_000_000_000
 """Largest frame, as samples in the file, that is inspected while somebody waits."""
@@ -105,7 +105,7 @@ class SignalsView(BaseModel):
 
 @router.get("/{scan_id}/signals", summary="What the A-lines look like", response_model=SignalsView)
 async def read_scan_signals(
-    services: ServicesNeeded, scan_id: SCAN_ID, conditions: ConditionsNeeded, frame: Frame = 0
+    services: ServicesDep, scan_id: SCAN_ID, conditions: ReadPreconditionsDep, frame: Frame = 0
 ) -> Response:
     """Inspect the A-lines of a frame, also while the scan runs: codes, noise, baseline, arrival, and bad A-lines.
 
@@ -122,7 +122,7 @@ async def read_scan_signals(
             _check(file, scan_id, frame)
 
     await run_in_threadpool(check)
-    return Response(await services.workshop.work(_look, path, frame), media_type=JSON, headers=headers)
+    return Response(await services.workshop.submit(_look, path, frame), media_type=JSON, headers=headers)
 
 
 def _check(file: h5py.File, scan_id: str, frame: int) -> None:

@@ -6,12 +6,12 @@ from fastapi import APIRouter
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded
-from steradian.api.services import Services
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import StoreUnavailable
 
-router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=AuthorizedRoute)
 
 
 class StorageView(BaseModel):
@@ -29,19 +29,19 @@ class StorageView(BaseModel):
 
 
 @router.get("", summary="What the data folder holds, and what may still come")
-async def read_storage(services: ServicesNeeded) -> StorageView:
+async def read_storage(services: ServicesDep) -> StorageView:
     """Return the bytes used by all files; concurrent requests share one count."""
     try:
-        used = await services.usage.ask(None)
+        used = await services.usage.load(None)
         return await run_in_threadpool(_view, services, used)
     except OSError as error:
         raise StoreUnavailable(f"the data folder is away: {error.strerror}") from error
 
 
-def _view(services: Services, used: dict[str, int]) -> StorageView:
+def _view(services: ServiceContainer, used: dict[str, int]) -> StorageView:
     disk = services.disk
     with services.database.read() as session:
-        waiting = services.promised(session) + services.arrivals.awaited
+        waiting = services.reserved_bytes(session) + services.arrivals.awaited
     return StorageView(
         used_bytes=used,
         quota_bytes=disk.quota,

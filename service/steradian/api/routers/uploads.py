@@ -18,10 +18,10 @@ from starlette.concurrency import run_in_threadpool
 from steradian.api.http.array_response import JSON
 from steradian.api.http.resumable_uploads import Part
 from steradian.api.http.urls import link
-from steradian.api.middleware.authentication import V1, GuardedRoute
-from steradian.api.params.dependencies import ServicesNeeded
+from steradian.api.middleware.authentication import V1, AuthorizedRoute
+from steradian.api.params.dependencies import ServicesDep
 from steradian.api.params.path import UPLOAD_ID
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.core.validation import Value
 from steradian.jobs.requests import Identifier, check_described
@@ -29,7 +29,7 @@ from steradian.storage.blobs.interface import upload_name
 from steradian.storage.db.clock import new_id
 from steradian.storage.repositories import deletion
 
-router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=GuardedRoute)
+router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=AuthorizedRoute)
 _BINARY = {
     "application/octet-stream": {"schema": {"type": "string", "format": "binary", "minLength": 1}, "examples": {}}
 }
@@ -109,7 +109,7 @@ class UploadView(BaseModel):
     openapi_extra={"requestBody": {"required": True, "content": _BINARY}},
 )
 async def create_upload(
-    services: ServicesNeeded, request: Request, response: Response, length: Length = None
+    services: ServicesDep, request: Request, response: Response, length: Length = None
 ) -> UploadView:
     """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
 
@@ -140,15 +140,15 @@ async def create_upload(
                     size += len(piece)
                 if not size:
                     raise InvalidInput("body", "empty", "the bytes of a file")
-                await run_in_threadpool(_sync, file)
-            await run_in_threadpool(services.arrays.keep, upload_name(identifier), draft)
+                await run_in_threadpool(_fsync, file)
+            await run_in_threadpool(services.arrays.put_and_commit, upload_name(identifier), draft)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     return UploadView(id=identifier, bytes=size, sha256=digest.hexdigest(), links={"self": here})
 
 
 @router.get("/{upload_id}", summary="One upload")
-def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_ID) -> UploadView:
+def read_upload(services: ServicesDep, response: Response, upload_id: UPLOAD_ID) -> UploadView:
     """Return whether an upload exists, and its size; Upload-Offset is the number of received bytes."""
     about: dict[str, Any] = {"id": upload_id, "links": {"self": link(f"/uploads/{upload_id}")}}
     found = services.arrays.stat(upload_name(upload_id)) if _is_name(upload_id) else None
@@ -167,7 +167,7 @@ def read_upload(services: ServicesNeeded, response: Response, upload_id: UPLOAD_
     summary="Send more of an upload",
     openapi_extra={"requestBody": {"required": True, "content": _PIECES}},
 )
-async def append_upload(services: ServicesNeeded, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
+async def append_upload(services: ServicesDep, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
     """Append the body to an upload created with Upload-Length; bytes received before an interruption are kept.
 
     With the last byte it is a whole upload; Repr-Digest then has its SHA-256. Nothing comes for a day: it is deleted.
@@ -190,7 +190,7 @@ async def append_upload(services: ServicesNeeded, request: Request, upload_id: U
                 size += len(piece)
             if size == part.length:
                 digest = await run_in_threadpool(part.digest)
-                await run_in_threadpool(services.arrays.keep, upload_name(upload_id), part.path)
+                await run_in_threadpool(services.arrays.put_and_commit, upload_name(upload_id), part.path)
                 await run_in_threadpool(part.path.unlink, missing_ok=True)
                 told = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
                 return Response(status_code=204, headers=_progress(size, part.length) | told)
@@ -198,18 +198,18 @@ async def append_upload(services: ServicesNeeded, request: Request, upload_id: U
 
 
 @router.post("/{upload_id}/preview", summary="What would be understood of an upload", response_model=UploadPreviewView)
-async def preview_upload(services: ServicesNeeded, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
+async def preview_upload(services: ServicesDep, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
     """Look into a file as an import would, in a process that is shut in; nothing is made of it."""
     names = [upload_id, *([wanted.companion_id] if wanted.companion_id else [])]
     for name in names:
         if not _is_name(name) or await run_in_threadpool(services.arrays.stat, upload_name(name)) is None:
             raise NotFound("upload", name)
     paths = [await run_in_threadpool(services.arrays.open, upload_name(name)) for name in names]
-    return Response(await services.workshop.work(_look, wanted.description, *paths), media_type=JSON)
+    return Response(await services.workshop.submit(_inspect, wanted.description, *paths), media_type=JSON)
 
 
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
-def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
+def delete_upload(services: ServicesDep, upload_id: UPLOAD_ID) -> Response:
     """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
     with suppress(NotFound):
         deletion.delete_upload(services.database, services.arrays, upload_id)
@@ -218,22 +218,22 @@ def delete_upload(services: ServicesNeeded, upload_id: UPLOAD_ID) -> Response:
     return Response(status_code=204)
 
 
-def _look(description: dict[str, Any] | None, *uploads: Path) -> bytes:
-    from steradian.scans.importing.guarded import look_guarded
-    from steradian.scans.importing.uploaded import laid_out
+def _inspect(description: dict[str, Any] | None, *uploads: Path) -> bytes:
+    from steradian.scans.importing.guarded import inspect_in_sandbox
+    from steradian.scans.importing.uploaded import stage_upload
 
     with tempfile.TemporaryDirectory(prefix="steradian-look-") as name:
-        source, said = laid_out(Path(name), description, *uploads)
+        source, said = stage_upload(Path(name), description, *uploads)
         try:
-            found = look_guarded(source, Path(name), description=said)
+            found = inspect_in_sandbox(source, Path(name), description=said)
         except InvalidInput as error:
             raise InvalidInput(f"description.{error.field}", error.value, error.allowed) from error
     return UploadPreviewView.model_validate(found, from_attributes=True).model_dump_json().encode()
 
 
-def _room(services: Services, come: Callable[[], int]) -> Callable[[int], None]:
+def _room(services: ServiceContainer, come: Callable[[], int]) -> Callable[[int], None]:
     """Read the disk's free space; return a function that rejects uploads which do not fit beside concurrent ones."""
-    measured, taken = services.measure(), _promised(services)
+    measured, taken = services.refresh_disk_usage(), _reserve(services)
 
     def require(count: int) -> None:
         what = f"the upload, of which {come() / 1e6:.1f} MB have come," if come() else "the upload"
@@ -243,7 +243,7 @@ def _room(services: Services, come: Callable[[], int]) -> Callable[[int], None]:
     return require
 
 
-def _begin(services: Services, identifier: str, length: int, require: Callable[[int], None]) -> None:
+def _begin(services: ServiceContainer, identifier: str, length: int, require: Callable[[int], None]) -> None:
     largest = services.settings.max_import_bytes
     if length > largest:
         raise InvalidInput("Upload-Length", length, f"1 to {largest} (bytes)")
@@ -255,16 +255,16 @@ def _progress(come: int, length: int) -> dict[str, str]:
     return {"Upload-Offset": str(come), "Upload-Length": str(length), TUS: TUS_VERSION}
 
 
-def _promised(services: Services) -> int:
+def _reserve(services: ServiceContainer) -> int:
     with services.database.read() as session:
-        return services.promised(session)
+        return services.reserved_bytes(session)
 
 
 def _is_name(upload_id: str) -> bool:
     return upload_id.isascii() and upload_id.isalnum()
 
 
-def _sync(file: BinaryIO) -> None:
+def _fsync(file: BinaryIO) -> None:
     """Flush received bytes to disk."""
     file.flush()
     os.fsync(file.fileno())

@@ -12,7 +12,7 @@ from steradian.api.schemas.queue import QueueView, RequirementsView
 from steradian.api.schemas.reports import HistoryView, Result, result_of
 from steradian.api.schemas.resources import ErrorView, ProgressView, RequestId
 from steradian.jobs.model import JobStatus
-from steradian.jobs.queue.estimates import Forecast
+from steradian.jobs.queue.estimates import QueueEstimate
 from steradian.jobs.registry import resource_of
 from steradian.jobs.request_versions import asked
 from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
@@ -44,7 +44,7 @@ class JobView(BaseModel):
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
-    def of(cls, job: JobStatus, queue: Forecast | None = None) -> Self:
+    def of(cls, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
         """Show a job."""
         here = link(f"/jobs/{job.id}")
         result = {name: value for name, value in job.result.items() if name != "files"}

@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import BaseModel, Field
 
 from steradian.jobs.model import Requirements
-from steradian.jobs.queue.estimates import Forecast
+from steradian.jobs.queue.estimates import QueueEstimate
 
 
 class RequirementsView(BaseModel):
@@ -41,6 +41,6 @@ class QueueView(BaseModel):
     )
 
     @classmethod
-    def of(cls, seen: Forecast | None) -> Self | None:
+    def of(cls, seen: QueueEstimate | None) -> Self | None:
         """Show a forecast."""
         return None if seen is None else cls(**asdict(seen))

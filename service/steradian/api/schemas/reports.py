@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 
-class Figures(BaseModel):
+class ReportBase(BaseModel):
     """Figures that were noted some time ago, by this version or another."""
 
     model_config = ConfigDict(extra="allow")
@@ -37,7 +37,7 @@ class Figures(BaseModel):
             return field.get_default(call_default_factory=True)
 
 
-class HistoryView(Figures):
+class HistoryView(ReportBase):
     """A change of state."""
 
     state: str = Field(description="What it became", examples=["running"])
@@ -46,7 +46,7 @@ class HistoryView(Figures):
     why: str | None = None
 
 
-class AttemptView(Figures):
+class AttemptView(ReportBase):
     """A start of a job, and its end."""
 
     number: int = Field(description="Counts starts, but not those that were put back", examples=[1])
@@ -57,7 +57,7 @@ class AttemptView(Figures):
     detail: str | None = Field(default=None, examples=["killed by signal SIGKILL"])
 
 
-class SummaryView(Figures):
+class SummaryView(ReportBase):
     """Counts of a scan that is over."""
 
     points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
@@ -76,7 +76,7 @@ class RemarkView(BaseModel):
     )
 
 
-class PreviewView(Figures):
+class PreviewView(ReportBase):
     """Cost of a plan: shots, time and data."""
 
     seconds: dict[str, float] | None = Field(
@@ -108,7 +108,7 @@ class PreviewView(Figures):
     findings: list[RemarkView] | None = None
 
 
-class FitView(Figures):
+class FitView(ReportBase):
     """Convergence of an iterative reconstruction."""
 
     iterations: int | None = None
@@ -121,7 +121,7 @@ class FitView(Figures):
     misfits: list[float] | None = Field(default=None, description="After each iteration")
 
 
-class BadLinesView(Figures):
+class BadLinesView(ReportBase):
     """Bad A-lines and their treatment."""
 
     treatment: Literal["leave-out", "mend"] | None = None
@@ -135,7 +135,7 @@ class BadLinesView(Figures):
     shifts_s: list[float] | None = Field(default=None, description="Least and greatest shift moved back (s)")
 
 
-class UnevennessView(Figures):
+class UnevennessView(ReportBase):
     """Variation between A-lines, and the number of excluded A-lines."""
 
     left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by flag")
@@ -147,7 +147,7 @@ class UnevennessView(Figures):
     bad_lines: BadLinesView | None = Field(default=None, description="null: none was looked for")
 
 
-class ReportView(Figures):
+class ReportView(ReportBase):
     """Figures and provenance of a reconstruction."""
 
     shape: list[int] | None = Field(default=None, description="Voxels along each axis", examples=[[226, 226, 512]])
@@ -177,7 +177,7 @@ class ReportView(Figures):
     files: list[str] | None = Field(default=None, description="Names of the files it left")
 
 
-class ObjectWidth(Figures):
+class ObjectWidth(ReportBase):
     """Full width at half maximum along a line, with the object's corrected diameter."""
 
     fwhm: float | None = Field(default=None, description="As the image shows it (m)")
@@ -194,7 +194,7 @@ class ObjectWidth(Figures):
     right: float | None = Field(default=None, description="Where it falls to a half (m from start)")
 
 
-class SoundSpeedView(Figures):
+class SoundSpeedView(ReportBase):
     """The speed of sound at which a scan is fitted best, and the sharpness of images over the speed."""
 
     sound_speeds: list[float] | None = Field(default=None, description="Speeds tried, rising (m/s)")
@@ -207,7 +207,7 @@ class SoundSpeedView(Figures):
     notes: list[str] | None = Field(default=None, description="What was decided or assumed about the scan")
 
 
-class ComparisonView(Figures):
+class ComparisonView(ReportBase):
     """Similarity of two volumes."""
 
     figures: dict[str, float | None] | None = Field(
@@ -215,19 +215,19 @@ class ComparisonView(Figures):
     )
 
 
-class WidthView(Figures):
+class WidthView(ReportBase):
     """The width of an object in an image."""
 
     width: ObjectWidth | None = Field(default=None, description="Width, point spread and corrected diameter")
 
 
-class ExportView(Figures):
+class ExportView(ReportBase):
     """Result of an export."""
 
     bytes: int | None = Field(default=None, description="Size of the file")
 
 
-class ImportView(Figures):
+class ImportView(ReportBase):
     """Result of an import."""
 
     scan_id: str | None = None
@@ -238,7 +238,7 @@ class ImportView(Figures):
     fired: int | None = Field(default=None, description="Shots that the scanner fired")
 
 
-class ImageView(Figures):
+class ImageView(ReportBase):
     """The voxels of an image that grows with its scan."""
 
     shape: list[int] | None = Field(default=None, examples=[[226, 226, 256]])

@@ -12,15 +12,15 @@ from steradian.api.http.urls import link
 from steradian.api.schemas.queue import QueueView, RequirementsView
 from steradian.api.schemas.reports import HistoryView, PreviewView, ReportView, SummaryView
 from steradian.jobs.model import JobStatus
-from steradian.jobs.queue.estimates import Forecast
-from steradian.jobs.registry import LIVE
+from steradian.jobs.queue.estimates import QueueEstimate
+from steradian.jobs.registry import LIVE_KIND
 from steradian.plans import VisitOrder
 from steradian.storage.db.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 
 if TYPE_CHECKING:
     from steradian.masks import Mask
-    from steradian.masks.promises import Promises
+    from steradian.masks.promises import MaskMetrics
 
 Item = TypeVar("Item")
 RequestId: TypeAlias = Annotated[
@@ -100,7 +100,7 @@ class MaskPreviewView(BaseModel):
     attenuation_db: float | None = Field(description="What the film loses at the largest angle and 1 MHz (dB)")
 
     @classmethod
-    def of(cls, mask: Mask, seen: Promises) -> Self:
+    def of(cls, mask: Mask, seen: MaskMetrics) -> Self:
         """Return the view of a mask and its metrics."""
         its = vars(seen) | {name: getattr(mask, name) for name in cls.model_fields if hasattr(mask, name)}
         place = None if seen.point_of_interest is None else list(seen.point_of_interest)
@@ -239,7 +239,7 @@ class ReconstructionView(BaseModel):
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
     @classmethod
-    def of(cls, row: ReconstructionRow, job: JobStatus, queue: Forecast | None = None) -> Self:
+    def of(cls, row: ReconstructionRow, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
         """Show a row and its job."""
         here = link(f"/reconstructions/{row.id}")
         job_at = link(f"/jobs/{row.id}")
@@ -247,7 +247,7 @@ class ReconstructionView(BaseModel):
         parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
         parts["ome_zarr"] = f"{here}/volume.ome.zarr"
         parts |= {"job": job_at} | {name: f"{job_at}/{name}" for name in ("log", "attempts", "desired-state")}
-        if job.kind == LIVE:
+        if job.kind == LIVE_KIND:
             parts["revision"] = f"{here}/revision"
         links = {"self": here, "scan": link(f"/scans/{row.scan_id}"), **parts}
         return cls(

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self, cast
 from pydantic import BaseModel, Field
 
 from steradian.api.http.urls import link
-from steradian.storage.data_dir.emergency_latch import Deed, Press
+from steradian.storage.data_dir.emergency_latch import StopOutcome, StopPress
 from steradian.storage.data_dir.scanner_status import (
     CURRENT_ELSEWHERE,
     LOOK_INTERVAL,
@@ -55,7 +55,7 @@ class EmergencyView(BaseModel):
     recorded: bool = Field(description="Whether it stands in the database, too; until then it is tried again")
 
     @classmethod
-    def of(cls, press: Press, deed: Deed | None, *, recorded: bool) -> Self:
+    def of(cls, press: StopPress, deed: StopOutcome | None, *, recorded: bool) -> Self:
         """Return the view of a press and its outcome."""
         return cls(
             number=press.number,

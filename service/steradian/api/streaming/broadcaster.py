@@ -20,19 +20,19 @@ from fastapi.sse import format_sse_event
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from steradian.api.background.batcher import Looks
-from steradian.api.services import Services
+from steradian.api.background.batcher import BatchLoader
+from steradian.api.services import ServiceContainer
 from steradian.jobs.registry import resource_of
 from steradian.storage.db.tables import EventRow
-from steradian.storage.repositories.event_log import Bounds
+from steradian.storage.repositories.event_log import LogBounds
 
-LOOK = 0.1
+POLL_INTERVAL = 0.1
 """Seconds between looks at the log."""
-PROGRESS = 0.2
+PROGRESS_INTERVAL = 0.2
 """Seconds between looks at progress: at most five a second."""
-ANYWAY = 2.0
+MAX_WAIT = 2.0
 """Seconds after which a listener looks around even when nothing is known to have changed."""
-KEPT = 1000
+BUFFER_SIZE = 1000
 """Newest events that are kept in memory for all listeners."""
 _log = logging.getLogger(__name__)
 
@@ -50,7 +50,7 @@ class Progress:
     eta: float | None
 
     @cached_property
-    def frame(self) -> bytes:
+    def sse_frame(self) -> bytes:
         """Return the server-sent event of this progress, encoded once for all streams."""
         return format_sse_event(event="progress", data_str=json.dumps(asdict(self)))
 
@@ -64,10 +64,10 @@ class Event:
         self.frame = format_sse_event(event=row.kind, id=f"{epoch}.{row.sequence}", data_str=json.dumps(data))
 
 
-class Feed:
+class EventBroadcaster:
     """Broadcaster that polls the event log while there are subscribers, and wakes them."""
 
-    def __init__(self, services: Services) -> None:
+    def __init__(self, services: ServiceContainer) -> None:
         self._services = services
         self._moved, self._changed = asyncio.Event(), asyncio.Event()
         """Set, and replaced, when there is something new at all, and when an event is."""
@@ -76,15 +76,15 @@ class Feed:
         """Who listens at all, and who wants progress too."""
         self._joined = False
         """Whether somebody began to listen since progress was last looked for."""
-        self._events: deque[Event] = deque(maxlen=KEPT)
-        self._bounds: Looks[None, Bounds] = Looks(lambda _: {None: services.log.bounds()})
+        self._events: deque[Event] = deque(maxlen=BUFFER_SIZE)
+        self._bounds: BatchLoader[None, LogBounds] = BatchLoader(lambda _: {None: services.log.bounds()})
         self._since = self.last = 0
         self._progress: dict[str, Progress] = {}
         self._looked = float("-inf")
         """When progress was last looked for, by the monotonic clock."""
         self._stages: dict[str, tuple[str | None, float, int]] = {}
 
-    async def listen(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
+    async def subscribe(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
         """Yield when there may be a new event or, optionally, progress, and at regular intervals."""
         self._listeners += 1
         self._watchers += progress
@@ -97,7 +97,7 @@ class Feed:
                 yield
                 # Python 3.11's wait_for loses a cancellation that comes in the same moment as the change.
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(ANYWAY):
+                    async with asyncio.timeout(MAX_WAIT):
                         await changed.wait()
         finally:
             self._listeners -= 1
@@ -110,11 +110,11 @@ class Feed:
         """Return the progress of all scans and jobs, omitting values read before ``since``."""
         return self._progress.values() if self._looked >= since else ()
 
-    async def bounds(self) -> Bounds:
+    async def log_bounds(self) -> LogBounds:
         """Return the first and last event number; concurrent callers share one query."""
-        return await self._bounds.ask(None)
+        return await self._bounds.load(None)
 
-    async def after(self, sequence: int, epoch: str, limit: int) -> list[Event]:
+    async def events_after(self, sequence: int, epoch: str, limit: int) -> list[Event]:
         """Return events after a number, oldest first: from memory, or at most ``limit`` from the log."""
         if not self._since <= sequence <= self.last:
             return [Event(row, epoch) for row in await run_in_threadpool(self._services.log.after, sequence, limit)]
@@ -128,13 +128,13 @@ class Feed:
         while True:
             try:
                 if is_first := self.last < 0:
-                    bounds = await self.bounds()
+                    bounds = await self.log_bounds()
                     self._since = self.last = bounds.last
                     epoch = bounds.epoch
-                rows = await run_in_threadpool(self._services.log.after, self.last, KEPT)
+                rows = await run_in_threadpool(self._services.log.after, self.last, BUFFER_SIZE)
                 news = [Event(row, epoch) for row in rows]
                 before, joined = self._progress, False
-                if self._watchers and time.monotonic() - self._looked >= PROGRESS:
+                if self._watchers and time.monotonic() - self._looked >= PROGRESS_INTERVAL:
                     looked, joined, self._joined = time.monotonic(), self._joined, False
                     self._progress = await run_in_threadpool(self._find_progress)
                     self._looked = looked
@@ -149,11 +149,11 @@ class Feed:
                 _log.warning("the log cannot be read: %s", getattr(error, "orig", error))
             except Exception:  # those who listen would wait for ever
                 _log.exception("the log cannot be understood")
-            await asyncio.sleep(LOOK)
+            await asyncio.sleep(POLL_INTERVAL)
 
     def _take(self, news: list[Event]) -> None:
         for event in news:
-            if len(self._events) == KEPT:
+            if len(self._events) == BUFFER_SIZE:
                 self._since = self._events[0].sequence
             self._events.append(event)
             self.last = event.sequence

@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from steradian.api.errors.handlers import NotReady
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.jobs.requests import (
@@ -19,7 +19,7 @@ from steradian.jobs.requests import (
     WorkRequest,
 )
 from steradian.reconstructions.parameters import LARGE, ReconstructionParameters, default_modes
-from steradian.reconstructions.volumes.pyramid import stored_bytes
+from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.frames import Frame
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
 from steradian.storage.capacity.quota import scan_bytes
@@ -28,14 +28,14 @@ from steradian.storage.db.tables import ScanRow
 from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
 
 
-class Cost(NamedTuple):
+class ResourceEstimate(NamedTuple):
     """Resource estimate of a job: upper bound of disk bytes, lower bound of memory bytes; 0 where unknown."""
 
     disk: int
     memory: int = 0
 
 
-def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> ScanRow:
+def check_reconstruction(services: ServiceContainer, wanted: ReconstructionRequest) -> ScanRow:
     """Reject reconstructions that cannot succeed: a running scan without ``follow``, an empty scan, a volume too large.
 
     Raises
@@ -49,22 +49,22 @@ def check_reconstruction(services: Services, wanted: ReconstructionRequest) -> S
         raise NotReady(text)
     if scan.state in SETTLED_SCAN_STATES:
         _check_alines(services, scan)
-    check_parts(services, scan, wanted)
+    check_references(services, scan, wanted)
     return scan
 
 
-def cost_of(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> Cost:
+def estimate_resources(services: ServiceContainer, scan: ScanRow, wanted: ReconstructionRequest) -> ResourceEstimate:
     """Return the estimated bytes and work of a reconstruction.
 
     It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
     image beside the one that it writes.
     """
     *across, deep = _shape(services, scan, wanted.parameters)
-    disk = stored_bytes((*across, deep)) * (2 if wanted.follow else 1)
-    return Cost(disk, _least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
+    disk = file_size((*across, deep)) * (2 if wanted.follow else 1)
+    return ResourceEstimate(disk, _least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
 
 
-def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest) -> None:
+def check_references(services: ServiceContainer, scan: ScanRow, wanted: ReconstructionRequest) -> None:
     """Reject jobs whose inputs are missing or unsuitable; return the estimated resources of the others."""
     _check_size(services, scan, wanted.parameters)
     lights = frames_of(services.plans.get(scan.plan_id).parameters)
@@ -75,7 +75,7 @@ def check_parts(services: Services, scan: ScanRow, wanted: ReconstructionRequest
             raise InvalidInput("through.mask_id", mask_id, f"a mask of the scan's aperture, {aperture:g} m")
 
 
-def check_work(services: Services, wanted: WorkRequest) -> Cost:
+def check_job(services: ServiceContainer, wanted: WorkRequest) -> ResourceEstimate:
     """Reject other jobs that cannot succeed; return their estimated resources.
 
     Raises
@@ -85,22 +85,24 @@ def check_work(services: Services, wanted: WorkRequest) -> Cost:
     """
     match wanted:
         case SoundSpeedRequest():
-            _check_size(services, _measured(services, wanted.scan_id), wanted.parameters)
+            _check_size(services, _scan_with_data(services, wanted.scan_id), wanted.parameters)
         case QualityRequest():
             _check_pair(services, wanted)
         case WidthRequest():
             _check_width(services, wanted)
         case ExportRequest(scan_id=str(scan_id)):
-            scan, found = _measured(services, scan_id), services.arrays.stat(scan_name(scan_id))
-            return Cost(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
+            scan, found = _scan_with_data(services, scan_id), services.arrays.stat(scan_name(scan_id))
+            return ResourceEstimate(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            return Cost(existing_volume(services, reconstruction_id, "reconstruction_id"))
+            return ResourceEstimate(volume_size(services, reconstruction_id, "reconstruction_id"))
         case ImportRequest():
             uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
-            return Cost(sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads))
+            return ResourceEstimate(
+                sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads)
+            )
         case _:
             raise AssertionError(f"no check of {wanted!r}")
-    return Cost(0)
+    return ResourceEstimate(0)
 
 
 def frames_of(plan: dict[str, Any]) -> list[float]:
@@ -108,7 +110,7 @@ def frames_of(plan: dict[str, Any]) -> list[float]:
     return [value for value in plan.get("excitation") or (0.0,) for _ in range(plan.get("frames", 1))]
 
 
-def existing_volume(services: Services, reconstruction_id: str, field: str) -> int:
+def volume_size(services: ServiceContainer, reconstruction_id: str, field: str) -> int:
     """Return how many bytes the volume has that a reconstruction left.
 
     Raises
@@ -130,21 +132,21 @@ def existing_volume(services: Services, reconstruction_id: str, field: str) -> i
     return size
 
 
-def _size(services: Services, name: str, what: str, identifier: str) -> int:
+def _size(services: ServiceContainer, name: str, what: str, identifier: str) -> int:
     found = services.arrays.stat(name)
     if found is None:
         raise NotFound(what, identifier)
     return found.size
 
 
-def _check_alines(services: Services, scan: ScanRow) -> None:
+def _check_alines(services: ServiceContainer, scan: ScanRow) -> None:
     """Refuse a scan without A-lines; raises :class:`Conflict`."""
-    is_there = services.nodes.is_elsewhere(scan.scanner_id) or services.arrays.stat(scan_name(scan.id)) is not None
+    is_there = services.nodes.is_remote(scan.scanner_id) or services.arrays.stat(scan_name(scan.id)) is not None
     if not is_there or not (scan.summary or {}).get("stored", scan.done):
         raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
 
 
-def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> None:
+def _check_size(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> None:
     """Refuse a volume that is too large; raises :class:`InvalidInput`."""
     shape = _shape(services, scan, parameters)
     size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
@@ -163,7 +165,7 @@ def _check_size(services: Services, scan: ScanRow, parameters: ReconstructionPar
         )
 
 
-def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
+def _shape(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
     """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
     modes = parameters.modes or _default_modes(services, scan.mask_id)
     across = 1 if services.masks.is_line(scan.mask_id) else 2
@@ -171,7 +173,7 @@ def _shape(services: Services, scan: ScanRow, parameters: ReconstructionParamete
     return (*[modes * parameters.upsampling] * across, deep * parameters.upsampling)
 
 
-def _default_modes(services: Services, mask_id: str) -> int:
+def _default_modes(services: ServiceContainer, mask_id: str) -> int:
     return default_modes(services.masks.default_modes(mask_id), services.masks.get(mask_id).aperture)
 
 
@@ -197,7 +199,7 @@ def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) 
     return 4 * math.prod(shape) if is_whole else 0
 
 
-def _measured(services: Services, scan_id: str) -> ScanRow:
+def _scan_with_data(services: ServiceContainer, scan_id: str) -> ScanRow:
     scan = services.scans.get(scan_id)
     if scan.state not in SETTLED_SCAN_STATES:
         raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it is over")
@@ -205,22 +207,22 @@ def _measured(services: Services, scan_id: str) -> ScanRow:
     return scan
 
 
-def _check_width(services: Services, wanted: WidthRequest) -> None:
+def _check_width(services: ServiceContainer, wanted: WidthRequest) -> None:
     row = services.reconstructions.get(wanted.reconstruction_id)
     if row.scan_id != wanted.scan_id:
         raise InvalidInput("scan_id", wanted.scan_id, f"the reconstruction's, {row.scan_id}")
     if services.ledger.status(wanted.reconstruction_id).kind == "what-if":
         raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of all A-lines, no what-if")
-    scan = _measured(services, wanted.scan_id)
+    scan = _scan_with_data(services, wanted.scan_id)
     if services.masks.is_line(scan.mask_id):
         raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of a plane of sensors, not of a line")
-    existing_volume(services, wanted.reconstruction_id, "reconstruction_id")
+    volume_size(services, wanted.reconstruction_id, "reconstruction_id")
 
 
-def _check_pair(services: Services, wanted: QualityRequest) -> None:
+def _check_pair(services: ServiceContainer, wanted: QualityRequest) -> None:
     shapes = []
     for field, identifier in (("reconstruction_id", wanted.reconstruction_id), ("reference_id", wanted.reference_id)):
-        existing_volume(services, identifier, field)
+        volume_size(services, identifier, field)
         shapes.append(list(services.ledger.status(identifier).result.get("shape", [])))
     if all(shapes) and shapes[0] != shapes[1]:
         raise InvalidInput("reference_id", f"{wanted.reference_id}, {shapes[1]} voxels", f"one of {shapes[0]} voxels")

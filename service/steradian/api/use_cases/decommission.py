@@ -8,24 +8,24 @@ from http import HTTPStatus
 
 from fastapi import Request
 
-from steradian.api.background.peers import NodeUnavailable, Question
+from steradian.api.background.peers import NodeUnavailable, PeerRequest
 from steradian.api.schemas.resources import BASE
-from steradian.api.services import Services
+from steradian.api.services import ServiceContainer
 from steradian.core.settings import Settings
 from steradian.runtime.singleton_locks import lock_of_scanner
-from steradian.scans.summary import figures_of
+from steradian.scans.summary import scan_summary
 from steradian.security.keys import Principal
-from steradian.storage.db.advisory_locks import Hold
+from steradian.storage.db.advisory_locks import LockState
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.deletion import InUse
 from steradian.storage.states import ScanState, is_terminal
 
-WITHIN = 3.0
+ANSWER_TIMEOUT = 3.0
 """Seconds for which the node's answer is waited for."""
 
 
-def retire(
-    services: Services, request: Request, who: Principal, scanner_id: str, reason: str | None, *, abandon: bool
+def decommission_scanner(
+    services: ServiceContainer, request: Request, who: Principal, scanner_id: str, reason: str | None, *, abandon: bool
 ) -> None:
     """Retire a scanner.
 
@@ -45,43 +45,43 @@ def retire(
     """
     scanner = services.scanner.of(scanner_id)
     scanner.get(scanner_id)
-    if services.nodes.is_here(scanner_id):
+    if services.nodes.is_local(scanner_id):
         raise InUse(f"{scanner_id} cannot be retired while its node, which is this one, runs")
-    services.nodes.refuse_rounds(request, scanner_id)
-    with _without_node(services.settings, scanner_id):
-        _require_silence(services, scanner_id, who)
+    services.nodes.reject_forwarding_loop(request, scanner_id)
+    with _hold_node_lock(services.settings, scanner_id):
+        _require_no_response(services, scanner_id, who)
         for scan in services.scans.of(scanner_id).unfinished() if abandon else ():
-            _give_up(services, scan, who.name)
+            _abandon_scan(services, scan, who.name)
         scanner.retire(who.name, reason)
 
 
 @contextmanager
-def _without_node(settings: Settings, scanner_id: str) -> Iterator[None]:
+def _hold_node_lock(settings: Settings, scanner_id: str) -> Iterator[None]:
     """Hold the lock of a scanner's node, so that no node of it starts before the block ends."""
     if settings.database_url is None:  # then there are no nodes
         yield
         return
     lock = lock_of_scanner(settings.database_url, scanner_id)
     try:
-        hold = lock.renew()
-        if hold is Hold.TAKEN:
+        hold = lock.ensure_held()
+        if hold is LockState.TAKEN:
             raise InUse(f"{scanner_id} cannot be retired while its node lives: it holds the scanner's lock")
-        if hold is Hold.UNREACHABLE:
+        if hold is LockState.UNREACHABLE:
             raise NodeUnavailable(f"whether the node of {scanner_id} lives, the database does not tell now")
         yield
     finally:
         lock.release()
 
 
-def _require_silence(services: Services, scanner_id: str, who: Principal) -> None:
+def _require_no_response(services: ServiceContainer, scanner_id: str, who: Principal) -> None:
     """Refuse when the node, which may have lost the database only, says itself that it has the scanner."""
-    question = Question("DELETE", f"{BASE}/scanners/{scanner_id}", who)
+    question = PeerRequest("DELETE", f"{BASE}/scanners/{scanner_id}", who)
     with suppress(NodeUnavailable):
-        if services.nodes.told(scanner_id, question, WITHIN)[0] == HTTPStatus.CONFLICT:
+        if services.nodes.request_json(scanner_id, question, ANSWER_TIMEOUT)[0] == HTTPStatus.CONFLICT:
             raise InUse(f"{scanner_id} cannot be retired while its node lives, which answers")
 
 
-def _give_up(services: Services, scan: ScanRow, who: str) -> None:
+def _abandon_scan(services: ServiceContainer, scan: ScanRow, who: str) -> None:
     """Move an abandoned scan to a terminal state."""
     why, end = "its scanner is retired", services.scans.transition
     if scan.state is ScanState.QUEUED:
@@ -89,5 +89,5 @@ def _give_up(services: Services, scan: ScanRow, who: str) -> None:
         return
     if scan.state is not ScanState.INTERRUPTED and not is_terminal(scan.state):
         end(scan.id, ScanState.INTERRUPTED, why=why, who=who)
-    figures = figures_of(services.arrays, services.data.scan_file(scan.id), scan.id)
+    figures = scan_summary(services.arrays, services.data.scan_file(scan.id), scan.id)
     end(scan.id, ScanState.PARTIAL, why=why, who=who, summary=figures)

@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from steradian import phantoms
 from steradian.benchmarks.paper.markdown import number, percent, picture, table
 from steradian.benchmarks.paper.pictures import figure, save
-from steradian.benchmarks.paper.sections import Claim, Part, Run, Section
-from steradian.imaging import Correction, reconstruct
+from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionModule
+from steradian.imaging import InverseFilter, reconstruct
 from steradian.masks import equi_steradian_mask
-from steradian.reconstructions.film import SimulatedFilm
+from steradian.reconstructions.film import SimulatedFilmResponse
 from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
 
 SPEEDS = (1400.0, 1450.0, 1500.0, 1550.0, 1600.0)
 GAINS = (4.0, 10.0)
-OWN, OFF = "its own", "a pole 20 % too low"
+TRUE_MODEL, WRONG_MODEL = "its own", "a pole 20 % too low"
 ANGLES = (50.0, 62.0)
 _DEPTH, _SIDE, _MODES, _INTERVAL, _SAMPLES, _SPEED = 1.4e-3, 6.4e-3, 80, 10e-9, 400, 1480.0
 
 
-def measure(run: Run) -> Part:
+def measure(run: SectionContext) -> SectionModule:
     """Find speeds of sound, and bring back a ball seen from the side."""
     speeds = SPEEDS[1:2] if run.quick else SPEEDS
     found = []
@@ -67,7 +67,7 @@ def _curve(speed: float, seed: int, quick: bool) -> SoundSpeedCurve:
     )
 
 
-def _film() -> Part:
+def _film() -> SectionModule:
     """Take a ball that the sensors of a ring see under ``ANGLES``, through the simulated scanner's film."""
     axis = (np.arange(_MODES) - _MODES // 2) * _SIDE / _MODES
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -81,9 +81,13 @@ def _film() -> Part:
     noise = np.random.default_rng(0).standard_normal(real.shape, np.float32)
     full, silent = _image(ideal, ring, None), _image(noise, ring, None)
     rows = []
-    tried = [(None, None), *((OWN, gain) for gain in GAINS), (OFF, GAINS[-1])]
+    tried = [(None, None), *((TRUE_MODEL, gain) for gain in GAINS), (WRONG_MODEL, GAINS[-1])]
     for model, gain in tried:
-        correction = None if gain is None else Correction(SimulatedFilm() if model == OWN else MistakenFilm(), gain)
+        correction = (
+            None
+            if gain is None
+            else InverseFilter(SimulatedFilmResponse() if model == TRUE_MODEL else MiscalibratedFilm(), gain)
+        )
         rows.append(
             {
                 "model": model,
@@ -95,17 +99,17 @@ def _film() -> Part:
     return {"angles": list(ANGLES), "sensors": len(ring), "rows": rows}
 
 
-class MistakenFilm:
+class MiscalibratedFilm:
     """Simulated film response whose assumed bandwidth is wrong by 20 %."""
 
-    def at(
+    def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.at`."""
-        return SimulatedFilm().at(1.25 * np.asarray(frequencies, np.float64), sines, sound_speed)
+        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
+        return SimulatedFilmResponse().evaluate(1.25 * np.asarray(frequencies, np.float64), sines, sound_speed)
 
 
-def _image(traces: NDArray[Any], where: NDArray[Any], correction: Correction | None) -> NDArray[Any]:
+def _image(traces: NDArray[Any], where: NDArray[Any], correction: InverseFilter | None) -> NDArray[Any]:
     volume = reconstruct(
         traces,
         where,
@@ -124,7 +128,7 @@ def _peak(values: NDArray[Any]) -> float:
     return float(values[middle - 2 : middle + 3, middle - 2 : middle + 3, depth - 14 : depth + 15].max())
 
 
-def _draw(run: Run, found: list[Part]) -> None:
+def _draw(run: SectionContext, found: list[SectionModule]) -> None:
     made, (axes,) = figure(6.0, 3.2)
     for row in found:
         sharpness = np.array(row["sharpness"])
@@ -137,7 +141,7 @@ def _draw(run: Run, found: list[Part]) -> None:
     save(made, run.picture("sound-speed"))
 
 
-def write(part: Part) -> str:
+def write(part: SectionModule) -> str:
     """Write the section."""
     speeds = [
         [
@@ -174,7 +178,7 @@ def write(part: Part) -> str:
     )
 
 
-def claims(part: Part) -> list[Claim]:
+def claims(part: SectionModule) -> list[Claim]:
     """Speeds within 0.3 %, amplitudes within 10 %, noise within its bound."""
     off = [abs(row["best"] / row["speed"] - 1) for row in part["speeds"]]
     mended = [row for row in part["film"]["rows"] if row["max_gain"] is not None]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from steradian.benchmarks.paper.iterative_data import DIRECT, ITERATIVE, PASSED, measure
+from steradian.benchmarks.paper.iterative_data import DIRECT, FILTERED, ITERATIVE, measure
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Part, Section
+from steradian.benchmarks.paper.sections import Claim, Section, SectionModule
 
-SEEKS = {
+IMPROVEMENT_TARGET = {
     "thresholding": "adds up direct reconstructions, cut off at their streaks, to a non-negative volume",
     "total-variation": "looks for the non-negative volume of least total variation",
 }
 
 
-def write(part: Part) -> str:
+def write(part: SectionModule) -> str:
     """Write the section."""
     options, cost = part["options"], part["cost"]
     rows = [[f"yarn, seed {row['seed']}", *_cells(row)] for row in part["rows"]]
@@ -26,7 +26,7 @@ def write(part: Part) -> str:
             f"The paper's weights are the simplest inversion of a sparse mask. From the same {part['points']:,} points"
             f" ({number(part['noise_db'], 0)} dB peak noise, c = {number(part['speed'], 0)} m/s),",
             f'`method="iterative", regularisation="{options["regularisation"]}"`'
-            f" {SEEKS[options['regularisation']]} (strength {options['strength']:g},"
+            f" {IMPROVEMENT_TARGET[options['regularisation']]} (strength {options['strength']:g},"
             f" at most {options['iterations']} iterations)",
             "whose A-lines fit; the same defaults for every row. Pearson's correlation with the initial pressure on all"
             f" voxels, depths {low}–{high} mm (k-Wave's: all of its own voxels).",
@@ -61,12 +61,12 @@ def write(part: Part) -> str:
     )
 
 
-def _cells(row: Part) -> list[str]:
-    names = (DIRECT, PASSED, ITERATIVE)
+def _cells(row: SectionModule) -> list[str]:
+    names = (DIRECT, FILTERED, ITERATIVE)
     return [number(row["images"][name][of]) for of in ("volume", "mip") for name in names]
 
 
-def claims(part: Part) -> list[Claim]:
+def claims(part: SectionModule) -> list[Claim]:
     """Claims: volumes improve by 10 % over a filter alone, projections do not deteriorate."""
     rows = [*part["rows"], *([part["kwave"]] if part["kwave"] is not None else [])]
     gains, mips = ([_gain(row, of) for row in rows] for of in ("volume", "mip"))
@@ -87,7 +87,7 @@ def claims(part: Part) -> list[Claim]:
     ]
 
 
-def _price(part: Part) -> list[Claim]:
+def _price(part: SectionModule) -> list[Claim]:
     """Return the cost of the iterative method and its benefit."""
     yarns = [row["images"][ITERATIVE]["volume"] for row in part["rows"]]
     run, outputs = part["cost"]["run"], [row["outputs"] for row in part["rows"] if "outputs" in row]
@@ -103,7 +103,7 @@ def _price(part: Part) -> list[Claim]:
     ]
 
 
-def _gain(row: Part, of: str, others: tuple[str, ...] = (DIRECT, PASSED)) -> float:
+def _gain(row: SectionModule, of: str, others: tuple[str, ...] = (DIRECT, FILTERED)) -> float:
     """Return the improvement of the iterative method over the best other method."""
     gain: float = row["images"][ITERATIVE][of] - max(row["images"][name][of] for name in others)
     return gain

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.pictures import figure, save, show
-from steradian.benchmarks.paper.sections import Part, Run
+from steradian.benchmarks.paper.sections import SectionContext, SectionModule
 from steradian.benchmarks.yardsticks import timed
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
@@ -23,11 +23,11 @@ from steradian.masks import equi_steradian_mask
 
 KWAVE = Path(__file__).parents[4] / "tests" / "data" / "yarn_kwave_sparse.npz"
 """k-Wave's yarn, in the checkout that this file is part of."""
-DIRECT, PASSED, ITERATIVE = "direct", "direct, low-passed", "iterative"
+DIRECT, FILTERED, ITERATIVE = "direct", "direct, low-passed", "iterative"
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class Scenario:
     """Sizes in SI units; the paper's, or smaller ones to see whether it runs."""
 
     aperture: float = 13.56e-3
@@ -62,12 +62,14 @@ class Scene:
         return balls, phantoms.add_noise(clean, 30.0, convention="peak", seed=seed)
 
 
-SMALL = Scene(5.04e-3, 1.4e-3, 222, 1.1e-3, 84, 420, 10e-9, (0.3e-3, 2.7e-3), 1480.0, (0,), Iterative(iterations=3), 1)
+SMALL = Scenario(
+    5.04e-3, 1.4e-3, 222, 1.1e-3, 84, 420, 10e-9, (0.3e-3, 2.7e-3), 1480.0, (0,), Iterative(iterations=3), 1
+)
 
 
-def measure(run: Run) -> Part:
+def measure(run: SectionContext) -> SectionModule:
     """Reconstruct yarns of several seeds, and k-Wave's, both ways."""
-    scene = SMALL if run.quick else Scene()
+    scene = SMALL if run.quick else Scenario()
     if not run.quick and not KWAVE.exists():
         raise InvalidInput("only", "iterative", f"a checkout, which has k-Wave's yarn as {KWAVE}; or --quick")
     mask = equi_steradian_mask(scene.aperture, scene.depth, scene.points, weighting="analytic")
@@ -91,7 +93,7 @@ def measure(run: Run) -> Part:
         "noise_db": 30.0,
         "options": {
             "regularisation": options.regularisation,
-            "strength": options.weight(),
+            "strength": options.lambda_(),
             "iterations": options.iterations,
             "non_negative": options.non_negative,
         },
@@ -101,7 +103,7 @@ def measure(run: Run) -> Part:
     }
 
 
-def _yarn(run: Run, scene: Scene, where: NDArray[Any], weights: NDArray[Any], seed: int) -> Part:
+def _yarn(run: SectionContext, scene: Scenario, where: NDArray[Any], weights: NDArray[Any], seed: int) -> SectionModule:
     balls, traces = scene.record(where, seed)
     images, result = _images(traces, where, weights, scene.common(), scene.options)
     axes = images[DIRECT].axes
@@ -123,10 +125,10 @@ def _images(
     result = reconstruct_iteratively(traces, where, options=options, **common)
     direct, low = plan.run(traces), plan.run(passed)
     assert isinstance(direct, Volume) and isinstance(low, Volume)  # noqa: S101, PT018
-    return {DIRECT: direct, PASSED: low, ITERATIVE: result.volume}, result
+    return {DIRECT: direct, FILTERED: low, ITERATIVE: result.volume}, result
 
 
-def _figures(values: NDArray[Any], truth: NDArray[Any]) -> Part:
+def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionModule:
     return {
         "volume": quality.correlation(values, truth),
         "mip": quality.correlation(values.max(axis=2), truth.max(axis=2)),
@@ -134,7 +136,7 @@ def _figures(values: NDArray[Any], truth: NDArray[Any]) -> Part:
     }
 
 
-def _about(result: IterativeResult) -> Part:
+def _about(result: IterativeResult) -> SectionModule:
     return {
         "iterations": result.iterations,
         "stopped": result.stopped,
@@ -145,7 +147,7 @@ def _about(result: IterativeResult) -> Part:
     }
 
 
-def _kwave() -> Part:
+def _kwave() -> SectionModule:
     """Reconstruct k-Wave's yarn; compared on its own voxels, whose rows of depth lie between ours."""
     with np.load(KWAVE) as file:
         data = dict(file)
@@ -176,7 +178,7 @@ def _kwave() -> Part:
     return {"points": len(where), "of": side**2, "images": figures, **_about(result)}
 
 
-def _cost(scene: Scene, where: NDArray[Any], weights: NDArray[Any]) -> Part:
+def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> SectionModule:
     """Time products and a whole run in units of one direct reconstruction of all depths, in turns."""
     common = {**scene.common(), "depth_range": None}
     traces = np.random.default_rng(0).standard_normal((len(where), scene.samples), np.float32)
@@ -206,11 +208,11 @@ def _cost(scene: Scene, where: NDArray[Any], weights: NDArray[Any]) -> Part:
     }
 
 
-def _draw(run: Run, images: dict[str, Volume], truth: NDArray[Any]) -> None:
+def _draw(run: SectionContext, images: dict[str, Volume], truth: NDArray[Any]) -> None:
     some = images[DIRECT]
     axes = some.axes
     assert axes.y is not None  # noqa: S101 - a plane of sensors
-    values = {"truth": truth, **{name: image.values for name, image in images.items() if name != PASSED}}
+    values = {"truth": truth, **{name: image.values for name, image in images.items() if name != FILTERED}}
     made, panels = figure(9.6, 6.4, 2, 3)
     middle = len(axes.y) // 2
     for column, (name, volume) in enumerate(values.items()):

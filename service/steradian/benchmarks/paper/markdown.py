@@ -13,7 +13,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def picture(name: str, words: str) -> str:
-    """Return the Markdown of a picture named by :meth:`Run.picture`, with its alternative text."""
+    """Return the Markdown of a picture named by :meth:`SectionContext.picture`, with its alternative text."""
     return f"![{words}](paper/{name}.png)\n"
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.paper.sections import Part, Run
+from steradian.benchmarks.paper.sections import SectionContext, SectionModule
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
 from steradian.phantoms.targets import SIGMA, chart_bars
@@ -50,7 +50,7 @@ class Target:
         Whether all is small.
     """
 
-    def __init__(self, balls: phantoms.Balls, run: Run) -> None:
+    def __init__(self, balls: phantoms.Balls, run: SectionContext) -> None:
         self.side = 48 if run.quick else SIDE
         self.aperture = self.side * PITCH
         axis = (np.arange(self.side) - self.side // 2) * PITCH
@@ -92,7 +92,7 @@ class Target:
         return {name: {"wall": float(wall), "processor": float(cpu)} for name, (wall, cpu) in medians.items()}
 
 
-def measure(run: Run) -> Part:
+def measure(run: SectionContext) -> SectionModule:
     """Measure widths, modulation and times."""
     steps = 5
     run.step(0, steps)
@@ -130,7 +130,7 @@ def measure(run: Run) -> Part:
     }
 
 
-def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -> Part:
+def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -> SectionModule:
     """Fit 49 lines along z in a wide bar, and the long sides of the wide upright and lying bars."""
     x, y, z = volume.axes.x, _y(volume), volume.axes.z
     left, right, low, high = bars[1]
@@ -222,7 +222,9 @@ def _modulations(volume: Volume) -> list[float | None]:
     return found
 
 
-def _draw_chart(run: Run, linear: Volume, ner: Volume, bars: Sequence[tuple[float, float, float, float]]) -> None:
+def _draw_chart(
+    run: SectionContext, linear: Volume, ner: Volume, bars: Sequence[tuple[float, float, float, float]]
+) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     made, panels = figure(8, 7, 2, 2)
@@ -243,7 +245,7 @@ def _draw_chart(run: Run, linear: Volume, ner: Volume, bars: Sequence[tuple[floa
     save(made, run.picture("chart"))
 
 
-def _draw_star(run: Run, images: dict[str, Volume]) -> None:
+def _draw_star(run: SectionContext, images: dict[str, Volume]) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     made, panels = figure(9.5, 3.4, 1, 3)

@@ -12,9 +12,9 @@ from typing import Any, TypeAlias
 
 from steradian import __version__
 from steradian.benchmarks.paper.page import page, put_into_readme
-from steradian.benchmarks.paper.sections import Run, sections
+from steradian.benchmarks.paper.sections import SectionContext, sections
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 
 Document: TypeAlias = dict[str, Any]
 
@@ -26,7 +26,7 @@ def paper(
     only: tuple[str, ...] = (),
     readme: Path | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Document:
     """Redo the paper's experiments and write ``paper.md``, ``paper/paper.json`` and the pictures into ``output``.
 
@@ -69,7 +69,7 @@ def paper(
                 progress(name, done, total)
 
         begin = time.perf_counter()
-        part = section.measure(Run(quick=quick, folder=folder, step=step))
+        part = section.measure(SectionContext(quick=quick, folder=folder, step=step))
         parts[section.name] = {**part, "seconds": round(time.perf_counter() - begin, 1), "quick": quick}
     # through JSON and back, so that the page is made of what the file holds
     document: Document = json.loads(json.dumps({**_provenance(), "sections": parts}, allow_nan=False))

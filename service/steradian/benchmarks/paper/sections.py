@@ -17,15 +17,15 @@ from typing import Any, TypeAlias
 
 from steradian.core.exceptions import InvalidInput
 
-Part: TypeAlias = dict[str, Any]
+SectionModule: TypeAlias = dict[str, Any]
 """What a section measured: JSON values only (str, int, float, bool, None, lists and dicts of them)."""
 
-NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
+SECTION_NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
 """Modules of this package, in the order of the page."""
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class SectionContext:
     """Context given to a section's ``measure``.
 
     Parameters
@@ -67,9 +67,9 @@ class Section:
 
     name: str
     title: str
-    measure: Callable[[Run], Part]
-    write: Callable[[Part], str]
-    claims: Callable[[Part], list[Claim]] = lambda part: []
+    measure: Callable[[SectionContext], SectionModule]
+    write: Callable[[SectionModule], str]
+    claims: Callable[[SectionModule], list[Claim]] = lambda part: []
 
 
 class Verdict(StrEnum):
@@ -134,8 +134,8 @@ def sections(only: tuple[str, ...] = ()) -> list[Section]:
         When a name is unknown.
     """
     for name in only:
-        if name not in NAMES:
-            raise InvalidInput("only", name, ", ".join(NAMES))
-    chosen = [name for name in NAMES if not only or name in only]
+        if name not in SECTION_NAMES:
+            raise InvalidInput("only", name, ", ".join(SECTION_NAMES))
+    chosen = [name for name in SECTION_NAMES if not only or name in only]
     found: list[Section] = [importlib.import_module(f"{__package__}.{name}").SECTION for name in chosen]
     return found

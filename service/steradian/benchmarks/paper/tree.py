@@ -1,7 +1,7 @@
 """The paper's section 5: 32 of 1,024 sensors on a line, equispaced against equiangular, and gaps filled linearly.
 
 A tree of our own, in three degrees of detail, since how much 32 sensors can show depends on it more than on anything
-else; waves from :func:`steradian.phantoms.line_pressure`, 30 dB noise by the rms convention, as k-Wave counts it.
+else; waves from :func:`steradian.phantoms.propagate_2d`, 30 dB noise by the rms convention, as k-Wave counts it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Part, Run, Section
+from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionModule
 from steradian.imaging import Volume, reconstruct
 from steradian.masks import Mask, equiangular_mask
 from steradian.masks.snapping import ScannerGrid
@@ -31,7 +31,7 @@ PAPER = {"equiangular": 0.913, "equispaced": 0.849, "interval": 13, "interpolate
 PAPER_SHARPNESS = {"equiangular": 23001, "interpolated": 21474}
 
 
-class Line:
+class LineScan:
     """Line scan of one tree: its A-lines at all sensors, and reconstructions from subsets.
 
     Parameters
@@ -47,7 +47,7 @@ class Line:
     def __init__(self, truth: Volume, samples: int, seed: int) -> None:
         self.truth, self.columns = truth, len(truth.axes.x)
         self.interval = SPACING / SPEED / 2  # two samples a row of the truth
-        wave = phantoms.line_pressure(truth, samples=samples, sampling_interval=self.interval, sound_speed=SPEED)
+        wave = phantoms.propagate_2d(truth, samples=samples, sampling_interval=self.interval, sound_speed=SPEED)
         self.traces = phantoms.add_noise(wave, NOISE_DB, convention="rms", seed=seed)
         rows = len(truth.axes.z)
         self.depth = rows // 2 * SPACING
@@ -75,7 +75,7 @@ class Line:
         )
         return volume.values[:, : 2 * len(self.truth.axes.z) : 2]
 
-    def judge(self, image: NDArray[Any]) -> dict[str, float]:
+    def score(self, image: NDArray[Any]) -> dict[str, float]:
         """Correlation with the truth in the disc, and sharpness of the rectangle around it, on a scale to 255."""
         positive = np.clip(image, 0, None)
         peak = float(positive[self.region].max()) or 1.0
@@ -95,7 +95,7 @@ class Line:
         return np.rint(mask.positions[:, 0] / SPACING).astype(np.int64) + self.columns // 2, mask
 
 
-def measure(run: Run) -> Part:
+def measure(run: SectionContext) -> SectionModule:
     """Judge all arrangements on all trees."""
     shape = (256, 64) if run.quick else (1024, 256)
     samples = 512 if run.quick else 2048
@@ -106,7 +106,7 @@ def measure(run: Run) -> Part:
     rows = []
     for done, (kind, seed, length) in enumerate(cases):
         run.step(done, len(cases))
-        line = Line(phantoms.tree(seed, shape=shape, **KINDS[kind]), length, seed)
+        line = LineScan(phantoms.tree(seed, shape=shape, **KINDS[kind]), length, seed)
         row = _row(line, intervals)
         rows.append({"kind": kind, "seed": seed, "samples": length, **row})
         if (kind, seed, length) == ("middling", 0, samples):
@@ -116,16 +116,16 @@ def measure(run: Run) -> Part:
     return {"sensors": COUNT, "line": shape[0], "samples": samples, "weight_ratio": ratio, "rows": rows}
 
 
-def _row(line: Line, intervals: range) -> Part:
+def _row(line: LineScan, intervals: range) -> SectionModule:
     columns, mask = line.equiangular()
-    sweep = [line.judge(line.image(line.equispaced(interval))) for interval in intervals]
+    sweep = [line.score(line.image(line.equispaced(interval))) for interval in intervals]
     best = int(np.argmax([figures["correlation"] for figures in sweep]))
-    ours = line.judge(line.image(columns, weights=mask.weights))
+    ours = line.score(line.image(columns, weights=mask.weights))
     most = sweep[best]["correlation"]
     return {
-        "full": line.judge(line.image(np.arange(line.columns))),
+        "full": line.score(line.image(np.arange(line.columns))),
         "equiangular": ours,
-        "interpolated": line.judge(line.image(columns, "interpolated")),
+        "interpolated": line.score(line.image(columns, "interpolated")),
         "equispaced": sweep,
         "best_interval": intervals[best],
         "best": sweep[best],
@@ -133,7 +133,7 @@ def _row(line: Line, intervals: range) -> Part:
     }
 
 
-def _draw(run: Run, line: Line, row: Part) -> None:
+def _draw(run: SectionContext, line: LineScan, row: SectionModule) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     columns, mask = line.equiangular()
@@ -163,7 +163,7 @@ def _draw(run: Run, line: Line, row: Part) -> None:
     save(made, run.picture("tree-curves"))
 
 
-def write(part: Part) -> str:
+def write(part: SectionModule) -> str:
     """Write the section."""
     rows = part["rows"]
     lines = []
@@ -227,7 +227,7 @@ def write(part: Part) -> str:
     )
 
 
-def _reasons(part: Part) -> list[str]:
+def _reasons(part: SectionModule) -> list[str]:
     grouped = _grouped(part["rows"])
     long, short = grouped["middling", part["samples"]], grouped["middling", part["samples"] // 2]
     gains = [float(np.mean([row["closer"] for row in some])) for some in (long, short)]
@@ -245,18 +245,18 @@ def _reasons(part: Part) -> list[str]:
     ]
 
 
-def _grouped(rows: list[Part]) -> dict[tuple[str, int], list[Part]]:
-    grouped: dict[tuple[str, int], list[Part]] = {}
+def _grouped(rows: list[SectionModule]) -> dict[tuple[str, int], list[SectionModule]]:
+    grouped: dict[tuple[str, int], list[SectionModule]] = {}
     for row in rows:
         grouped.setdefault((row["kind"], row["samples"]), []).append(row)
     return grouped
 
 
-def _range(rows: list[Part], name: str, key: str = "correlation", digits: int = 3) -> str:
+def _range(rows: list[SectionModule], name: str, key: str = "correlation", digits: int = 3) -> str:
     return spread([row[name][key] for row in rows], digits)
 
 
-def claims(part: Part) -> list[Claim]:
+def claims(part: SectionModule) -> list[Claim]:
     """Equiangular beats equispaced, and NEDNER beats filled gaps."""
     rows = [row for row in part["rows"] if row["samples"] == part["samples"]]
     gains = [row["closer"] for row in rows]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Part, Section
+from steradian.benchmarks.paper.sections import Claim, Section, SectionModule
 from steradian.benchmarks.paper.yarn_data import EQUI, FILLED, GRIDS, measure, near
 
 PAPER: dict[str, Any] = {
@@ -19,19 +19,19 @@ PAPER: dict[str, Any] = {
 }
 
 
-def closer(row: Part, name: str) -> float:
+def relative_improvement(row: SectionModule, name: str) -> float:
     """Return the relative gain in correlation of the equi-steradian mask, as a mean over discs of 2–8 mm."""
     ours, theirs = (np.array(near(row["masks"][mask]["by_diameter"])) for mask in (EQUI, name))
     return float(np.mean((ours - theirs) / (1 - theirs)))
 
 
-def wins(row: Part) -> float:
+def win_fraction(row: SectionModule) -> float:
     """Share of the discs of 2–8 mm in which it beats every grid."""
     ours, *theirs = (near(row["masks"][mask]["by_diameter"]) for mask in (EQUI, *(f"interval {k}" for k in GRIDS)))
     return float(np.mean(np.array(ours) > np.max(theirs, axis=0)))
 
 
-def write(part: Part) -> str:
+def write(part: SectionModule) -> str:
     """Write the section."""
     main = [row for row in part["rows"] if row["setting"] == part["main"]]
     yarns = [row for row in main if row["object"] == "yarn"]
@@ -59,11 +59,11 @@ def write(part: Part) -> str:
     )
 
 
-def _masks(rows: list[Part]) -> list[list[str]]:
+def _masks(rows: list[SectionModule]) -> list[list[str]]:
     lines = []
     for name in (EQUI, *(f"interval {k}" for k in GRIDS), FILLED):
         of = [row["masks"][name] for row in rows]
-        gains = "–" if name == EQUI else percent(float(np.mean([closer(row, name) for row in rows])))
+        gains = "–" if name == EQUI else percent(float(np.mean([relative_improvement(row, name) for row in rows])))
         paper = PAPER["mean_closer"].get(name)
         lines.append(
             [
@@ -79,33 +79,35 @@ def _masks(rows: list[Part]) -> list[list[str]]:
     return lines
 
 
-def _runs(rows: list[Part]) -> list[list[str]]:
+def _runs(rows: list[SectionModule]) -> list[list[str]]:
     return [
         [
             f"{row['object']}, {row['seed']}",
             row["best"],
-            percent(closer(row, row["best"])),
-            percent(wins(row)),
+            percent(relative_improvement(row, row["best"])),
+            percent(win_fraction(row)),
             number(row["pixels"], 0),
         ]
         for row in rows
     ]
 
 
-def _settings(part: Part) -> list[list[str]]:
+def _settings(part: SectionModule) -> list[list[str]]:
     chosen = [row for row in part["rows"] if row["object"] == "yarn" and row["seed"] == 0]
     return [
-        [row["setting"], row["best"], percent(closer(row, row["best"])), percent(row["share_of_disc"])]
+        [row["setting"], row["best"], percent(relative_improvement(row, row["best"])), percent(row["share_of_disc"])]
         for row in chosen
     ]
 
 
-def _reasons(part: Part, yarns: list[Part]) -> list[str]:
-    worst = min((row for row in part["rows"] if row["object"] == "yarn"), key=lambda row: closer(row, row["best"]))
+def _reasons(part: SectionModule, yarns: list[SectionModule]) -> list[str]:
+    worst = min(
+        (row for row in part["rows"] if row["object"] == "yarn"), key=lambda row: relative_improvement(row, row["best"])
+    )
     volumes = {name: spread([row["masks"][name]["truth_volume"] for row in yarns], 2) for name in (EQUI, "interval 4")}
     return [
-        f"- *Noise.* The least gain, {percent(closer(worst, worst['best']))}, is with {worst['setting']}: there"
-        f" {percent(worst['share_of_disc'])} of the disc's pixels reach 4 % of the maximum, because a projection",
+        f"- *Noise.* The least gain, {percent(relative_improvement(worst, worst['best']))}, is with "
+        f"{worst['setting']}: there {percent(worst['share_of_disc'])} of the disc's pixels reach 4 % of the maximum, because a projection",
         "  keeps the largest noise of its depths. Large weights amplify the outer sensors' noise, and modes beyond the"
         " object's band add nothing else.",
         f"  The paper counts {number(PAPER['pixels'], 0)} pixels in its disc of 8.4 mm, {percent(PAPER['share'])} of it"
@@ -120,13 +122,13 @@ def _reasons(part: Part, yarns: list[Part]) -> list[str]:
     ]
 
 
-def claims(part: Part) -> list[Claim]:
+def claims(part: SectionModule) -> list[Claim]:
     """Equi-steradian against the best grid, yarns and every row; NEDNER against filled gaps."""
     main = [row for row in part["rows"] if row["setting"] == part["main"] and row["object"] == "yarn"]
-    gains = [closer(row, row["best"]) for row in main]
-    every = [closer(row, row["best"]) for row in part["rows"]]
-    won = [wins(row) for row in main]
-    filled = [closer(row, FILLED) for row in main]
+    gains = [relative_improvement(row, row["best"]) for row in main]
+    every = [relative_improvement(row, row["best"]) for row in part["rows"]]
+    won = [win_fraction(row) for row in main]
+    filled = [relative_improvement(row, FILLED) for row in main]
     return [
         Claim(
             "3-D yarn: equi-steradian closer to full correlation than the best grid, mean over discs of 2–8 mm",

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.paper.sections import Part, Run
+from steradian.benchmarks.paper.sections import SectionContext, SectionModule
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask
@@ -27,15 +27,15 @@ SHOWN = (1e-3, 8e-3)
 """Depths in m that are reconstructed."""
 LOW_PASS = 20e6
 THRESHOLD = 0.04
-NEAR = (2e-3, 8e-3)
-CIRCLE = 8.4e-3
+EVALUATED_DIAMETERS = (2e-3, 8e-3)
+DRAWN_DIAMETER = 8.4e-3
 """The disc of the paper's figure over the number of pixels."""
 DECLARED = 7.2e-3
 EQUI, FILLED = "equi-steradian", "gaps filled"
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class ExperimentSetting:
     """Parameters of recording and reconstruction of the yarn.
 
     Parameters
@@ -59,11 +59,16 @@ class Setting:
         return f"{noise}, {band}, {'twice the' if self.double else 'as many'} modes"
 
 
-MAIN = Setting()
-OTHERS = (Setting(None, None), Setting(30.0, None, False), Setting(40.0, None), Setting(30.0, None))
+MAIN_SETTING = ExperimentSetting()
+OTHER_SETTINGS = (
+    ExperimentSetting(None, None),
+    ExperimentSetting(30.0, None, False),
+    ExperimentSetting(40.0, None),
+    ExperimentSetting(30.0, None),
+)
 
 
-class Points:
+class PointSelection:
     """Points of a dense scan, and the subsets selected by masks.
 
     Parameters
@@ -93,7 +98,7 @@ class Points:
         return (line[:, None] * self.side + line[None, :]).ravel()
 
 
-class Scan(Points):
+class Scan(PointSelection):
     """Dense scan of one object, and reconstructions from subsets of its points.
 
     Parameters
@@ -108,7 +113,7 @@ class Scan(Points):
         Fewer points, and samples alike.
     """
 
-    def __init__(self, balls: phantoms.Balls, setting: Setting, seed: int, quick: bool) -> None:
+    def __init__(self, balls: phantoms.Balls, setting: ExperimentSetting, seed: int, quick: bool) -> None:
         super().__init__(quick)
         self.setting = setting
         self.interval, samples = INTERVAL * self.scale, SAMPLES // self.scale
@@ -140,22 +145,22 @@ class Scan(Points):
         )
 
 
-def cases(quick: bool) -> list[tuple[str, int, Setting]]:
+def cases(quick: bool) -> list[tuple[str, int, ExperimentSetting]]:
     """Objects, seeds and settings; the first one is drawn."""
     seeds = range(1 if quick else 5)
-    found = [("yarn", seed, MAIN) for seed in seeds]
-    found += [("vessels", seed, MAIN) for seed in list(seeds)[:2]]
-    return found + [("yarn", 0, other) for other in (OTHERS[:1] if quick else OTHERS)]
+    found = [("yarn", seed, MAIN_SETTING) for seed in seeds]
+    found += [("vessels", seed, MAIN_SETTING) for seed in list(seeds)[:2]]
+    return found + [("yarn", 0, other) for other in (OTHER_SETTINGS[:1] if quick else OTHER_SETTINGS)]
 
 
-def measure(run: Run) -> Part:
+def measure(run: SectionContext) -> SectionModule:
     """Judge all masks on all objects and settings."""
     chosen, rows = cases(run.quick), []
     for done, case in enumerate(chosen):
         run.step(done, len(chosen))
         rows.append(measure_case(run, *case, draw=done == 0))
     run.step(len(chosen), len(chosen))
-    points = Points(run.quick)
+    points = PointSelection(run.quick)
     _, mask = points.equi_steradian()
     return {
         "points": mask.count,
@@ -163,12 +168,12 @@ def measure(run: Run) -> Part:
         "of": len(points.positions),
         "weight_ratio": mask.weight_ratio,
         "diameters_mm": _diameters(),
-        "main": MAIN.words(),
+        "main": MAIN_SETTING.words(),
         "rows": rows,
     }
 
 
-def measure_case(run: Run, kind: str, seed: int, setting: Setting, *, draw: bool) -> Part:
+def measure_case(run: SectionContext, kind: str, seed: int, setting: ExperimentSetting, *, draw: bool) -> SectionModule:
     """Judge all masks on one object under one setting."""
     balls: phantoms.Balls = getattr(phantoms, kind)(seed)
     row = _row(run, Scan(balls, setting, seed, run.quick), balls, draw=draw)
@@ -179,9 +184,9 @@ def _diameters() -> list[float]:
     return [round(float(d), 1) for d in np.arange(2.0, 12.01, 0.4)]
 
 
-def _row(run: Run, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> Part:
+def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> SectionModule:
     full = scan.image(None)
-    model, truth = full.mip("z"), phantoms.sampled(balls, full)
+    model, truth = full.mip("z"), phantoms.rasterise(balls, full)
     points, mask = scan.equi_steradian()
     choices = {EQUI: partial(scan.image, points, weights=mask.weights)}
     choices |= {f"interval {k}": partial(scan.image, scan.grid(k)) for k in GRIDS}
@@ -195,9 +200,9 @@ def _row(run: Run, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> Part:
         (f"interval {k}" for k in GRIDS),
         key=lambda name: float(np.mean(near(figures[name]["by_diameter"]))),
     )
-    interest = quality.of_interest(model, THRESHOLD)
-    inside = quality.disc(full.axes.x, _y(full), CIRCLE)
-    row: Part = {
+    interest = quality.above_threshold(model, THRESHOLD)
+    inside = quality.disc(full.axes.x, _y(full), DRAWN_DIAMETER)
+    row: SectionModule = {
         "masks": figures,
         "best": best,
         "full_truth_mip": quality.correlation(model, truth.mip("z")),
@@ -211,8 +216,8 @@ def _row(run: Run, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> Part:
     return row
 
 
-def _figures(volume: Volume, model: NDArray[Any], truth: Volume) -> Part:
-    image, interest = volume.mip("z"), quality.of_interest(model, THRESHOLD)
+def _figures(volume: Volume, model: NDArray[Any], truth: Volume) -> SectionModule:
+    image, interest = volume.mip("z"), quality.above_threshold(model, THRESHOLD)
     correlations, sharpness = [], []
     for diameter in _diameters():
         region = interest & quality.disc(volume.axes.x, _y(volume), 1e-3 * diameter)
@@ -238,9 +243,9 @@ def _correlation(a: NDArray[Any], b: NDArray[Any], region: NDArray[np.bool_]) ->
     return quality.correlation(a, b, region) if region.sum() > 10 else None
 
 
-def _by_pixels(full: Volume, model: NDArray[Any], mips: dict[str, NDArray[Any]]) -> Part:
+def _by_pixels(full: Volume, model: NDArray[Any], mips: dict[str, NDArray[Any]]) -> SectionModule:
     """Correlation over the brightest pixels of the model standard in the disc, ever more of them."""
-    inside = np.flatnonzero(quality.disc(full.axes.x, _y(full), CIRCLE).ravel())
+    inside = np.flatnonzero(quality.disc(full.axes.x, _y(full), DRAWN_DIAMETER).ravel())
     order = inside[np.argsort(-model.ravel()[inside], kind="stable")]
     counts = [int(n) for n in np.linspace(0.02, 1.0, 25) * len(order)]
     chosen = {
@@ -262,11 +267,11 @@ def _y(volume: Volume) -> NDArray[np.float64]:
 
 def near(values: list[float | None]) -> list[float]:
     """Take the values for discs of 2 to 8 mm."""
-    low, high = (1e3 * d for d in NEAR)
+    low, high = (1e3 * d for d in EVALUATED_DIAMETERS)
     return [v for d, v in zip(_diameters(), values, strict=True) if low <= d <= high and v is not None]
 
 
-def _draw(run: Run, scan: Scan, full: Volume, mips: dict[str, NDArray[Any]], row: Part) -> None:
+def _draw(run: SectionContext, scan: Scan, full: Volume, mips: dict[str, NDArray[Any]], row: SectionModule) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     x, y, z = full.axes.x, _y(full), full.axes.z

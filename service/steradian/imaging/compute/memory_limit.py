@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.system_resources import available
+from steradian.core.system_resources import available_memory
 
 
-def require(needed: int, limit: int | None, shape: tuple[int, ...], images: int = 1) -> None:
+def check_memory(needed: int, limit: int | None, shape: tuple[int, ...], images: int = 1) -> None:
     """Refuse a reconstruction that needs more than ``limit`` bytes, or than there are; before they are taken.
 
     Parameters
@@ -32,7 +32,7 @@ def require(needed: int, limit: int | None, shape: tuple[int, ...], images: int 
             which = "this image" if images == 1 else f"these {images} images"
             raise InvalidInput("memory_limit", limit, f"at least {needed} bytes for {which} of {image} voxels")
         return
-    there = available()
+    there = available_memory()
     if there is not None and needed > there and images > 1:
         raise InvalidInput(
             "traces",

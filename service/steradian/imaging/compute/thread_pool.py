@@ -12,25 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
-from steradian.core.system_resources import cores
+from steradian.core.progress import CancelCheck, Progress
+from steradian.core.system_resources import cpu_count
 
 Scratch = TypeVar("Scratch")
 _POLL = 0.05  # seconds between two looks at the callables, at least
 
 
-LIMIT: Final = "OMP_NUM_THREADS"
+THREAD_LIMIT: Final = "OMP_NUM_THREADS"
 """By this variable batch systems, and the service's workers for their jobs, say how many threads a process may have."""
 
 
-def available() -> int:
-    """Processors this process may use, or fewer where :data:`LIMIT` says so."""
-    asked = os.environ.get(LIMIT, "").partition(",")[0].strip()  # a list is for nested teams
-    there = cores()
+def available_threads() -> int:
+    """Processors this process may use, or fewer where :data:`THREAD_LIMIT` says so."""
+    asked = os.environ.get(THREAD_LIMIT, "").partition(",")[0].strip()  # a list is for nested teams
+    there = cpu_count()
     return min(there, max(1, int(asked))) if asked.isdecimal() else there
 
 
-def run(
+def parallel_for(
     stage: str,
     pieces: int,
     scratch: Callable[[], Scratch],
@@ -38,7 +38,7 @@ def run(
     *,
     threads: int,
     progress: Progress | None,
-    cancelled: IsCancelled | None,
+    cancelled: CancelCheck | None,
 ) -> None:
     """Call ``work(i, scratch, flag)`` for i = 0 … pieces−1, on ``threads`` threads with a scratch space each.
 

@@ -16,32 +16,32 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
-from steradian.core.progress import IsCancelled, Progress
-from steradian.imaging.tables import Tables
+from steradian.core.progress import CancelCheck, Progress
+from steradian.imaging.tables import TransformTables
 from steradian.imaging.volume import RealArray
 
 
-class Watch(NamedTuple):
+class ProgressMonitor(NamedTuple):
     """Progress and cancellation callbacks; see :mod:`steradian.core.progress`."""
 
     progress: Progress | None = None
-    cancelled: IsCancelled | None = None
+    cancelled: CancelCheck | None = None
 
 
-NOBODY = Watch()
+NO_MONITOR = ProgressMonitor()
 
 
 class Engine(Protocol):
     """The three steps and their transposes. All may raise ``Cancelled``."""
 
     @property
-    def tables(self) -> Tables:
+    def tables(self) -> TransformTables:
         """Tables for which the engine was created."""
 
     def lateral(
         self,
         traces: Any,
-        watch: Watch = ...,
+        watch: ProgressMonitor = ...,
         *,
         scale: float = 1.0,
         sensors: NDArray[Any] | None = None,
@@ -53,27 +53,27 @@ class Engine(Protocol):
         these are added to; they are changed.
         """
 
-    def to_depth(self, modes: Any, watch: Watch = ..., *, kept: bool = False) -> Any:
+    def to_depth(self, modes: Any, watch: ProgressMonitor = ..., *, kept: bool = False) -> Any:
         """Modes over depth of modes over time, which are used up unless they are to be ``kept``."""
 
-    def to_image(self, modes: Any, watch: Watch = ...) -> RealArray:
+    def to_image(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
         """Image [x, y, z] ([x, z] in 2-D) of modes over depth, which are used up."""
 
-    def lateral_adjoint(self, modes: Any, watch: Watch = ...) -> RealArray:
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
         """Traces (M, N_t) of modes over time."""
 
-    def to_depth_adjoint(self, modes: Any, watch: Watch = ...) -> Any:
+    def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> Any:
         """Modes over time of modes over depth, which are used up."""
 
-    def to_image_adjoint(self, image: Any, watch: Watch = ...) -> Any:
+    def to_image_adjoint(self, image: Any, watch: ProgressMonitor = ...) -> Any:
         """Modes over depth of an image."""
 
 
-def image_of(engine: Engine, traces: Any, watch: Watch = NOBODY, *, scale: float = 1.0) -> RealArray:
+def run_inverse(engine: Engine, traces: Any, watch: ProgressMonitor = NO_MONITOR, *, scale: float = 1.0) -> RealArray:
     """Make the image of traces: the inversion, or the adjoint of the model."""
     return engine.to_image(engine.to_depth(engine.lateral(traces, watch, scale=scale), watch), watch)
 
 
-def traces_of(engine: Engine, image: Any, watch: Watch = NOBODY) -> RealArray:
+def run_forward(engine: Engine, image: Any, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
     """Make the A-lines of an image, by tables of the model."""
     return engine.lateral_adjoint(engine.to_depth_adjoint(engine.to_image_adjoint(image, watch), watch), watch)

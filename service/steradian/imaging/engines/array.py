@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from steradian.imaging.engines import NOBODY, Watch
-from steradian.imaging.tables import Tables
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
+from steradian.imaging.tables import TransformTables
 from steradian.imaging.transforms.lateral import Stencils, numbers_of
 
 _BATCH = 64  # time samples spread, rows of modes interpolated at once
 
 
-class ArrayEngine:
+class ReferenceEngine:
     """Readable whole-array engine, used for comparison with the compiled ones.
 
     Parameters
@@ -30,7 +30,7 @@ class ArrayEngine:
         Precision to compute in; None: that of the tables.
     """
 
-    def __init__(self, tables: Tables, *, xp: Any = np, dtype: str | None = None) -> None:
+    def __init__(self, tables: TransformTables, *, xp: Any = np, dtype: str | None = None) -> None:
         self.tables, self._xp = tables, xp
         self._real = getattr(xp, dtype or tables.dtype)
         self._complex = xp.complex128 if self._real == xp.float64 else xp.complex64
@@ -43,7 +43,13 @@ class ArrayEngine:
         self._factor = self._array((factors[0][:, None] * factors[1])[:, :, None], complex=True)
 
     def lateral(
-        self, traces: Any, watch: Watch = NOBODY, *, scale: float = 1.0, sensors: Any = None, onto: Any = None
+        self,
+        traces: Any,
+        watch: ProgressMonitor = NO_MONITOR,
+        *,
+        scale: float = 1.0,
+        sensors: Any = None,
+        onto: Any = None,
     ) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, lateral = self._xp, self.tables.lateral
@@ -62,7 +68,7 @@ class ArrayEngine:
         modes = xp.concat(parts, axis=2)
         return modes if onto is None else onto + modes
 
-    def to_depth(self, modes: Any, watch: Watch = NOBODY, *, kept: bool = False) -> Any:
+    def to_depth(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, g = self._xp, self.tables.geometry
         rising = xp.concat([self._interpolated(modes, i) for i in range(modes.shape[0])], axis=0)
@@ -78,18 +84,18 @@ class ArrayEngine:
             rows.append(xp.fft.ifft(both, axis=1)[None, :, first:last] * share)
         return xp.concat(rows, axis=0)
 
-    def to_image(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def to_image(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, fine = self._xp, self.tables.image_modes
         more = 1.0
         for axis, n in enumerate(fine):
             more *= n / modes.shape[axis]
             modes = self._refined(modes, axis, n)
-        (x, nx), (y, ny) = self.tables.shown
+        (x, nx), (y, ny) = self.tables.visible_region
         image = xp.real(xp.fft.ifftn(modes, axes=(0, 1)))[x : x + nx, y : y + ny, :]
         return xp.reshape(image * more, self.tables.geometry.shape)
 
-    def lateral_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, lateral = self._xp, self.tables.lateral
         spectrum = modes * xp.conj(self._factor)
@@ -102,7 +108,7 @@ class ArrayEngine:
             traces = self._added(traces, senders, xp.take(grid, cells, axis=0) * weights[:, None])
         return traces * self._array(lateral.scale)[:, None]
 
-    def to_depth_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, time, (first, last) = self._xp, self.tables.time, self.tables.geometry.depth
         record = self.tables.geometry.record  # that of the model: its depths are no fewer
@@ -125,9 +131,9 @@ class ArrayEngine:
             rows.append((line * self._array(time.divided))[None, ...])
         return xp.concat(rows, axis=0)
 
-    def to_image_adjoint(self, image: Any, watch: Watch = NOBODY) -> Any:
+    def to_image_adjoint(self, image: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
-        xp, ((x, nx), (y, ny)) = self._xp, self.tables.shown
+        xp, ((x, nx), (y, ny)) = self._xp, self.tables.visible_region
         values = xp.reshape(xp.asarray(image, dtype=self._real), (nx, ny, -1))
         for axis, (first, n) in enumerate(((x, nx), (y, ny))):
             shape = list(values.shape)
@@ -184,7 +190,9 @@ class ArrayEngine:
         with np.errstate(invalid="ignore", divide="ignore"):
             gain = np.where(kappa > 0, 2 * l / kappa, 2.0) if rule.waves == "rising" else np.full(kappa.shape, 0.5)
             sine = np.where(kappa > 0, across / kappa, 0.0)
-        factor = gain * np.exp(-2j * np.pi * rule.turns * kappa) * _looked_up(rule.table, rule.steps, kappa, sine)
+        factor = (
+            gain * np.exp(-2j * np.pi * rule.turns * kappa) * _interpolate_response(rule.table, rule.steps, kappa, sine)
+        )
         cells = [self._xp.asarray((first.astype(np.int64) + t) % time.length) for t in range(width)]
         return cells, [self._array(tap) for tap in taps], self._array(factor * (kappa < rule.band), complex=True)
 
@@ -209,7 +217,7 @@ class ArrayEngine:
         return xp.moveaxis(xp.concat([low, gap, high], axis=0), 0, axis)
 
 
-def _looked_up(table: Any, steps: Any, kappa: Any, sine: Any) -> Any:
+def _interpolate_response(table: Any, steps: Any, kappa: Any, sine: Any) -> Any:
     """Response at κ and the sine: amplitude and phase in turns, linear in both."""
     if table.shape[1] == 1:
         return 1.0

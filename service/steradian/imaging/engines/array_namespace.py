@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def on_gpu(values: Any) -> bool:
+def is_gpu_array(values: Any) -> bool:
     """Whether these are an array of a CUDA device, of any library that says so (CuPy, PyTorch, JAX, Numba)."""
     return hasattr(values, "__cuda_array_interface__")
 
 
-def in_memory(values: Any) -> NDArray[Any]:
+def to_numpy(values: Any) -> NDArray[Any]:
     """NumPy array of an array, wherever it is."""
-    if not on_gpu(values):
+    if not is_gpu_array(values):
         return np.asarray(values)
     if hasattr(values, "get"):  # CuPy's
         found: NDArray[Any] = values.get()
@@ -27,11 +27,11 @@ def in_memory(values: Any) -> NDArray[Any]:
     return backend.host(backend.array(values))
 
 
-def beside(values: NDArray[Any], other: Any) -> Any:
+def like(values: NDArray[Any], other: Any) -> Any:
     """Bring an array to where another one is."""
-    return np.asarray(values, like=other) if on_gpu(other) else values
+    return np.asarray(values, like=other) if is_gpu_array(other) else values
 
 
-def parts(values: Any) -> Iterable[Any]:
+def iter_rows(values: Any) -> Iterable[Any]:
     """Return views to be worked on one after the other: rows, which caches hold; of a GPU's array all at once."""
-    return (values,) if on_gpu(values) else (row[None] for row in values)
+    return (values,) if is_gpu_array(values) else (row[None] for row in values)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging.engines.array_namespace import on_gpu
+from steradian.imaging.engines.array_namespace import is_gpu_array
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.parameters import Parameters
-from steradian.imaging.tables import Tables
+from steradian.imaging.tables import TransformTables
 
 if TYPE_CHECKING:
     from steradian.imaging.engines.cuda.engine import CudaEngine
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 AnyEngine: TypeAlias = "NumbaEngine | CudaEngine"
 
 
-class Chosen:
+class EngineSelector:
     """The engine that ``device`` of the parameters asks for.
 
     Parameters
@@ -42,7 +42,7 @@ class Chosen:
         If the device asked for is not there, or memory does not suffice.
     """
 
-    def __init__(self, tables: Tables, parameters: Parameters) -> None:
+    def __init__(self, tables: TransformTables, parameters: Parameters) -> None:
         self._tables, self._parameters = tables, parameters
         self.notes: list[str] = []
         self.engine: AnyEngine = self._first()
@@ -55,9 +55,9 @@ class Chosen:
     @property
     def resident(self) -> bool:
         """Whether images stay on a GPU."""
-        return not isinstance(self.engine, NumbaEngine) and self.engine.room.whole
+        return not isinstance(self.engine, NumbaEngine) and self.engine.room.fits_in_one_pass
 
-    def taken(self, field: str, values: Any) -> Any:
+    def as_engine_array(self, field: str, values: Any) -> Any:
         """Return an array of the GPU as it is, as CuPy's, and anything else as NumPy's.
 
         Raises
@@ -65,13 +65,13 @@ class Chosen:
         InvalidInput
             If it is of a GPU and the engine is not.
         """
-        if not on_gpu(values):
+        if not is_gpu_array(values):
             return np.asarray(values)
         if isinstance(self.engine, NumbaEngine):
             raise InvalidInput(field, "an array of a GPU", "an array in memory, or the device gpu")
         return self.engine.backend.array(values)
 
-    def run(self, work: Callable[[AnyEngine], Any], *, keep: bool) -> Any:
+    def run_with_fallback(self, work: Callable[[AnyEngine], Any], *, keep: bool) -> Any:
         """Do some work with the engine, and return its result as an array of the GPU (``keep``), or as NumPy's.
 
         Where the GPU's memory turns out too small, the work is done again with half as much of it, in pieces, and at
@@ -94,9 +94,9 @@ class Chosen:
                     raise
             if keep or isinstance(engine, NumbaEngine):
                 raise self._too_small()
-            self._step_back(engine)  # not earlier: until here the error holds what was computed
+            self._fall_back(engine)  # not earlier: until here the error holds what was computed
 
-    def resident_run(self, work: Callable[[Any], Any], values: Any) -> Any:
+    def run_on_device(self, work: Callable[[Any], Any], values: Any) -> Any:
         """Do some work on an array, which is brought to the GPU; if that is then too full, on the array as it is."""
         try:
             assert not isinstance(self.engine, NumbaEngine)  # noqa: S101
@@ -109,7 +109,7 @@ class Chosen:
 
     def is_full(self, error: BaseException) -> bool:
         """Whether an error says that the GPU has no memory left."""
-        return not isinstance(self.engine, NumbaEngine) and self.engine.backend.is_full(error)
+        return not isinstance(self.engine, NumbaEngine) and self.engine.backend.is_out_of_memory(error)
 
     def _too_small(self) -> InvalidInput:
         allowed = "more of the GPU's memory for its own arrays; with arrays in memory it works in pieces"
@@ -119,9 +119,9 @@ class Chosen:
         wanted = self._parameters.device
         if wanted == "cpu":
             return self._of_processor()
-        from steradian.imaging.engines.cuda.backend import missing
+        from steradian.imaging.engines.cuda.backend import unavailable_reason
 
-        lacking = missing()
+        lacking = unavailable_reason()
         if wanted == "auto" and lacking is not None:
             return self._of_processor()
         try:
@@ -132,7 +132,7 @@ class Chosen:
             self.notes.append(f"computed on the processor, the GPU's memory being too small: {error}")
             return self._of_processor()
 
-    def _step_back(self, engine: CudaEngine) -> None:
+    def _fall_back(self, engine: CudaEngine) -> None:
         engine.backend.release()
         half = engine.room.device_bytes // 2
         try:
@@ -151,4 +151,4 @@ class Chosen:
 
     def _of_processor(self) -> NumbaEngine:
         chosen = self._parameters
-        return NumbaEngine(self._tables, threads=chosen.most_threads, memory_limit=chosen.memory_limit)
+        return NumbaEngine(self._tables, threads=chosen.max_threads, memory_limit=chosen.memory_limit)

@@ -39,7 +39,7 @@ def area(outline: Outline) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-def hull(points: NDArray[np.float64]) -> Outline:
+def convex_hull(points: NDArray[np.float64]) -> Outline:
     """Convex hull of points (N, d); the two ends of points on one line, and one point of points at one place."""
     from scipy.spatial import ConvexHull, QhullError
 
@@ -57,16 +57,16 @@ def hull(points: NDArray[np.float64]) -> Outline:
     return ends
 
 
-def widened(outline: Outline, by: float) -> Outline:
+def buffered_hull(outline: Outline, by: float) -> Outline:
     """Return the convex hull dilated by ``by`` metres."""
     if outline.shape[1] == 1:
         longer: Outline = outline + np.array([[-by], [by]])
         return longer
     around = disc((0.0, 0.0), by, ROUND)
-    return hull((outline[:, None] + around).reshape(-1, 2))
+    return convex_hull((outline[:, None] + around).reshape(-1, 2))
 
 
-def clip(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline:
+def clip_half_plane(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline:
     """Return the part of a polygon with normal · r ≤ limit; (0, 2) if it is empty."""
     beyond = outline @ normal - limit
     inside = beyond <= 0
@@ -82,14 +82,14 @@ def clip(outline: Outline, normal: NDArray[np.float64], limit: float) -> Outline
     return kept
 
 
-def common(outline: Outline, other: Outline) -> Outline:
+def intersection(outline: Outline, other: Outline) -> Outline:
     """Return the intersection of two convex polygons."""
     if outline.shape[1] == 1:
         low, high = max(outline[0, 0], other[0, 0]), min(outline[1, 0], other[1, 0])
         return np.array([[low], [max(low, high)]])
     for corner, following in zip(other, np.roll(other, -1, axis=0), strict=True):
         outward = np.array([following[1] - corner[1], corner[0] - following[0]])
-        outline = clip(outline, outward, float(outward @ corner))
+        outline = clip_half_plane(outline, outward, float(outward @ corner))
     return outline
 
 
@@ -108,7 +108,7 @@ def is_convex(outline: Outline) -> bool:
     return bool((turn >= -_FLAT * area(outline)).all() and abs(bend.sum() - 2 * np.pi) < 1e-6)
 
 
-def holds(outline: Outline, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def contains(outline: Outline, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points (N, 2) lie within a polygon or on its sides."""
     middle = outline.mean(axis=0)
     corners, wanted = outline - middle, points - middle

@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import real
+from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensor_areas
 from steradian.imaging.parameters import Parameters
-from steradian.imaging.transforms.sizes import fast_multiple, fast_record
+from steradian.imaging.transforms.sizes import fast_multiple, fast_record_length
 from steradian.imaging.validation import Sensors
-from steradian.imaging.volume import Axes
+from steradian.imaging.volume import VoxelAxes
 
-LEAST_CYCLES = 2
+MIN_CYCLES = 2
 """Of the highest frequency in a record."""
 
 
 @dataclass(frozen=True, slots=True)
-class Geometry:
+class ReconstructionGeometry:
     """Everything the formula needs except the traces. Lengths in metres, times in seconds.
 
     Parameters
@@ -96,16 +96,16 @@ class Geometry:
         """Voxel size in metres, in the order of :attr:`shape`."""
         return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
 
-    def axes(self) -> Axes:
+    def axes(self) -> VoxelAxes:
         """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·Δz."""
         lateral = [
             (np.arange(n * self.upsampling, dtype=np.float64) / self.upsampling - n // 2) * (X / n)
             for X, n in zip(self.aperture, self.modes, strict=True)
         ]
         depth = np.arange(*self.depth, dtype=np.float64) * self.depth_step
-        return Axes(lateral[0], lateral[1] if len(lateral) == 2 else None, depth)
+        return VoxelAxes(lateral[0], lateral[1] if len(lateral) == 2 else None, depth)
 
-    def places(self) -> NDArray[np.float64]:
+    def normalised_positions(self) -> NDArray[np.float64]:
         """Sensor positions in periods from the first point of the padded image, in [0, 1), shape (M, d−1)."""
         period, count = np.array(self.period), np.array(self.padded_modes)
         places = (self.positions + (count // 2) * period / count) / period
@@ -120,11 +120,11 @@ def _weights(
         if weights not in (None, "voronoi"):
             raise InvalidInput("weights", weights, "an array, None or 'voronoi' (the areas of the sensors' cells)")
         return sensor_areas(x, period)
-    h = checks.numbers("weights", weights, f"one weight a sensor, shape ({count},)")
-    return checks.areas(h, x, period)
+    h = checks.as_float64("weights", weights, f"one weight a sensor, shape ({count},)")
+    return checks.check_weights(h, x, period)
 
 
-def slices(
+def depth_slice_range(
     depth_range: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
 ) -> tuple[int, int]:
     """Return the first index and one past the last of ``points`` in a period of ``record`` steps of ``fine`` metres.
@@ -141,15 +141,15 @@ def slices(
     return first, last
 
 
-def band_end(value: object, record: int, interval: float) -> float | None:
+def check_upper_frequency(value: object, record: int, interval: float) -> float | None:
     """Check the highest frequency that is used, in Hz."""
     if value is None:
         return None
-    least = LEAST_CYCLES / (record * interval)
-    allowed = f"a frequency from {least:.4g} Hz, {LEAST_CYCLES} cycles a record, or None"
+    least = MIN_CYCLES / (record * interval)
+    allowed = f"a frequency from {least:.4g} Hz, {MIN_CYCLES} cycles a record, or None"
     if isinstance(value, str):
         allowed += '; "signal" is for reconstruct(), which has the A-lines'
-    frequency = real("highest_frequency", value, allowed)
+    frequency = as_finite_float("highest_frequency", value, allowed)
     if frequency < least:
         raise InvalidInput("highest_frequency", value, allowed)
     return frequency
@@ -163,13 +163,13 @@ def _depth_points(highest: float | None, depth_step: float | None, record: int, 
         return points
     length = record * interval * speed
     allowed = f"{length / record:.4g} (c·dt) to {length:.4g} m, or None"
-    step = real("depth_step", depth_step, allowed)
+    step = as_finite_float("depth_step", depth_step, allowed)
     if not length / record * (1 - 1e-6) <= step <= length:
         raise InvalidInput("depth_step", depth_step, allowed)
     return max(points, min(record, int(np.ceil(length / step - 1e-6))))
 
 
-def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> Geometry:
+def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> ReconstructionGeometry:
     """Validate and complete the geometry of sensors (M, d−1) with ``samples`` samples per A-line.
 
     Raises
@@ -177,12 +177,12 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
     InvalidInput
         Naming the parameter and what is allowed.
     """
-    positions, weights, aperture = checks.of_mask(positions, chosen.weights, chosen.aperture)
-    x = checks.places(positions)
+    positions, weights, aperture = checks.resolve_sensors(positions, chosen.weights, chosen.aperture)
+    x = checks.check_positions(positions)
     axes = x.shape[1]
     period = checks.apertures(aperture, axes)
-    number = tuple(checks.whole("modes", n, 2) for n in checks.per_axis("modes", chosen.modes, axes))
-    samples = checks.whole("samples", samples, 4, checks.MOST_SAMPLES)
+    number = tuple(checks.check_integer("modes", n, 2) for n in checks.per_axis("modes", chosen.modes, axes))
+    samples = checks.check_integer("samples", samples, 4, checks.MAX_SAMPLES)
     interval, speed = chosen.sampling_interval, chosen.sound_speed
     extent = 2 * np.abs(x).max(axis=0)
     if not chosen.wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
@@ -190,10 +190,10 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
     padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
     extent = Extent.of(samples, interval, chosen.time_zero)
-    record = fast_record(int(np.ceil(samples * chosen.time_padding - 1e-9)) + extent.ahead)
-    highest = band_end(chosen.highest_frequency, record, interval)
+    record = fast_record_length(int(np.ceil(samples * chosen.time_padding - 1e-9)) + extent.ahead)
+    highest = check_upper_frequency(chosen.highest_frequency, record, interval)
     points = _depth_points(highest, chosen.depth_step, record, interval, speed)
-    return Geometry(
+    return ReconstructionGeometry(
         positions=x,
         weights=_weights(weights, x, period),
         aperture=period,
@@ -207,6 +207,6 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         time_zero=chosen.time_zero,
         highest_frequency=highest,
         depth_points=points,
-        depth=slices(chosen.depth_range, extent, record, points, interval * speed),
+        depth=depth_slice_range(chosen.depth_range, extent, record, points, interval * speed),
         upsampling=chosen.upsampling,
     )

@@ -16,19 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.imaging.geometry.voronoi import cell_areas
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 
 _SAME_LINE = 1e-5
 """Coordinates that differ by less than this share of the extent are of one line of a grid."""
 _OFF_GRID = 0.01
 """So many intervals a sensor of a grid may lie beside its place."""
-_ONE_PLACE = 1e-9
+COINCIDENT_TOLERANCE = 1e-9
 """Sensors that are no farther apart than this share of the aperture are at one place; so are a grid's lines, of its
 longer side."""
 
 
 @dataclass(frozen=True)
-class Lattice:
+class SensorGrid:
     """A rectangular grid of sensors.
 
     Attributes
@@ -49,7 +49,7 @@ class Lattice:
         return outlines.rectangle(self.first - self.pitch / 2, self.first + (self.counts - 0.5) * self.pitch)
 
 
-def find_lattice(points: NDArray[np.float64], *, filled: float = 1.0) -> Lattice | None:
+def detect_sensor_grid(points: NDArray[np.float64], *, filled: float = 1.0) -> SensorGrid | None:
     """Return the rectangular grid of at least two places along each axis that points (M, d) lie on, each place once.
 
     ``filled`` is the share of its places that must have a point; ``None`` where there is no such grid.
@@ -67,17 +67,17 @@ def find_lattice(points: NDArray[np.float64], *, filled: float = 1.0) -> Lattice
         places.append(np.rint(place).astype(np.int64))
         if np.abs(place - places[-1]).max() > _OFF_GRID:
             return None
-    if pitch.min() <= _ONE_PLACE * np.ptp(points, axis=0).max():
+    if pitch.min() <= COINCIDENT_TOLERANCE * np.ptp(points, axis=0).max():
         return None
     counts = np.array([place.max() + 1 for place in places])
     if not filled * float(counts.prod(dtype=np.float64)) <= len(points) <= counts.prod(dtype=np.float64):
         return None
     if len(np.unique(np.ravel_multi_index(tuple(places), tuple(counts)))) != len(points):
         return None
-    return Lattice(counts, pitch, first)
+    return SensorGrid(counts, pitch, first)
 
 
-def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> Outline:
+def sensed_region(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> Outline:
     """Outline of the area covered by sensors, from their positions alone.
 
     Parameters
@@ -96,20 +96,20 @@ def sensed_outline(positions: NDArray[np.float64], aperture: float | Sequence[fl
     """
     sides = np.broadcast_to(np.asarray(aperture, np.float64), positions.shape[1:])
     low, high = positions.min(axis=0), positions.max(axis=0)
-    if (high - low).max() <= _ONE_PLACE * sides.max():
+    if (high - low).max() <= COINCIDENT_TOLERANCE * sides.max():
         return outlines.rectangle(-sides / 2, sides / 2)
-    lattice = find_lattice(positions)
+    lattice = detect_sensor_grid(positions)
     if lattice is not None:
         return lattice.outline
-    bare = outlines.hull(positions)
+    bare = outlines.convex_hull(positions)
     count = _number_of_places(positions)
-    outline = outlines.widened(bare, _mean_spacing(bare, count) / 2)
+    outline = outlines.buffered_hull(bare, _mean_spacing(bare, count) / 2)
     middle, half = (low + high) / 2, np.maximum(sides, high - low) / 2
-    return outlines.common(outline, outlines.rectangle(middle - half, middle + half))
+    return outlines.intersection(outline, outlines.rectangle(middle - half, middle + half))
 
 
 def _number_of_places(positions: NDArray[np.float64]) -> int:
-    return len(np.unique(np.round(positions / (_ONE_PLACE * np.ptp(positions, axis=0).max())), axis=0))
+    return len(np.unique(np.round(positions / (COINCIDENT_TOLERANCE * np.ptp(positions, axis=0).max())), axis=0))
 
 
 def _mean_spacing(bare: Outline, count: int) -> float:
@@ -123,16 +123,16 @@ def _mean_spacing(bare: Outline, count: int) -> float:
 
 
 def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> NDArray[np.float64]:
-    """Areas of the cells within :func:`sensed_outline`, (M,) in m² (m on a line).
+    """Areas of the cells within :func:`sensed_region`, (M,) in m² (m on a line).
 
     Those of a grid are equal and cost a sort along each axis; else Voronoi cells are drawn (0.5 s and 100 MB for fifty
     thousand sensors, about proportional).
     """
-    outline = sensed_outline(positions, aperture)
-    lattice = find_lattice(positions)
+    outline = sensed_region(positions, aperture)
+    lattice = detect_sensor_grid(positions)
     if lattice is not None:
         return np.full(len(positions), outlines.area(outline) / len(positions))
-    return cell_areas(positions, outline)
+    return voronoi_cell_areas(positions, outline)
 
 
 def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:
@@ -148,7 +148,7 @@ def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -
     Returns
     -------
     ndarray
-        h, shape (M,), in m² (m on a line); Σ h is the sensed area (:func:`sensed_outline`).
+        h, shape (M,), in m² (m on a line); Σ h is the sensed area (:func:`sensed_region`).
 
     Raises
     ------

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
 
-FAR = 8.0
+FAR_RADIUS = 8.0
 """Distance in extents of the helper points that close every cell; their own cells stay outside the outline."""
 
 
-def cell_areas(positions: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
+def voronoi_cell_areas(positions: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
     """Areas of the Voronoi cells within an outline.
 
     Parameters
@@ -57,7 +57,7 @@ def _polygons(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]
     from scipy.spatial import Delaunay
 
     angle = np.arange(8) * (np.pi / 4)
-    points = np.concatenate([places, FAR * np.column_stack([np.cos(angle), np.sin(angle)])])
+    points = np.concatenate([places, FAR_RADIUS * np.column_stack([np.cos(angle), np.sin(angle)])])
     net = Delaunay(points)
     triangles = net.simplices.astype(np.int64)
     centres = _circumcentres(points[triangles])
@@ -68,23 +68,23 @@ def _polygons(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]
         share = (_cross(left - own, reach) + _cross(reach, right - own)) / 4
         areas += np.bincount(triangles[:, corner], share, minlength=len(points))
     areas = np.abs(areas)
-    cut = np.unique(triangles[~outlines.holds(edge, centres)])
+    cut = np.unique(triangles[~outlines.contains(edge, centres)])
     starts, neighbours = net.vertex_neighbor_vertices
     for point in cut[cut < len(places)]:
-        areas[point] = _within(edge, points[point], points[neighbours[starts[point] : starts[point + 1]]])
+        areas[point] = _clip_to_outline(edge, points[point], points[neighbours[starts[point] : starts[point + 1]]])
     # points too close to another to be told apart got no triangles: they share its cell
     for lone, _, other in net.coplanar:
         areas[lone] = areas[other] = areas[other] / 2
     return areas[: len(places)]
 
 
-def _within(edge: Outline, point: NDArray[np.float64], neighbours: NDArray[np.float64]) -> float:
+def _clip_to_outline(edge: Outline, point: NDArray[np.float64], neighbours: NDArray[np.float64]) -> float:
     """Area of a point's Voronoi cell, clipped to the outline."""
     cell = edge
     away = neighbours - point
     limits = (away * (neighbours + point)).sum(axis=1) / 2
     for one in np.argsort((away**2).sum(axis=1)):  # the nearest cut most away
-        cell = outlines.clip(cell, away[one], limits[one])
+        cell = outlines.clip_half_plane(cell, away[one], limits[one])
         if len(cell) < 3:
             return 0.0
     return outlines.area(cell)

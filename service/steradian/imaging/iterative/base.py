@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Literal
 
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.volume import RealArray
 
-Stopped = Literal["discrepancy", "change", "misfit", "iterations"]
+StopReason = Literal["discrepancy", "change", "misfit", "iterations"]
 
 
-class Iterations:
+class IterativeSolver:
     """One run.
 
     Parameters
@@ -37,13 +37,13 @@ class Iterations:
         options: Iterative,
         noise: float,
         progress: Progress | None,
-        cancelled: IsCancelled | None,
+        cancelled: CancelCheck | None,
     ) -> None:
         self._model, self._data, self._options, self._noise = model, measured, options, noise
         self._progress, self._cancelled = progress, cancelled
         self.residuals: list[float] = []
         self.products = self.done = 0
-        self.stopped: Stopped = "iterations"
+        self.stopped: StopReason = "iterations"
 
     def run(self) -> RealArray:
         """Return the image."""

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from steradian.imaging.engines.array_namespace import beside
-from steradian.imaging.iterative.base import Iterations
+from steradian.imaging.engines.array_namespace import like
+from steradian.imaging.iterative.base import IterativeSolver
 from steradian.imaging.iterative.proximal import proximal
 from steradian.imaging.volume import RealArray
 
@@ -19,7 +19,7 @@ _POWER_STEPS = 6
 _SAFETY = 1.1  # of the largest singular value found by so many power steps
 
 
-class Descent(Iterations):
+class Fista(IterativeSolver):
     """FISTA (Beck and Teboulle 2009) with the restart of O'Donoghue and Candès (2015)."""
 
     def run(self) -> RealArray:
@@ -34,7 +34,7 @@ class Descent(Iterations):
             spacing=self._model.geometry.spacing,
             threads=self._model.threads,
         )
-        weight = self._options.weight()
+        weight = self._options.lambda_()
         weight *= curvature if self._options.regularisation == "tikhonov" else float(np.abs(back).max())
         kind = back.dtype.type
         image, point, new = np.zeros_like(back), np.zeros_like(back), np.empty_like(back)
@@ -76,7 +76,7 @@ class Descent(Iterations):
 
     def _curvature(self, start: RealArray) -> float:
         """Largest singular value of A squared, by power steps from Aᵀg; a little more, to be sure."""
-        noise = beside(np.random.default_rng(0).standard_normal(start.shape, start.dtype), start)
+        noise = like(np.random.default_rng(0).standard_normal(start.shape, start.dtype), start)
         vector: RealArray = start + start.dtype.type(1e-3 * float(np.abs(start).max())) * noise
         value = 1.0
         for _ in range(_POWER_STEPS):

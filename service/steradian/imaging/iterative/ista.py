@@ -26,18 +26,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.engines.array_namespace import beside, in_memory, parts
-from steradian.imaging.iterative.base import Iterations
+from steradian.imaging.engines.array_namespace import iter_rows, like, to_numpy
+from steradian.imaging.iterative.base import IterativeSolver
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import RealArray, Volume
 
 _NORMAL = 1.4826  # standard deviation of normally distributed values over the median of their absolute values
-_SHORTEST, _LONGEST = 1 / 16, 2.0  # step; a shorter one would not change what is seen
-_PAYS = 0.05  # share of the misfit beyond the noise that a step has to take away for another one to follow
+MIN_STEP, _LONGEST = 1 / 16, 2.0  # step; a shorter one would not change what is seen
+MIN_GAIN = 0.05  # share of the misfit beyond the noise that a step has to take away for another one to follow
 _SMOOTH = np.array([1, 2, 3, 2, 1]) / 9  # over depths
 
 
-class Thresholding(Iterations):
+class IterativeSoftThresholding(IterativeSolver):
     """One run, with B of the model's sensors and voxels."""
 
     def __init__(self, direct: ReconstructionPlan, *others: Any) -> None:
@@ -59,8 +59,8 @@ class Thresholding(Iterations):
             self.done += 1
             after = self._misfit(new)
             np.subtract(residual, after, out=after)  # what the step explains
-            length = min(_fitting(residual, after), _LONGEST)
-            if length < _SHORTEST:
+            length = min(_optimal_step(residual, after), _LONGEST)
+            if length < MIN_STEP:
                 self.stopped = "misfit"
                 break
             change = self._take(length, image, new, residual, after)
@@ -71,19 +71,19 @@ class Thresholding(Iterations):
             if change <= self._options.change * _norm(image):
                 self.stopped = "change"
                 break
-            if self.done > 1 and self._beyond(last) > (1 - _PAYS) * self._beyond(before):
+            if self.done > 1 and self._beyond(last) > (1 - MIN_GAIN) * self._beyond(before):
                 self.stopped = "misfit"
                 break
         return self._refitted(image, residual)
 
     def _step(self, image: RealArray, residual: RealArray) -> RealArray:
         """Return T(f + B r)."""
-        signs = beside(self._signs.choice(np.array([-1, 1], residual.dtype), len(residual)), residual)
-        streaks = spread(self._back(residual * signs[:, None]))
+        signs = like(self._signs.choice(np.array([-1, 1], residual.dtype), len(residual)), residual)
+        streaks = rms_per_depth(self._back(residual * signs[:, None]))
         new = self._back(residual)
-        cut = self._options.weight() * np.minimum(level(new), streaks)
+        cut = self._options.lambda_() * np.minimum(noise_level(new), streaks)
         new += image
-        shrink(new, beside(cut.astype(new.dtype), new), non_negative=self._options.non_negative)
+        soft_threshold(new, like(cut.astype(new.dtype), new), non_negative=self._options.non_negative)
         return new
 
     def _refitted(self, image: RealArray, residual: RealArray) -> RealArray:
@@ -103,7 +103,7 @@ class Thresholding(Iterations):
                 new *= found
                 explained = self._forward(new)
                 new += image
-            length = self._no_further(_fitting(residual, explained), residual, explained)
+            length = self._no_further(_optimal_step(residual, explained), residual, explained)
             if length <= 0:
                 break
             self._take(length, image, new, residual, explained)
@@ -147,25 +147,25 @@ class Thresholding(Iterations):
         return volume.values
 
 
-def level(values: RealArray) -> NDArray[np.float64]:
+def noise_level(values: RealArray) -> NDArray[np.float64]:
     """Estimate the standard deviation of streaks at each depth, shape (Nz,), from the median of absolute values."""
     lateral = tuple(range(values.ndim - 1))
     thinned = values[(slice(None, None, 2),) * len(lateral)]
-    return _smooth(_NORMAL * in_memory(np.median(np.abs(thinned), axis=lateral)))
+    return _smooth(_NORMAL * to_numpy(np.median(np.abs(thinned), axis=lateral)))
 
 
-def spread(values: RealArray) -> NDArray[np.float64]:
+def rms_per_depth(values: RealArray) -> NDArray[np.float64]:
     """Root mean square at each depth, shape (Nz,)."""
     squares = sum(
-        in_memory(np.einsum("...z,...z->...z", part, part).reshape(-1, part.shape[-1]).sum(axis=0))
-        for part in parts(values)
+        to_numpy(np.einsum("...z,...z->...z", part, part).reshape(-1, part.shape[-1]).sum(axis=0))
+        for part in iter_rows(values)
     )
     return _smooth(np.sqrt(squares / np.prod(values.shape[:-1])))
 
 
-def shrink(values: RealArray, cut: RealArray, *, non_negative: bool) -> None:
+def soft_threshold(values: RealArray, cut: RealArray, *, non_negative: bool) -> None:
     """Soft thresholding in place, row by row: no second image in memory."""
-    for part in parts(values):
+    for part in iter_rows(values):
         part -= cut if non_negative else np.clip(part, -cut, cut)
         if non_negative:
             np.maximum(part, 0, out=part)
@@ -175,7 +175,7 @@ def _smooth(levels: RealArray) -> NDArray[np.float64]:
     return np.convolve(np.pad(levels, len(_SMOOTH) // 2, mode="edge"), _SMOOTH, "valid")
 
 
-def _fitting(residual: RealArray, explained: RealArray) -> float:
+def _optimal_step(residual: RealArray, explained: RealArray) -> float:
     """Length of a step that leaves least of the residual; 0 where it explains nothing."""
     size = float(np.vdot(explained, explained))
     return float(np.vdot(residual, explained)) / size if size > 0 else 0.0

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging.compute import thread_pool as workers
-from steradian.imaging.engines.array_namespace import on_gpu
+from steradian.imaging.engines.array_namespace import is_gpu_array
 from steradian.imaging.iterative_options import Regularisation
 from steradian.imaging.volume import RealArray
 
@@ -60,10 +60,10 @@ class _TotalVariation:
         u, x = u.reshape(self._shape), x.reshape(self._shape)
         if self._dual is None:
             self._dual = np.zeros((3, *self._shape), u.dtype, like=u)
-        if on_gpu(u):
+        if is_gpu_array(u):
             self._by_arrays(u, x, length)
             return
-        from steradian.imaging.iterative.tv_kernels import ascend, primal
+        from steradian.imaging.iterative.tv_kernels import dual_step, primal_step
 
         dual, kind = self._dual, u.dtype.type
         rates = np.array(self._rates, u.dtype)
@@ -73,16 +73,16 @@ class _TotalVariation:
         pieces = -(-self._shape[0] // _ROWS)
 
         def descend(piece: int, _: None, flag: NDArray[np.uint8]) -> None:
-            primal(u, dual, x, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), scale, rates, low)
+            primal_step(u, dual, x, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), scale, rates, low)
 
         def climb(piece: int, _: None, flag: NDArray[np.uint8]) -> None:
-            ascend(x, dual, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), rate, rates)
+            dual_step(x, dual, piece * _ROWS, min((piece + 1) * _ROWS, len(u)), rate, rates)
 
         how: dict[str, Any] = {"threads": self._threads, "progress": None, "cancelled": None}
         for _ in range(_INNER):
-            workers.run("regularisation", pieces, lambda: None, descend, **how)
-            workers.run("regularisation", pieces, lambda: None, climb, **how)
-        workers.run("regularisation", pieces, lambda: None, descend, **how)
+            workers.parallel_for("regularisation", pieces, lambda: None, descend, **how)
+            workers.parallel_for("regularisation", pieces, lambda: None, climb, **how)
+        workers.parallel_for("regularisation", pieces, lambda: None, descend, **how)
 
     def _by_arrays(self, u: RealArray, x: RealArray, length: float) -> None:
         """Compute the step with whole arrays, as a GPU needs (see :mod:`steradian.imaging.iterative.tv_kernels`)."""

@@ -18,24 +18,24 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.core.units import real
+from steradian.core.progress import CancelCheck, Progress
+from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.compute import memory_limit as memory
-from steradian.imaging.engines.array_namespace import in_memory, on_gpu
-from steradian.imaging.film_response import Correction, FilmResponse
+from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
+from steradian.imaging.film_response import FilmResponse, InverseFilter
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.geometry.reconstruction import band_end, slices
-from steradian.imaging.iterative.base import Iterations, Stopped
-from steradian.imaging.iterative.fista import Descent
-from steradian.imaging.iterative.ista import Thresholding
+from steradian.imaging.geometry.reconstruction import check_upper_frequency, depth_slice_range
+from steradian.imaging.iterative.base import IterativeSolver, StopReason
+from steradian.imaging.iterative.fista import Fista
+from steradian.imaging.iterative.ista import IterativeSoftThresholding
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.parameters import Device, Parameters
 from steradian.imaging.plan import ReconstructionPlan
-from steradian.imaging.signal.bandwidth import refined, signal_band, thinned, thinning
+from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
 from steradian.imaging.validation import Sensors
-from steradian.imaging.volume import Axes, RealArray, Volume
+from steradian.imaging.volume import RealArray, Volume, VoxelAxes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +64,7 @@ class IterativeResult:
 
     volume: Volume
     iterations: int
-    stopped: Stopped
+    stopped: StopReason
     residuals: tuple[float, ...]
     products: int
     thinning: int
@@ -96,7 +96,7 @@ def reconstruct_iteratively(
     device: Device = "cpu",
     device_memory: int | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> IterativeResult:
     """Reconstruct by fitting; parameters not named here as in :func:`steradian.imaging._reconstruct`.
 
@@ -124,46 +124,47 @@ def reconstruct_iteratively(
         method="iterative", iterative=options, sampling_interval=sampling_interval, sound_speed=sound_speed,
         aperture=aperture, modes=modes, upsampling=upsampling, depth_range=depth_range, tolerance=tolerance,
         time_zero=time_zero, lateral_padding=lateral_padding, wrap=wrap,
-        correction=None if response is None else Correction(response), dtype=dtype, memory_limit=memory_limit,
+        correction=None if response is None else InverseFilter(response), dtype=dtype, memory_limit=memory_limit,
         threads=threads, device=device, device_memory=device_memory,
     )  # fmt: skip
-    return fit(traces, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
+    return solve(traces, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
 
 
-def fit(
+def solve(
     traces: ArrayLike,
     positions: ArrayLike | Sensors,
     chosen: Parameters,
     *,
     scale: float = 1.0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> IterativeResult:
     """Solve for given parameters as one value; raises as :func:`reconstruct_iteratively`."""
     options = chosen.iterative or Iterative()
-    positions, _, aperture = checks.of_mask(positions, None, chosen.aperture)
-    positions = checks.places(positions)
+    positions, _, aperture = checks.resolve_sensors(positions, None, chosen.aperture)
+    positions = checks.check_positions(positions)
     kind, limit = chosen.precision, chosen.memory_limit
-    data = in_memory(traces)
+    data = to_numpy(traces)
     if data.ndim != 2 or not np.isfinite(data).all():
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
         )
     data, chosen = _since_pulse(data, chosen)
-    scale = real("scale", scale, "a finite factor")
-    unit = _unit(data, scale, kind)
+    scale = as_finite_float("scale", scale, "a finite factor")
+    unit = _scale_unit(data, scale, kind)
     highest, noise = signal_band(data, chosen.sampling_interval)
     samples, interval = data.shape[1], chosen.sampling_interval
     factor = min(
-        thinning(band_end(options.highest_frequency, samples, interval) or highest, interval), max(1, samples // 4)
+        decimation_factor(check_upper_frequency(options.highest_frequency, samples, interval) or highest, interval),
+        max(1, samples // 4),
     )
     step = chosen.sampling_interval * chosen.sound_speed
     extent = Extent.of(samples, interval, chosen.time_zero)
-    first, last = slices(chosen.depth_range, extent, samples + extent.ahead, samples + extent.ahead, step)
+    first, last = depth_slice_range(chosen.depth_range, extent, samples + extent.ahead, samples + extent.ahead, step)
     nearest = first if chosen.depth_range is not None else _nearest_heard(positions, aperture, extent, step)
     thin_end = Extent(-(-samples // factor), extent.begins / factor).end
     coarse = (min(first, nearest) // factor, min(thin_end - 1, -(-last // factor)))
-    measured = thinned(data, factor, kind, scale / unit)
+    measured = decimate(data, factor, kind, scale / unit)
     thin = replace(
         chosen,
         method="nedner",
@@ -175,28 +176,28 @@ def fit(
         depth_range=(coarse[0] * factor * step, coarse[1] * factor * step),
     )
     model = ForwardOperator.of(positions, measured.shape[1], thin)
-    needed = _bytes(model, measured, options, factor, chosen.upsampling, last - first)
-    memory.require(needed, limit, (*(chosen.upsampling * n for n in model.geometry.modes), last - first))
+    needed = _memory_bound(model, measured, options, factor, chosen.upsampling, last - first)
+    memory.check_memory(needed, limit, (*(chosen.upsampling * n for n in model.geometry.modes), last - first))
     noise = min((noise if options.noise is None else options.noise) * (abs(scale) / unit), 2.0)  # no sample is larger
     expected = noise * np.sqrt(measured.size / factor)
-    solver: Callable[..., Iterations] = Descent
+    solver: Callable[..., IterativeSolver] = Fista
     resident = model.chosen.resident
     if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
-        inverse = ReconstructionPlan.of(positions, measured.shape[1], replace(thin, lateral_padding=None))
-        solver, resident = partial(Thresholding, inverse), resident and inverse.chosen.resident
+        inverse = ReconstructionPlan.from_parameters(positions, measured.shape[1], replace(thin, lateral_padding=None))
+        solver, resident = partial(IterativeSoftThresholding, inverse), resident and inverse.chosen.resident
     shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
 
-    def fitted(data: RealArray) -> tuple[Iterations, RealArray]:
+    def fitted(data: RealArray) -> tuple[IterativeSolver, RealArray]:
         solution = solver(model, data, options, float(expected), progress, cancelled)
-        fine = refined(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
+        fine = sinc_upsample(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
         if options.non_negative:
             np.maximum(fine, 0, out=fine)
         fine *= fine.dtype.type(unit)
         return solution, fine
 
-    solution, fine = model.chosen.resident_run(fitted, measured) if resident else fitted(measured)
-    if on_gpu(fine) and not on_gpu(traces):
-        fine = in_memory(fine)
+    solution, fine = model.chosen.run_on_device(fitted, measured) if resident else fitted(measured)
+    if is_gpu_array(fine) and not is_gpu_array(traces):
+        fine = to_numpy(fine)
     volume = _volume(fine, model, chosen.upsampling, np.arange(first, last) * step, step)
     return IterativeResult(
         volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed,
@@ -225,15 +226,15 @@ def _nearest_heard(
     return int(np.sqrt(max(0.0, extent.ahead**2 - (farthest / step) ** 2)))
 
 
-def _unit(data: RealArray, scale: float, dtype: str) -> float:
+def _scale_unit(data: RealArray, scale: float, dtype: str) -> float:
     """Power of two close to the largest sample, by which iterations are scaled, so that squares do not overflow."""
     largest = float(np.abs(data).max(initial=0.0)) * abs(scale)
-    if not largest < 2.0 ** checks.SUMMABLE[dtype]:
+    if not largest < 2.0 ** checks.MAX_EXPONENT[dtype]:
         raise InvalidInput("traces", "beyond the range of the working precision", "finite numbers")
     return float(2.0 ** np.floor(np.log2(largest))) if largest > 0 else 1.0
 
 
-def _bytes(
+def _memory_bound(
     model: ForwardOperator, measured: RealArray, options: Iterative, factor: int, upsampling: int, depths: int
 ) -> int:
     """Upper bound of a run's allocations: modes, scratch, traces and images of the iterations, or the fine image."""
@@ -251,4 +252,4 @@ def _bytes(
 def _volume(values: RealArray, model: ForwardOperator, upsampling: int, depths: Any, step: float) -> Volume:
     g = replace(model.geometry, upsampling=upsampling)
     axes = g.axes()
-    return Volume(values, Axes(axes.x, axes.y, depths), (*g.spacing[:-1], step), g.sound_speed)
+    return Volume(values, VoxelAxes(axes.x, axes.y, depths), (*g.spacing[:-1], step), g.sound_speed)

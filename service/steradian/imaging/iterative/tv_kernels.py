@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
 
-@compiled
-def primal(u: Any, dual: Any, x: Any, first: int, last: int, length: Any, rates: Any, low: Any) -> None:
+@jit
+def primal_step(u: Any, dual: Any, x: Any, first: int, last: int, length: Any, rates: Any, low: Any) -> None:
     """Set x = max(low, u − length·Dᵀ dual) in rows ``first`` … ``last``; D are forward differences times ``rates``."""
     ny, nz = u.shape[1], u.shape[2]
     a, b, c = length * rates[0], length * rates[1], length * rates[2]
@@ -31,8 +31,8 @@ def primal(u: Any, dual: Any, x: Any, first: int, last: int, length: Any, rates:
                 x[i, j, k] = max(low, x[i, j, k])
 
 
-@compiled
-def ascend(x: Any, dual: Any, first: int, last: int, rate: Any, rates: Any) -> None:
+@jit
+def dual_step(x: Any, dual: Any, first: int, last: int, rate: Any, rates: Any) -> None:
     """Project dual + rate·D x onto vectors no longer than 1, in rows ``first`` … ``last``."""
     nx, ny, nz = x.shape
     one = x.dtype.type(1)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging.engines.array_namespace import on_gpu
-from steradian.imaging.geometry.reconstruction import LEAST_CYCLES
+from steradian.imaging.engines.array_namespace import is_gpu_array
+from steradian.imaging.geometry.reconstruction import MIN_CYCLES
 from steradian.imaging.volume import RealArray
 
 _ABOVE = 2.0  # power of signal plus noise against noise alone where the band ends
@@ -33,7 +33,9 @@ def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, flo
     return float((last + 1) / (samples * sampling_interval)), float(np.sqrt(noise))
 
 
-def upper_limit(highest: float | Literal["signal"] | None, traces: RealArray, sampling_interval: float) -> float | None:
+def resolve_upper_frequency(
+    highest: float | Literal["signal"] | None, traces: RealArray, sampling_interval: float
+) -> float | None:
     """Return the highest frequency to use, in Hz: as given, or of "signal" where that ends, two cycles at least.
 
     Raises
@@ -47,11 +49,11 @@ def upper_limit(highest: float | Literal["signal"] | None, traces: RealArray, sa
         raise InvalidInput("traces", f"an array of {traces.dtype}", "integers or floating numbers")
     if not traces.size:
         raise InvalidInput("traces", f"an array of shape {traces.shape}", "at least one sample")
-    least: float = LEAST_CYCLES / (traces.shape[1] * sampling_interval)
+    least: float = MIN_CYCLES / (traces.shape[1] * sampling_interval)
     return max(signal_band(traces, sampling_interval)[0], least)
 
 
-def share_above(frequency: float, traces: RealArray, sampling_interval: float) -> float:
+def power_fraction_above(frequency: float, traces: RealArray, sampling_interval: float) -> float:
     """Share of the A-lines' power that lies above a frequency in Hz."""
     power = _mean_power(traces)
     power[1 : (traces.shape[1] + 1) // 2] *= 2  # those of negative frequencies
@@ -71,12 +73,12 @@ def _mean_power(traces: RealArray) -> NDArray[np.float64]:
     return power
 
 
-def thinning(highest: float, sampling_interval: float) -> int:
+def decimation_factor(highest: float, sampling_interval: float) -> int:
     """Return the decimation factor for a band that ends at ``highest``."""
     return max(1, int(0.5 / sampling_interval / (_MARGIN * highest)))
 
 
-def thinned(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> RealArray:
+def decimate(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> RealArray:
     """Decimate: low-pass filter to the new Nyquist frequency and take every ``factor``-th sample, scaled.
 
     Zero-padded to a multiple.
@@ -96,14 +98,16 @@ def thinned(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> R
     return result
 
 
-def refined(values: RealArray, factors: tuple[int, ...], depths: slice = slice(None)) -> RealArray:
+def sinc_upsample(values: RealArray, factors: tuple[int, ...], depths: slice = slice(None)) -> RealArray:
     """Sinc interpolation: ``factors`` points a voxel along each axis, the first of them on the voxel itself.
 
     Along depth the image is continued with zeros, laterally periodically. Only the refined ``depths`` are made.
     """
     from scipy import fft
 
-    fast: Any = np.fft if on_gpu(values) else fft  # of NumPy's functions, that of the array's own library is called
+    fast: Any = (
+        np.fft if is_gpu_array(values) else fft
+    )  # of NumPy's functions, that of the array's own library is called
     result = values
     for axis, factor in enumerate(factors):
         kept = depths if axis == result.ndim - 1 else slice(None)

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.transforms.sizes import LINE
 from steradian.imaging.volume import RealArray
 
 _OVERSAMPLINGS = (1.06, 1.08, 1.1, 1.12, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.75, 2.0)
-_OTHERS = 500  # products of a tap and a sample that cost what the other steps take for a sample, about
-_WORTH = 0.9  # of the samples; a decimation to more of them is left
+OTHER_FACTORS = 500  # products of a tap and a sample that cost what the other steps take for a sample, about
+MIN_SAVING = 0.9  # of the samples; a decimation to more of them is left
 _VECTORS = 32  # taps are a multiple of this: no remainder for the processor to do one by one
 _ROWS = 256  # A-lines decimated together
 
@@ -60,7 +60,7 @@ class Decimation:
         *,
         threads: int = 1,
         progress: Progress | None = None,
-        cancelled: IsCancelled | None = None,
+        cancelled: CancelCheck | None = None,
     ) -> RealArray:
         """Decimate A-lines (M, N), of any real type; values that are not finite stay so."""
         from steradian.imaging.transforms.summing import weighted_sums
@@ -75,11 +75,13 @@ class Decimation:
             weighted_sums(part, self.starts, taps, result[rows])
 
         pieces = -(-len(traces) // _ROWS)
-        workers.run("decimation", pieces, lambda: None, work, threads=threads, progress=progress, cancelled=cancelled)
+        workers.parallel_for(
+            "decimation", pieces, lambda: None, work, threads=threads, progress=progress, cancelled=cancelled
+        )
         return result
 
 
-def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
+def plan_decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
     """Return the decimation for frequencies below ``band``; None where it saves little.
 
     Parameters
@@ -99,12 +101,12 @@ def decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
         every = 0.5 / (band * oversampling)
         reach = 0.5 * (attenuation - 7.95) / (2.285 * 2 * np.pi * (1 - 1 / oversampling))  # samples of the result
         count = LINE * (floor((samples - 1) / every + 2 * reach) // LINE + 1)
-        cost = count * (_OTHERS + 2 * reach * every)
+        cost = count * (OTHER_FACTORS + 2 * reach * every)
         if best is None or cost < best[0]:
             best = cost, count, every, reach
     assert best is not None  # noqa: S101
     _, count, every, reach = best
-    if count > _WORTH * samples:
+    if count > MIN_SAVING * samples:
         return None
     # Kaiser-windowed sinc
     places = np.arange(count) - reach  # in samples of the result, from the A-line's first

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Interpolation:
+class TimeInterpolation:
     """The transform over time of a record, at any frequency (paper, NER-NUFFT, equation 5).
 
     Sample n, times ``divided[n]``, goes to cell (n − ``centre``) mod ``length`` of a transform of that length. At the
@@ -47,7 +47,7 @@ class Interpolation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KappaRule:
+class KappaMap:
     """Frequency of each depth frequency, with its Jacobian factor (dispersion relation).
 
     Lateral mode j and depth frequency ±l, in cycles a record, come from κ = √(l² + |scales·j|²), if that is below
@@ -69,7 +69,7 @@ class KappaRule:
     waves
         As above.
     table, steps
-        R as :func:`steradian.imaging.film_response.tabulated` gives it.
+        R as :func:`steradian.imaging.film_response.tabulate` gives it.
     """
 
     scales: tuple[float, float]
@@ -80,18 +80,20 @@ class KappaRule:
     steps: Floats
 
 
-def exact(samples: int, record: float, window: Shape | Window, share: float, accuracy: float) -> Interpolation:
+def window_interpolation(
+    samples: int, record: float, window: Shape | Window, share: float, accuracy: float
+) -> TimeInterpolation:
     """Interpolate with a window, to the relative error ``share``; its taps to ``accuracy``."""
     centre = samples // 2
     length, found = time_grid(2 * max(centre, samples - centre), record, window, share)
     divided = 1.0 / found.transform((np.arange(samples) - centre) / length)
-    return Interpolation(samples, record, centre, length, divided, found.polynomials(accuracy))
+    return TimeInterpolation(samples, record, centre, length, divided, found.polynomials(accuracy))
 
 
-def simple(samples: int, record: int, nearest: bool) -> Interpolation:
+def nearest_or_linear(samples: int, record: int, nearest: bool) -> TimeInterpolation:
     """Take the nearest frequency, or interpolate linearly, as k-Wave does.
 
     The transform of the record's even extension, which k-Wave takes, has this spacing of frequencies.
     """
     taps = np.array([[1.0]] if nearest else [[0.5, -0.5], [0.5, 0.5]])
-    return Interpolation(samples, record, 0, 2 * record, np.ones(samples), taps, nearest)
+    return TimeInterpolation(samples, record, 0, 2 * record, np.ones(samples), taps, nearest)

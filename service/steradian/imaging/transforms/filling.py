@@ -10,7 +10,7 @@ from steradian.core.exceptions import InvalidInput
 Ints = NDArray[np.int64]
 
 
-def filling(
+def linear_gridding_weights(
     places: NDArray[np.float64], grid: tuple[int, int], shift: tuple[float, float]
 ) -> tuple[Ints, Ints, Ints, NDArray[np.float64]]:
     """Weights with which sensors fill the grid's points.

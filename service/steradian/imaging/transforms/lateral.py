@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.transforms.filling import filling
+from steradian.imaging.transforms.filling import linear_gridding_weights
 from steradian.imaging.transforms.windows import Window
 
 Ints = NDArray[np.int64]
@@ -32,7 +32,7 @@ class Stencils:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Entries:
+class GridEntries:
     """Entries of sensors on the grid.
 
     Point (``lines[e]``, ``cells[e]``) takes ``weights[e]`` of sensor ``sensors[e]``.
@@ -45,7 +45,7 @@ class Entries:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lateral:
+class LateralTransform:
     """Grid, sensors and modes.
 
     Parameters
@@ -66,7 +66,7 @@ class Lateral:
 
     grid: tuple[int, int]
     modes: tuple[int, int]
-    sensors: Stencils | Entries
+    sensors: Stencils | GridEntries
     scale: Floats
     shift: tuple[float, float] = (0.0, 0.0)
     windows: tuple[Window | None, Window | None] = (None, None)
@@ -92,7 +92,7 @@ def numbers_of(count: int) -> Ints:
     return np.where(2 * n < count, n, n - count)
 
 
-def grid_of(
+def detect_grid(
     places: Floats, modes: tuple[int, ...], accuracy: float, rounding: float = 0.0
 ) -> list[tuple[int, float]] | None:
     """Per axis the grid (points a period, displacement in cells) all sensors are on, or None.
@@ -123,23 +123,31 @@ def grid_of(
     return found
 
 
-def gridded(places: Floats, scale: Floats, modes: tuple[int, int], grid: list[tuple[int, float]]) -> Lateral:
+def on_grid(places: Floats, scale: Floats, modes: tuple[int, int], grid: list[tuple[int, float]]) -> LateralTransform:
     """Sensors on the points of a grid (NER); several on one point add up."""
     counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
     lines, cells = (np.rint(places[:, a] * counts[a] - shift[a]).astype(np.int64) % counts[a] for a in (0, 1))
-    entries = Entries(lines, cells, np.arange(len(places)), np.ones(len(places)))
-    return Lateral(counts, modes, entries, scale, shift)
+    entries = GridEntries(lines, cells, np.arange(len(places)), np.ones(len(places)))
+    return LateralTransform(counts, modes, entries, scale, shift)
 
 
-def filled(places: Floats, cell_scale: float, modes: tuple[int, int], grid: list[tuple[int, float]]) -> Lateral:
+def linearly_gridded(
+    places: Floats, cell_scale: float, modes: tuple[int, int], grid: list[tuple[int, float]]
+) -> LateralTransform:
     """Fill a grid linearly from the sensors; ``cell_scale`` is the weight of one grid point."""
     counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
-    return Lateral(counts, modes, Entries(*filling(places, counts, shift)), np.full(len(places), cell_scale), shift)
+    return LateralTransform(
+        counts,
+        modes,
+        GridEntries(*linear_gridding_weights(places, counts, shift)),
+        np.full(len(places), cell_scale),
+        shift,
+    )
 
 
 def non_uniform(
     places: Floats, scale: Floats, modes: tuple[int, int], window: Window, grid: tuple[int, int]
-) -> Lateral:
+) -> LateralTransform:
     """Sensors anywhere (NED), at ``places`` (M, 2) in periods; ``grid[0]`` is 1 in 2-D."""
     windows = (None if grid[0] == 1 else window, window)
     first, taps = np.zeros((len(places), 2), np.int64), []
@@ -151,4 +159,4 @@ def non_uniform(
         whole = np.floor(left)
         first[:, axis] = (whole.astype(np.int64) + 1) % grid[axis]
         taps.append(shape.taps(left - whole))
-    return Lateral(grid, modes, Stencils(first, *taps), scale, windows=windows)
+    return LateralTransform(grid, modes, Stencils(first, *taps), scale, windows=windows)

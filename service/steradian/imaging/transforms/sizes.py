@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from steradian.imaging.transforms.windows import Shape, Window, choose
+from steradian.imaging.transforms.windows import Shape, Window, narrowest_window
 
-MOST_PRIME = 127
+MAX_PRIME = 127
 """Primes up to this one cost a transform of a record less than a tenth; 226 mirror positions are 2 · 113."""
 LINE = 16
 """Numbers that a processor brings at once, about; a line of samples or slices of such a length is read fastest."""
 _OVERSAMPLINGS = (1.2, 1.25, 1.3, 1.35, 1.4, 1.5, 1.6, 1.75, 2.0)
 _TRANSFORM = 10.0  # a point of a transform
-_SPREAD = 1.7  # a grid point of a sensor's stencil
-_GATHER = 4.0  # a tap of 16 modes at one depth index
+SPREAD_COST = 1.7  # a grid point of a sensor's stencil
+GATHER_COST = 4.0  # a tap of 16 modes at one depth index
 
 
 def fast_size(least: float) -> int:
@@ -31,10 +31,10 @@ def fast_size(least: float) -> int:
     return best
 
 
-def fast_record(samples: int) -> int:
-    """Length of the record, at least ``samples``: more where a prime factor above :data:`MOST_PRIME` would cost."""
+def fast_record_length(samples: int) -> int:
+    """Length of the record, at least ``samples``: more where a prime factor above :data:`MAX_PRIME` would cost."""
     rest = samples
-    for prime in range(2, MOST_PRIME + 1):
+    for prime in range(2, MAX_PRIME + 1):
         while rest % prime == 0:
             rest //= prime
     if rest == 1:
@@ -54,7 +54,7 @@ def fast_multiple(least: float) -> int:
 def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Window | None:
     if isinstance(window, Window):
         return window
-    return choose(window, share, round(size / needed - 5e-4, 3))
+    return narrowest_window(window, share, round(size / needed - 5e-4, 3))
 
 
 def lateral_grid(
@@ -70,7 +70,7 @@ def lateral_grid(
             continue
         nx, ny = (1 if n == 1 else max(s, fast_size(2 * found.width + 2)) for s, n in zip(sizes, modes, strict=True))
         taps = found.width ** (1 if nx == 1 else 2)
-        cost = sensors * taps * _SPREAD + nx * (ny + (modes[1] if nx > 1 else 0)) * _TRANSFORM
+        cost = sensors * taps * SPREAD_COST + nx * (ny + (modes[1] if nx > 1 else 0)) * _TRANSFORM
         if best is None or cost < best[0]:
             best = cost, (nx, ny), found
     assert best is not None  # noqa: S101
@@ -86,7 +86,7 @@ def time_grid(samples: int, record: float, window: Shape | Window, share: float)
         if found is None:
             continue
         length = max(length, fast_size(2 * found.width + 2))
-        cost = length * _TRANSFORM + record / 2 * found.width * _GATHER
+        cost = length * _TRANSFORM + record / 2 * found.width * GATHER_COST
         if best is None or cost < best[0]:
             best = cost, length, found
     assert best is not None  # noqa: S101

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
 
-@compiled
+@jit
 def weighted_sums(lines: Any, starts: Any, taps: Any, result: Any) -> None:
     """Σ_t taps[n, t]·lines[m, starts[n] + t] to result[m, n]."""
     width, last, nothing = taps.shape[1], lines.shape[0] - 1, lines.dtype.type(0)

@@ -13,14 +13,14 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.units import Range, real
-from steradian.imaging.validation import choice, whole
+from steradian.core.units import QuantityRange, as_finite_float
+from steradian.imaging.validation import check_choice, check_integer
 
 Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]
-MOST_TAPS = 48
+MAX_TAPS = 48
 """Both ends of a spectrum are repeated that far, half of it at either."""
-OVERSAMPLING = Range(1, 16, "grid points per mode", above=True)
-STEEPNESS = Range(0, 500, "β", above=True)
+OVERSAMPLING = QuantityRange(1, 16, "grid points per mode", above=True)
+STEEPNESS = QuantityRange(0, 500, "β", above=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class Window:
     beta: float
 
     def __post_init__(self) -> None:
-        choice("shape", self.shape, get_args(Shape))
-        whole("width", self.width, 2, MOST_TAPS)
+        check_choice("shape", self.shape, get_args(Shape))
+        check_integer("width", self.width, 2, MAX_TAPS)
         OVERSAMPLING.check("oversampling", self.oversampling)
         STEEPNESS.check("beta", self.beta)
 
@@ -123,7 +123,7 @@ def kaiser_bessel(half_width: float, oversampling: float) -> Window:
     InvalidInput
         If 2K is not 2 to 48, or c is not above 1.
     """
-    width = round(2 * real("half_width", half_width, f"a number of taps to {MOST_TAPS // 2}"))
+    width = round(2 * as_finite_float("half_width", half_width, f"a number of taps to {MAX_TAPS // 2}"))
     OVERSAMPLING.check("oversampling", oversampling)
     beta = np.pi * (2.0 - 1.0 / oversampling) * half_width
     return Window("kaiser-bessel", width, oversampling, float(beta))
@@ -138,7 +138,7 @@ def semicircle(width: int, oversampling: float) -> Window:
 
 
 @lru_cache(maxsize=256)
-def choose(shape: Shape, tolerance: float, oversampling: float) -> Window | None:
+def narrowest_window(shape: Shape, tolerance: float, oversampling: float) -> Window | None:
     """Return the narrowest window of that shape whose error in one dimension is below ``tolerance``, if there is one.
 
     With little oversampling and twenty taps there is none below 1e-11.

@@ -13,14 +13,22 @@ from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 from ulid import ULID
 
-from steradian.core.exceptions import NotFound, Superseded
+from steradian.core.exceptions import NotFound, StaleFence
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
-from steradian.jobs.model import Died, JobRequest, JobStatus, QueueUnavailable, requirements_of
-from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, engine_table, prepare, queue_at
-from steradian.jobs.queue.fair_queueing import place
+from steradian.jobs.model import Crashed, JobRequest, JobStatus, QueueUnavailable, requirements_of
+from steradian.jobs.queue.dbos import (
+    APPLICATION,
+    APPLICATION_VERSION,
+    QUEUE,
+    WORKFLOW,
+    migrate_queue,
+    scanner_queue,
+    workflow_table,
+)
+from steradian.jobs.queue.fair_queueing import queue_priority
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.queue.matching import Capabilities, own_scanner, workers
+from steradian.jobs.queue.matching import Capabilities, dedicated_scanner, present_workers
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.clock import utc_now
 from steradian.storage.db.database import Database, metadata_url
@@ -54,7 +62,7 @@ class JobQueue:
     def __init__(self, settings: Settings) -> None:
         self._data = DataDirectory(settings.data)
         try:
-            url = prepare(settings)
+            url = migrate_queue(settings)
             self._database = Database(metadata_url(settings))
             self._client = DBOSClient(system_database_url=url, application_name=APPLICATION)
         except Exception as error:
@@ -85,7 +93,7 @@ class JobQueue:
                 "queue_name": self._queue_of(session, row),
                 "workflow_id": row.id,
                 "app_version": APPLICATION_VERSION,
-                "priority": place(row),
+                "priority": queue_priority(row),
                 "serialization_type": WorkflowSerializationFormat.PORTABLE,
             },
             row.id,
@@ -96,10 +104,10 @@ class JobQueue:
 
         Jobs that follow a scan prefer the node of its file, if a worker there can run them.
         """
-        scanner = own_scanner(session, row.kind, row.scan_id)
-        if scanner is None or _is_too_much(row, scanner, workers(session, utc_now())):
+        scanner = dedicated_scanner(session, row.kind, row.scan_id)
+        if scanner is None or _exceeds_scanner_workers(row, scanner, present_workers(session, utc_now())):
             return QUEUE
-        return queue_at(scanner)
+        return scanner_queue(scanner)
 
     def status(self, job_id: str) -> JobStatus:
         """Return the status of a job; raises :class:`NotFound`."""
@@ -116,7 +124,7 @@ class JobQueue:
             When it is over.
         """
         before = self.ledger.get(job_id)
-        self.ledger.want_cancelled(job_id, who, reason)
+        self.ledger.request_cancellation(job_id, who, reason)
         self._client.cancel_workflow(job_id)
         if before.state is _R.QUEUED:
             self.ledger.cancelled(job_id, who)
@@ -125,12 +133,12 @@ class JobQueue:
     def set_priority(self, job_id: str, priority: int, revision: int | None = None, who: str = "local") -> JobStatus:
         """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
         move = text(
-            f"UPDATE {engine_table(self._database)} SET priority = :place"  # noqa: S608 - one of two names
+            f"UPDATE {workflow_table(self._database)} SET priority = :place"  # noqa: S608 - one of two names
             " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
         )
         with self._database.write() as session:
             row = self.ledger.set_priority(session, job_id, priority, revision, who)
-            session.execute(move, {"job": job_id, "place": place(row)})
+            session.execute(move, {"job": job_id, "place": queue_priority(row)})
         return self.status(job_id)
 
     def wait(
@@ -164,7 +172,7 @@ class JobQueue:
         )
         states = {job.workflow_id: job.status for job in found}
         self._leave_to_others([(rows[job.workflow_id], job.queue_name) for job in found if job.status in WAITING])
-        doubted = {row.id for row in rows.values() if _disagree(row.state, states.get(row.id))}
+        doubted = {row.id for row in rows.values() if _states_differ(row.state, states.get(row.id))}
         unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
         for job_id in unknown | (doubted & self._doubted):
             self._settle(rows[job_id], states.get(job_id))
@@ -181,15 +189,18 @@ class JobQueue:
         if not (elsewhere := [(row, queue) for row, queue in waiting if queue != QUEUE]):
             return
         move = text(
-            f"UPDATE {engine_table(self._database)} SET queue_name = :everybody"  # noqa: S608 - one of two names
+            f"UPDATE {workflow_table(self._database)} SET queue_name = :everybody"  # noqa: S608 - one of two names
             " WHERE workflow_uuid = :job AND queue_name = :queue AND status IN ('ENQUEUED', 'DELAYED')"
         )
         with self._database.write() as session:
             scanners = session.scalars(select(ScannerRow.id).where(ScannerRow.follows, PRESENT))
-            worked, known = {queue_at(scanner): scanner for scanner in scanners}, workers(session, utc_now())
+            worked, known = (
+                {scanner_queue(scanner): scanner for scanner in scanners},
+                present_workers(session, utc_now()),
+            )
             for row, queue in elsewhere:
                 scanner = worked.get(queue or "")
-                if scanner is None or _is_too_much(row, scanner, known):
+                if scanner is None or _exceeds_scanner_workers(row, scanner, known):
                     session.execute(move, {"everybody": QUEUE, "job": row.id, "queue": queue})
                     _log.warning("job %s is anybody's: no worker on its scanner's node can do it", row.id)
 
@@ -204,7 +215,7 @@ class JobQueue:
         self._database.close()
 
     def _settle(self, row: JobRow, engine_state: str | None) -> None:
-        with suppress(Superseded, NotFound):  # it may have been deleted since it was looked at
+        with suppress(StaleFence, NotFound):  # it may have been deleted since it was looked at
             if row.state is _R.CANCELLING:
                 if engine_state in WAITING_OR_RUNNING:
                     self._client.cancel_workflow(row.id)
@@ -212,11 +223,11 @@ class JobQueue:
                     self.ledger.cancelled(row.id, "service")
                 return
             if engine_state is not None:
-                died = Died(f"its worker could not go on; the queue's engine calls it {engine_state}")
-                self.ledger.settle(row.id, row.fence, died, "service")
+                died = Crashed(f"its worker could not go on; the queue's engine calls it {engine_state}")
+                self.ledger.finish_attempt(row.id, row.fence, died, "service")
                 self.forget([row.id])
             with self._database.write() as session:
-                self._enqueue(session, self.ledger.reread(session, row.id))
+                self._enqueue(session, self.ledger.lock_row(session, row.id))
 
 
 def new_job_id() -> str:
@@ -224,11 +235,11 @@ def new_job_id() -> str:
     return f"j{str(ULID()).lower()}"
 
 
-def _disagree(state: ReconstructionState, engine_state: str | None) -> bool:
+def _states_differ(state: ReconstructionState, engine_state: str | None) -> bool:
     return state is _R.CANCELLING or engine_state not in WAITING_OR_RUNNING
 
 
-def _is_too_much(row: JobRow, scanner_id: str, known: Mapping[str, Capabilities]) -> bool:
+def _exceeds_scanner_workers(row: JobRow, scanner_id: str, known: Mapping[str, Capabilities]) -> bool:
     """Whether a scanner's own workers are there and none of them can do it."""
     own = [has for has in known.values() if has.scanner_id == scanner_id]
-    return bool(own) and not any(has.meet(requirements_of(row)) for has in own)
+    return bool(own) and not any(has.satisfies(requirements_of(row)) for has in own)

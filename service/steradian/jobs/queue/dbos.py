@@ -13,13 +13,13 @@ from dbos import DBOS
 from sqlalchemy import make_url
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.engine_version import ENGINE, engine_version
-from steradian.jobs.queue.fair_queueing import renumber
+from steradian.jobs.queue.engine_version import ENGINE_VERSION_FACT, engine_version
+from steradian.jobs.queue.fair_queueing import renumber_waiting
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.advisory_locks import TIMEOUTS
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.sqlite_compat import with_subseconds
-from steradian.storage.deployment_binding import bind
+from steradian.storage.deployment_binding import bind_deployment
 
 APPLICATION: Final = "steradian"
 APPLICATION_VERSION: Final = "1"
@@ -37,7 +37,7 @@ def queue_url(settings: Settings) -> str:
     return make_url(settings.database_url).update_query_dict(timeouts).render_as_string(hide_password=False)
 
 
-def prepare(settings: Settings) -> str:
+def migrate_queue(settings: Settings) -> str:
     """Bring the tables of ledger and engine to the newest version and return the engine's URL; workers never do this.
 
     Raises
@@ -50,22 +50,22 @@ def prepare(settings: Settings) -> str:
     database = Database(metadata_url(settings))
     try:
         database.migrate()
-        bind(settings, database)
+        bind_deployment(settings, database)
         with database.migrating():
             DBOS.migrate(queue_url(settings))
         with database.write() as session:
-            renumber(session, engine_table(database))
-            database.note(session, ENGINE, engine_version())
+            renumber_waiting(session, workflow_table(database))
+            database.set_fact(session, ENGINE_VERSION_FACT, engine_version())
     finally:
         database.close()
     return queue_url(settings)
 
 
-def engine_table(database: Database) -> str:
+def workflow_table(database: Database) -> str:
     """Name the engine's table of jobs."""
     return "workflow_status" if database.is_file else "dbos.workflow_status"
 
 
-def queue_at(scanner_id: str) -> str:
+def scanner_queue(scanner_id: str) -> str:
     """Name the queue of a scanner's own workers."""
     return f"{QUEUE}-{scanner_id}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Final
 
-ENGINE: Final = "queue-engine"
+ENGINE_VERSION_FACT: Final = "queue-engine"
 """Name of the fact in the database."""
 
 

@@ -15,14 +15,14 @@ from sqlalchemy.orm import Session
 
 from steradian.jobs.model import requirements_of
 from steradian.jobs.queue import matching as capabilities
-from steradian.jobs.queue.fair_queueing import ORDER, WAITS_FOR_SCAN
-from steradian.jobs.registry import FOLLOWING
+from steradian.jobs.queue.fair_queueing import QUEUE_ORDER, WAITS_FOR_SCAN
+from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.tables import JobRow
 from steradian.storage.states import ReconstructionState
 
-PAST, FEWEST = 50, 3
+HISTORY, MIN_SAMPLES = 50, 3
 """Newest jobs of a kind that are looked at, and how many of a sort tell how long one takes."""
-FARTHEST: Final = 200
+MAX_JOBS: Final = 200
 """Place in the queue beyond which nothing is said about the end."""
 _R = ReconstructionState
 _METHOD, _FORMAT = JobRow.payload["parameters"]["method"].as_string(), JobRow.payload["format"].as_string()
@@ -31,7 +31,7 @@ _SORT: Final = (JobRow.kind, _METHOD, _FORMAT, JobRow.promised)
 
 
 @dataclass(frozen=True)
-class Forecast:
+class QueueEstimate:
     """Estimate of a queued or running job: position, start and end.
 
     Attributes
@@ -50,7 +50,7 @@ class Forecast:
     awaited: str | None = None
 
 
-def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Forecast | None:
+def forecast(session: Session, job_id: str, workers: int, now: datetime) -> QueueEstimate | None:
     """Return a job's estimate; ``None`` once it has ended or was deleted.
 
     Parameters
@@ -61,29 +61,29 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Fore
     row = session.scalar(select(JobRow).where(JobRow.id == job_id))
     if row is None or row.state not in {_R.QUEUED, _R.RUNNING}:
         return None
-    pace = _Pace(session)
+    pace = _DurationModel(session)
     if row.state is _R.RUNNING:
-        return Forecast(None, _in_future(pace.end_of(row), now))
+        return QueueEstimate(None, _in_future(pace.end_of(row), now))
     waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
-        return Forecast()
-    present = capabilities.workers(session, now)
-    own = capabilities.own_scanner(session, row.kind, row.scan_id)
-    if said := capabilities.awaited(own, requirements_of(row), present):
-        return Forecast(awaited=said)
-    waiting += _passed_over(present)
-    earlier = [*waiting, tuple_(*ORDER) < (row.priority, row.turn, row.sequence)]
+        return QueueEstimate()
+    present = capabilities.present_workers(session, now)
+    own = capabilities.dedicated_scanner(session, row.kind, row.scan_id)
+    if said := capabilities.missing_capability(own, requirements_of(row), present):
+        return QueueEstimate(awaited=said)
+    waiting += _skipped(present)
+    earlier = [*waiting, tuple_(*QUEUE_ORDER) < (row.priority, row.turn, row.sequence)]
     ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
-    if ahead >= FARTHEST:
-        return Forecast(ahead + 1)
+    if ahead >= MAX_JOBS:
+        return QueueEstimate(ahead + 1)
     running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
     ends = [_in_future(pace.end_of(one), now) for one in running]
-    before = session.execute(select(*_SORT).where(*earlier).order_by(*ORDER)).all()
+    before = session.execute(select(*_SORT).where(*earlier).order_by(*QUEUE_ORDER)).all()
     lasting = [*(pace.of(*one) for one in before), pace.seconds(row)]
     known, taking = [end for end in ends if end], [seconds for seconds in lasting if seconds is not None]
     if not workers or len(known) < workers or len(known) < len(ends) or len(taking) < len(lasting):
-        return Forecast(ahead + 1)
-    return Forecast(ahead + 1, _last_end(known, taking))
+        return QueueEstimate(ahead + 1)
+    return QueueEstimate(ahead + 1, _last_end(known, taking))
 
 
 @dataclass(frozen=True)
@@ -104,21 +104,21 @@ class Backlog:
 
 
 def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.Capabilities]) -> Backlog:
-    """Return the backlog of the present workers, with up to :data:`FARTHEST` jobs in detail."""
-    waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_passed_over(present)]
+    """Return the backlog of the present workers, with up to :data:`MAX_JOBS` jobs in detail."""
+    waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_skipped(present)]
     count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
     if not count:
         return Backlog(0.0, 0.0)
-    pace = _Pace(session)
-    first = session.execute(select(*_SORT).where(*waits).order_by(*ORDER).limit(FARTHEST))
+    pace = _DurationModel(session)
+    first = session.execute(select(*_SORT).where(*waits).order_by(*QUEUE_ORDER).limit(MAX_JOBS))
     known = [seconds for one in first if (seconds := pace.of(*one)) is not None]
     return Backlog(count * fmean(known) if known else None, max(0.0, (now - oldest).total_seconds()))
 
 
-def _passed_over(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
+def _skipped(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
     """Exclude jobs that no present worker can run, because they do not delay others."""
-    able = capabilities.who_does(None, present)
-    return [or_(JobRow.kind.in_(FOLLOWING), capabilities.doable(able))] if able else []
+    able = capabilities.eligible_workers(None, present)
+    return [or_(JobRow.kind.in_(LIVE_KINDS), capabilities.satisfiable_clause(able))] if able else []
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:
@@ -135,7 +135,7 @@ def _in_future(end: datetime | None, now: datetime) -> datetime | None:
     return end if end is not None and end > now else None
 
 
-class _Pace:
+class _DurationModel:
     """Duration model of jobs: the median of recent jobs of the same class."""
 
     def __init__(self, session: Session) -> None:
@@ -149,10 +149,10 @@ class _Pace:
 
     def of(self, kind: str, method: str | None, form: str | None, promised: int) -> float | None:
         """Return the estimated duration of a class of jobs."""
-        if kind in FOLLOWING:
+        if kind in LIVE_KINDS:
             return None
-        taken = self._of_kind(kind).get(_sort(method, form, promised), [])
-        return median(taken) if len(taken) >= FEWEST else None
+        taken = self._of_kind(kind).get(_job_class(method, form, promised), [])
+        return median(taken) if len(taken) >= MIN_SAMPLES else None
 
     def end_of(self, row: JobRow) -> datetime | None:
         """Return the estimated end of a running job."""
@@ -167,10 +167,10 @@ class _Pace:
             # Columns, no rows: one that ran when this session read it would be given again as it was then.
             query = select(_METHOD, _FORMAT, JobRow.promised, JobRow.attempts)
             query = query.where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
-            newest = self._session.execute(query.order_by(JobRow.sequence.desc()).limit(PAST))
+            newest = self._session.execute(query.order_by(JobRow.sequence.desc()).limit(HISTORY))
             for method, form, promised, attempts in newest:
                 if (seconds := _lasted(attempts)) is not None:
-                    found.setdefault(_sort(method, form, promised), []).append(seconds)
+                    found.setdefault(_job_class(method, form, promised), []).append(seconds)
             self._past[kind] = found
         return self._past[kind]
 
@@ -183,6 +183,6 @@ def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
     return (datetime.fromisoformat(last["ended"]) - datetime.fromisoformat(last["started"])).total_seconds()
 
 
-def _sort(method: str | None, form: str | None, promised: int) -> Hashable:
+def _job_class(method: str | None, form: str | None, promised: int) -> Hashable:
     """Return the class of a job with similar durations: the same method, format and order of output size."""
     return method, form, round(math.log2(promised + 1))

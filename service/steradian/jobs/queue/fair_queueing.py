@@ -13,46 +13,46 @@ from typing import Final
 from sqlalchemy import exists, func, select, text
 from sqlalchemy.orm import Session
 
-from steradian.jobs.registry import FOLLOWING
-from steradian.storage.db.database import take_turns
+from steradian.jobs.registry import LIVE_KINDS
+from steradian.storage.db.database import advisory_xact_lock
 from steradian.storage.db.tables import JobRow, ScanRow
-from steradian.storage.repositories.event_log import ORDER_LOCK
+from steradian.storage.repositories.event_log import EVENT_ORDER_LOCK
 from steradian.storage.states import ReconstructionState, ScanState
 
-WAITS_FOR_SCAN: Final = JobRow.kind.in_(FOLLOWING) & exists().where(
+WAITS_FOR_SCAN: Final = JobRow.kind.in_(LIVE_KINDS) & exists().where(
     ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED
 )
-ORDER: Final = (JobRow.priority, JobRow.turn, JobRow.sequence)
+QUEUE_ORDER: Final = (JobRow.priority, JobRow.turn, JobRow.sequence)
 """The order in which jobs that wait begin."""
-TURNS: Final = 1 << 21
+TAG_LIMIT: Final = 1 << 21
 """How many there are; the engine's number of a place has 31 bits, of which the priority takes ten."""
 _WAITING, _RUNNING = ReconstructionState.QUEUED, ReconstructionState.RUNNING
 
 
-def next_turn(session: Session, owner: str, priority: int) -> int:
+def next_start_tag(session: Session, owner: str, priority: int) -> int:
     """Return the start tag of the owner's next job; it is later than all others of that owner and priority.
 
     Nobody else takes one before this transaction ends. Jobs that follow a scan count with nobody: most are done where
     the scanner is, whatever else waits.
     """
-    take_turns(session, ORDER_LOCK)
+    advisory_xact_lock(session, EVENT_ORDER_LOCK)
     turn, state = JobRow.turn, JobRow.state
     query = select(
         func.min(turn).filter(state == _WAITING),
         func.max(turn).filter(state == _RUNNING),
         func.max(turn).filter(JobRow.owner == owner),
-    ).where(state.in_([_WAITING, _RUNNING]), JobRow.priority == priority, JobRow.kind.not_in(FOLLOWING))
+    ).where(state.in_([_WAITING, _RUNNING]), JobRow.priority == priority, JobRow.kind.not_in(LIVE_KINDS))
     first, served, own = session.execute(query).one()
     now = next((turn for turn in (first, served) if turn is not None), 0)
-    return min(TURNS - 1, now if own is None else max(now, own + 1))
+    return min(TAG_LIMIT - 1, now if own is None else max(now, own + 1))
 
 
-def place(row: JobRow) -> int:
+def queue_priority(row: JobRow) -> int:
     """Return a job's queue priority for the engine: from 1, smaller values first, equal ones by age."""
-    return row.priority * TURNS + row.turn + 1
+    return row.priority * TAG_LIMIT + row.turn + 1
 
 
-def renumber(session: Session, engine_table: str) -> None:
+def renumber_waiting(session: Session, engine_table: str) -> None:
     """Assign current start tags to queued jobs of an earlier version or a restored backup.
 
     Parameters
@@ -60,6 +60,6 @@ def renumber(session: Session, engine_table: str) -> None:
     engine_table
         The engine's table of jobs, beside the ledger's.
     """
-    ours = f"SELECT priority * {TURNS} + turn + 1 FROM jobs WHERE id = {engine_table}.workflow_uuid"  # noqa: S608 - ours
+    ours = f"SELECT priority * {TAG_LIMIT} + turn + 1 FROM jobs WHERE id = {engine_table}.workflow_uuid"  # noqa: S608 - ours
     waits = f"status IN ('ENQUEUED', 'DELAYED') AND priority <> ({ours})"
     session.execute(text(f"UPDATE {engine_table} SET priority = ({ours}) WHERE {waits}"))  # noqa: S608

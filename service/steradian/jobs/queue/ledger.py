@@ -9,26 +9,26 @@ from typing import Any
 from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
-from steradian.core.exceptions import Conflict, NotFound, Superseded
-from steradian.core.logging_config import caused_by, request_id
+from steradian.core.exceptions import Conflict, NotFound, StaleFence
+from steradian.core.logging_config import bind_request_id, request_id
 from steradian.jobs.model import (
     MAX_ATTEMPTS,
     MAX_INTERRUPTIONS,
-    Died,
+    Crashed,
     Failed,
-    Interrupted,
     JobRequest,
     JobStatus,
     Outcome,
+    Requeued,
     Succeeded,
     requirements_of,
 )
-from steradian.jobs.queue.fair_queueing import WAITS_FOR_SCAN, next_turn
-from steradian.jobs.registry import FOLLOWING, resource_of
+from steradian.jobs.queue.fair_queueing import WAITS_FOR_SCAN, next_start_tag
+from steradian.jobs.registry import LIVE_KINDS, resource_of
 from steradian.storage.db.tables import JobRow
 from steradian.storage.repositories.base import Repository
-from steradian.storage.repositories.event_log import record
-from steradian.storage.repositories.scans import Outdated
+from steradian.storage.repositories.event_log import append_event
+from steradian.storage.repositories.scans import RevisionConflict
 from steradian.storage.states import (
     BatchState,
     DesiredJobState,
@@ -62,7 +62,7 @@ class JobLedger(Repository[JobRow]):
             request_id=request_id.get() or None,
             owner=request.principal,
             priority=request.priority,
-            turn=next_turn(session, request.principal, request.priority),
+            turn=next_start_tag(session, request.principal, request.priority),
             timeout=request.timeout,
             promised=request.promised,
             requires_memory=request.requires.memory,
@@ -79,14 +79,14 @@ class JobLedger(Repository[JobRow]):
             history=[{"state": _R.QUEUED, "at": now.isoformat(), "who": request.principal, "why": "requested"}],
         )
         session.add(row)
-        record(session, now, resource_of(row.kind), row.id, self._event(row, request.principal, "requested"))
+        append_event(session, now, resource_of(row.kind), row.id, self._event(row, request.principal, "requested"))
         return row
 
     def status(self, job_id: str) -> JobStatus:
         """Return the status of a job; raises :class:`NotFound`."""
         return to_status(self.get(job_id))
 
-    def standing(self, job_id: str) -> tuple[ReconstructionState, int]:
+    def state_and_fence(self, job_id: str) -> tuple[ReconstructionState, int]:
         """Return a job's state and the number of its newest attempt; raises :class:`NotFound`."""
         with self.database.read() as session:
             found = session.execute(select(JobRow.state, JobRow.fence).where(JobRow.id == job_id)).one_or_none()
@@ -101,7 +101,7 @@ class JobLedger(Repository[JobRow]):
 
     def waits_for_scan(self, session: Session, row: JobRow) -> bool:
         """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
-        if row.kind not in FOLLOWING:
+        if row.kind not in LIVE_KINDS:
             return False
         return session.scalar(select(JobRow.id).where(JobRow.id == row.id, WAITS_FOR_SCAN)) is not None
 
@@ -112,7 +112,7 @@ class JobLedger(Repository[JobRow]):
         with self.database.read() as session:
             return list(session.scalars(query))
 
-    def reread(self, session: Session, job_id: str) -> JobRow:
+    def lock_row(self, session: Session, job_id: str) -> JobRow:
         """Find a job in the present transaction, held until it ends; raises :class:`NotFound`."""
         return self._find(session, job_id, lock=True)
 
@@ -125,7 +125,7 @@ class JobLedger(Repository[JobRow]):
         query = select(JobRow.state, func.count()).where(*where).group_by(JobRow.state)
         return {str(state): count for state, count in session.execute(query)}
 
-    def start(self, job_id: str, worker: str, after: int = 0) -> JobRow:
+    def start_attempt(self, job_id: str, worker: str, after: int = 0) -> JobRow:
         """Begin the next attempt, or end the job when too many died; the row's state says which.
 
         An attempt that is still open belongs to a worker that is gone, or cut off: from now on its number, ``fence``
@@ -139,7 +139,7 @@ class JobLedger(Repository[JobRow]):
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
-                self._close_attempt(session, row, Died("its worker died"), worker)
+                self._close_attempt(session, row, Crashed("its worker died"), worker)
             if row.state is not _R.QUEUED:
                 return
             row.attempt, row.fence = row.attempt + 1, max(row.fence, after) + 1
@@ -151,7 +151,7 @@ class JobLedger(Repository[JobRow]):
 
         return self._transact(job_id, change)
 
-    def settle(self, job_id: str, fence: int, outcome: Outcome, worker: str) -> JobRow:
+    def finish_attempt(self, job_id: str, fence: int, outcome: Outcome, worker: str) -> JobRow:
         """Note how a start ended; a death queues the job again until it has died too often.
 
         Parameters
@@ -173,8 +173,8 @@ class JobLedger(Repository[JobRow]):
 
         return self._fenced(job_id, fence, change)
 
-    def put_back(self, job_id: str, fence: int, worker: str, why: str = "the worker was asked to end") -> JobRow:
-        """Queue a running job again as if its start had not been; raises :class:`Superseded` like :meth:`settle`."""
+    def requeue(self, job_id: str, fence: int, worker: str, why: str = "the worker was asked to end") -> JobRow:
+        """Queue a running job again as if its start had not been; raises :class:`StaleFence` like :meth:`finish_attempt`."""
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
@@ -182,7 +182,7 @@ class JobLedger(Repository[JobRow]):
 
         return self._fenced(job_id, fence, change)
 
-    def want_cancelled(self, job_id: str, who: str, reason: str | None) -> JobRow:
+    def request_cancellation(self, job_id: str, who: str, reason: str | None) -> JobRow:
         """Note that a person wants a job cancelled; repeating it changes nothing.
 
         Raises
@@ -224,20 +224,22 @@ class JobLedger(Repository[JobRow]):
         Raises
         ------
         Conflict
-            When the job waits no more; of the kind :class:`Outdated` when it has changed.
+            When the job waits no more; of the kind :class:`RevisionConflict` when it has changed.
         """
         row = self._find(session, job_id, lock=True)
         if revision is not None and row.revision != revision:
-            raise Outdated(f"job {job_id} has changed since; read it again")
+            raise RevisionConflict(f"job {job_id} has changed since; read it again")
         if row.state is not _R.QUEUED:
             raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
         if row.priority != priority:
             row.priority = priority
-            record(session, self.clock(), resource_of(row.kind), row.id, self._event(row, who, "moved in the queue"))
+            append_event(
+                session, self.clock(), resource_of(row.kind), row.id, self._event(row, who, "moved in the queue")
+            )
         return row
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
-        """Note how far a start has come; raises :class:`Superseded` like :meth:`settle`.
+        """Note how far a start has come; raises :class:`StaleFence` like :meth:`finish_attempt`.
 
         The job's revision stays, as nothing has changed that anybody could change.
         """
@@ -252,7 +254,7 @@ class JobLedger(Repository[JobRow]):
     def _fenced(self, job_id: str, fence: int, change: Callable[[Session, JobRow], object]) -> JobRow:
         def checked(session: Session, row: JobRow) -> None:
             if row.fence != fence:
-                raise Superseded(f"start {fence} of job {job_id} counts no more; start {row.fence} has begun")
+                raise StaleFence(f"start {fence} of job {job_id} counts no more; start {row.fence} has begun")
             change(session, row)
 
         return self._transact(job_id, checked)
@@ -262,7 +264,7 @@ class JobLedger(Repository[JobRow]):
             row = self._find(session, job_id, lock=True)
             known = len(row.history)
             change(session, row)
-        with caused_by(request_id.get() or row.request_id):
+        with bind_request_id(request_id.get() or row.request_id):
             for move in row.history[known:]:
                 _log.info("job %s is %s: %s (%s)", row.id, move["state"], move["why"], move["who"])
         return row
@@ -278,13 +280,13 @@ class JobLedger(Repository[JobRow]):
             case Failed(code, message):
                 self._note_end(row, "failed", message)
                 self._fail(session, row, worker, code, message)
-            case Died(message):
+            case Crashed(message):
                 self._note_end(row, "died", message)
                 if row.attempt < MAX_ATTEMPTS:
                     self._move(session, row, _R.QUEUED, worker, message)
                 else:
                     self._fail(session, row, worker, "died", f"started {MAX_ATTEMPTS} times, last: {message}")
-            case Interrupted(message):
+            case Requeued(message):
                 if sum(start["outcome"] == "interrupted" for start in row.attempts) + 1 < MAX_INTERRUPTIONS:
                     self._put_back(session, row, "interrupted", worker, message)
                 else:
@@ -317,12 +319,12 @@ class JobLedger(Repository[JobRow]):
         row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
         if is_terminal(following):
             row.ended = now
-        record(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
+        append_event(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
         if row.batch_id is not None:
             # Only now, as events are written in turns: of two jobs that end at once the second sees the first.
             counts = self._counts(session, JobRow.batch_id == row.batch_id)
             told = {"state": BatchState.of(counts), "counts": counts, "scan_id": row.scan_id, "who": who}
-            record(session, now, "batch", row.batch_id, told)
+            append_event(session, now, "batch", row.batch_id, told)
 
     def _event(self, row: JobRow, who: str, why: str) -> dict[str, Any]:
         about = {"scan_id": row.scan_id, "batch_id": row.batch_id, "priority": row.priority}

@@ -20,22 +20,22 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
-from steradian.core.system_resources import installed
+from steradian.core.system_resources import total_memory
 from steradian.jobs.model import Requirements, requirements_of
-from steradian.jobs.registry import FOLLOWING
+from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScannerRow, ScanRow, WorkerRow
 from steradian.storage.repositories.scanners import PRESENT
 from steradian.storage.states import ReconstructionState
 
-TELL_EVERY: Final = 10.0
+REFRESH_INTERVAL: Final = 10.0
 """Seconds between two notes of what a worker has."""
-PRESENT_FOR: Final = timedelta(minutes=2)
+PRESENCE_TIMEOUT: Final = timedelta(minutes=2)
 """A worker that has noted nothing for so long counts as gone."""
-KNOWN_FOR: Final = timedelta(hours=1)
+RECENT_WINDOW: Final = timedelta(hours=1)
 """A worker that was here so lately may come back, as after a restart."""
-FORGOTTEN_AFTER: Final = timedelta(days=1)
+EXPIRY: Final = timedelta(days=1)
 _log = logging.getLogger(__name__)
 
 
@@ -63,10 +63,10 @@ class Capabilities:
     @classmethod
     def of_this_machine(cls, settings: Settings, gpu: str | None) -> Capabilities:
         """Return the capabilities of a worker with these settings on this machine."""
-        memory = settings.worker_memory_bytes or installed()
-        return cls(memory, settings.threads_per_job, gpu, settings.scanner_id if settings.follows else None)
+        memory = settings.worker_memory_bytes or total_memory()
+        return cls(memory, settings.threads_per_job, gpu, settings.scanner_id if settings.is_scanner_node else None)
 
-    def meet(self, wanted: Requirements) -> bool:
+    def satisfies(self, wanted: Requirements) -> bool:
         """Whether the capabilities satisfy a job's requirements."""
         has_room = self.memory is None or wanted.memory <= self.memory
         return has_room and wanted.cores <= self.cores and (self.gpu is not None or not wanted.gpu)
@@ -76,51 +76,51 @@ class Capabilities:
         return f"{memory}, {self.cores} {'core' if self.cores == 1 else 'cores'}, {self.gpu or 'no GPU'}"
 
 
-def unmet(has: Capabilities) -> ColumnElement[bool]:
+def unsatisfied_clause(has: Capabilities) -> ColumnElement[bool]:
     """Return the SQL condition that selects jobs which a worker with these capabilities cannot run."""
     without_gpu = JobRow.requires_gpu if has.gpu is None else false()
     too_large = false() if has.memory is None else JobRow.requires_memory > has.memory
     return or_(too_large, JobRow.requires_cores > has.cores, without_gpu)
 
 
-def workers(session: Session, now: datetime, within: timedelta = PRESENT_FOR) -> dict[str, Capabilities]:
-    """Return the capabilities of the workers seen within :data:`PRESENT_FOR`, by name.
+def present_workers(session: Session, now: datetime, within: timedelta = PRESENCE_TIMEOUT) -> dict[str, Capabilities]:
+    """Return the capabilities of the workers seen within :data:`PRESENCE_TIMEOUT`, by name.
 
     Hosts' clocks need not agree to the second; one that is minutes ahead or behind is not believed.
     """
-    heard = WorkerRow.seen.between(now - within, now + PRESENT_FOR)
+    heard = WorkerRow.seen.between(now - within, now + PRESENCE_TIMEOUT)
     rows = session.scalars(select(WorkerRow).where(heard).order_by(WorkerRow.name))
     return {row.name: Capabilities(row.memory, row.cores, row.gpu, row.scanner_id) for row in rows}
 
 
-def own_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
+def dedicated_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
     """Return the scanner whose own workers may run a live job: that of an unfinished scan, where its file grows."""
-    if kind not in FOLLOWING:
+    if kind not in LIVE_KINDS:
         return None
     scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == scan_id) & ScanRow.ended.is_(None)
     return session.scalar(select(ScannerRow.id).join(ScanRow, scan).where(ScannerRow.follows, PRESENT))
 
 
-def who_does(scanner_id: str | None, known: Mapping[str, Capabilities]) -> list[Capabilities]:
-    """Return the workers that may run a job: those of all nodes, and those of its :func:`own_scanner`'s node."""
+def eligible_workers(scanner_id: str | None, known: Mapping[str, Capabilities]) -> list[Capabilities]:
+    """Return the workers that may run a job: those of all nodes, and those of its :func:`dedicated_scanner`'s node."""
     return [has for has in known.values() if has.scanner_id in {None, scanner_id}]
 
 
-def check_met(session: Session, now: datetime, scanner_id: str | None, wanted: Requirements) -> None:
+def require_satisfiable(session: Session, now: datetime, scanner_id: str | None, wanted: Requirements) -> None:
     """Reject requirements that no recently seen worker meets; without recent workers nothing is rejected.
 
     Parameters
     ----------
     scanner_id
-        The job's :func:`own_scanner`.
+        The job's :func:`dedicated_scanner`.
 
     Raises
     ------
     InvalidInput
         Naming the first requirement that none of them meets.
     """
-    known = who_does(scanner_id, workers(session, now, KNOWN_FOR))
-    if not known or any(has.meet(wanted) for has in known):
+    known = eligible_workers(scanner_id, present_workers(session, now, RECENT_WINDOW))
+    if not known or any(has.satisfies(wanted) for has in known):
         return
     about = {
         "requires.memory": (Requirements(memory=wanted.memory), wanted.memory),
@@ -128,64 +128,64 @@ def check_met(session: Session, now: datetime, scanner_id: str | None, wanted: R
         "parameters.device": (Requirements(gpu=wanted.gpu), "gpu"),
     }
     for field, (one, value) in about.items():
-        if not any(has.meet(one) for has in known):
+        if not any(has.satisfies(one) for has in known):
             raise InvalidInput(field, value, f"what one of the workers has: {_listed(known)}")
     raise InvalidInput("requires", str(wanted), f"what one of the workers has at once: {_listed(known)}")
 
 
-def doable(present: Sequence[Capabilities]) -> ColumnElement[bool]:
+def satisfiable_clause(present: Sequence[Capabilities]) -> ColumnElement[bool]:
     """Make the condition on the table of jobs that is true of those which one of these workers can do."""
-    return or_(*(not_(unmet(has)) for has in present)) if present else false()
+    return or_(*(not_(unsatisfied_clause(has)) for has in present)) if present else false()
 
 
-def count_unmet(session: Session, present: Mapping[str, Capabilities]) -> int:
+def count_unsatisfiable(session: Session, present: Mapping[str, Capabilities]) -> int:
     """Count the jobs that wait and that none of these can do; with none, nothing can be said of any."""
-    waits, growing = JobRow.state == ReconstructionState.QUEUED, JobRow.kind.in_(FOLLOWING)
+    waits, growing = JobRow.state == ReconstructionState.QUEUED, JobRow.kind.in_(LIVE_KINDS)
     count = sum(
-        awaited(own_scanner(session, row.kind, row.scan_id), requirements_of(row), present) is not None
+        missing_capability(dedicated_scanner(session, row.kind, row.scan_id), requirements_of(row), present) is not None
         for row in session.scalars(select(JobRow).where(waits, growing))
     )
-    if able := who_does(None, present):
-        count += session.scalar(select(func.count()).where(waits, not_(growing), not_(doable(able)))) or 0
+    if able := eligible_workers(None, present):
+        count += session.scalar(select(func.count()).where(waits, not_(growing), not_(satisfiable_clause(able)))) or 0
     return count
 
 
-def awaited(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
+def missing_capability(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
     """Return the capability for which a queued job waits; ``None`` if a present worker can run it."""
-    present = who_does(scanner_id, known)
-    if not present or any(has.meet(wanted) for has in present):
+    present = eligible_workers(scanner_id, known)
+    if not present or any(has.satisfies(wanted) for has in present):
         return None
     return f"a worker with {wanted}; present: {_listed(present)}"
 
 
-class Notice:
+class WorkerRegistration:
     """Publisher of a worker's capabilities, refreshed by a thread."""
 
     def __init__(self, database: Database, name: str, has: Capabilities, clock: Clock = utc_now) -> None:
         self._database, self._name, self._has, self._clock = database, name, has, clock
 
-    def put_up(self) -> None:
+    def start(self) -> None:
         """Write it now, if the database takes it, and then again and again for as long as the process lives."""
         self._try()
         threading.Thread(target=self._keep, daemon=True, name="notice").start()
 
-    def write(self) -> None:
+    def publish(self) -> None:
         """Write it, and drop those that are old."""
         now = self._clock()
         row = WorkerRow(name=self._name, seen=now, **asdict(self._has))
         with self._database.write() as session:
-            session.execute(delete(WorkerRow).where(WorkerRow.seen < now - FORGOTTEN_AFTER))
+            session.execute(delete(WorkerRow).where(WorkerRow.seen < now - EXPIRY))
             session.merge(row)
 
     def _try(self) -> None:
         try:
-            self.write()
+            self.publish()
         except SQLAlchemyError as error:  # the next one comes soon
             _log.debug("what this worker has is not noted: %s", error)
 
     def _keep(self) -> None:
         pause = threading.Event()
-        while not pause.wait(TELL_EVERY):
+        while not pause.wait(REFRESH_INTERVAL):
             self._try()
 
 

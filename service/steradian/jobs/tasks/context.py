@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 
 from steradian.core.exceptions import NotFound, StoreUnavailable
 from steradian.core.progress import Progress
-from steradian.storage.blobs.interface import Arrays, Folder, scan_name
+from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, scan_name
 from steradian.storage.data_dir.layout import DataDirectory
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+    from steradian.reconstructions.pipeline.plan_cache import PlanCache
 
 
 @dataclass(frozen=True)
-class Work:
+class JobContext:
     """Context in which a job runs: its folder, progress and stores.
 
     Attributes
@@ -34,11 +34,11 @@ class Work:
     data: DataDirectory
     folder: Path
     principal: str
-    plans: KeptPlans
+    plans: PlanCache
     progress: Progress
-    arrays: Arrays
+    arrays: BlobStore
 
-    def scan(self, scan_id: str) -> Path:
+    def scan_path(self, scan_id: str) -> Path:
         """Find the file of a scan.
 
         Raises
@@ -51,6 +51,6 @@ class Work:
         try:
             return self.arrays.open(scan_name(scan_id))
         except NotFound as error:
-            if isinstance(self.arrays, Folder):
+            if isinstance(self.arrays, FolderBlobStore):
                 raise
             raise StoreUnavailable(f"the A-lines of scan {scan_id} are not in the store yet") from error

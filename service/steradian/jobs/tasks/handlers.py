@@ -13,43 +13,43 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from steradian.core.atomic_files import draft, sweep_older, sync_folder
+from steradian.core.atomic_files import atomic_write, remove_older, sync_folder
 from steradian.core.exceptions import Conflict, InvalidInput
-from steradian.core.json_encoding import plain
+from steradian.core.json_encoding import to_jsonable
 from steradian.jobs import requests
-from steradian.jobs.tasks.context import Work
-from steradian.storage.blobs.interface import Folder, result_name, scan_name, upload_name
+from steradian.jobs.tasks.context import JobContext
+from steradian.storage.blobs.interface import FolderBlobStore, result_name, scan_name, upload_name
 from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.job_directory import VOLUME
 
 if TYPE_CHECKING:
     from steradian.reconstructions.live.revision import Revision
-    from steradian.reconstructions.studies.what_if import Made
+    from steradian.reconstructions.studies.what_if import TimedImage
     from steradian.scans.recording import Recording
     from steradian.storage.db.database import Database
 
 _log = logging.getLogger(__name__)
-REFERENCES_KEPT = 86_400.0
+REFERENCE_TTL = 86_400.0
 """Seconds for which the image of all A-lines is kept for other jobs."""
-PATIENCE = 600.0
+REFERENCE_TIMEOUT = 600.0
 """Seconds for which a job waits for the image that another one makes."""
 
 
-def reconstruct(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+def reconstruct(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a recording."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
-    from steradian.reconstructions.warmup import compiling_beside
+    from steradian.reconstructions.warmup import warmup_second_half
 
     how: dict[str, Any] = {"frame": job.frames, "plans": work.plans, "progress": work.progress}
-    with compiling_beside():
-        return asdict(reconstruct_scan(work.scan(job.scan_id), work.folder, job.parameters, **how))
+    with warmup_second_half():
+        return asdict(reconstruct_scan(work.scan_path(job.scan_id), work.folder, job.parameters, **how))
 
 
-def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan while it runs, and in full when it is over."""
     from sqlalchemy.exc import SQLAlchemyError
 
-    from steradian.reconstructions.live.follow import follow_scan
+    from steradian.reconstructions.live.follow import reconstruct_live
     from steradian.storage.repositories.reconstructions import ReconstructionRepository
     from steradian.storage.repositories.scans import ScanRepository
     from steradian.storage.states import SETTLED_SCAN_STATES
@@ -64,8 +64,8 @@ def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
         def is_over() -> bool:
             if scans.get(job.scan_id).state not in SETTLED_SCAN_STATES:
                 return False
-            if not scan.exists() and not isinstance(work.arrays, Folder):  # it was measured on another host
-                kept = work.scan(job.scan_id)
+            if not scan.exists() and not isinstance(work.arrays, FolderBlobStore):  # it was measured on another host
+                kept = work.scan_path(job.scan_id)
                 scan.unlink()
                 scan.symlink_to(kept)
             return True
@@ -73,23 +73,23 @@ def follow(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
         def tell(revision: Revision) -> None:
             told = {name: getattr(revision, name) for name in ("number", "points", "planned", "final")}
             try:
-                made.tell_revision(work.folder.name, job.scan_id, told)
+                made.log_revision(work.folder.name, job.scan_id, told)
             except SQLAlchemyError as error:  # the image is there all the same
                 _log.warning("revision %d is not in the log of events: %s", revision.number, error)
 
         how: dict[str, Any] = {"interval": job.interval, "progress": work.progress, "revised": tell}
         try:
-            report = follow_scan(scan, work.folder, job.parameters, is_over=is_over, **how)
+            report = reconstruct_live(scan, work.folder, job.parameters, is_over=is_over, **how)
         finally:
             scan.unlink()
     return asdict(report)
 
 
-def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, Any]:
+def reconstruct_subset(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
-    from steradian.reconstructions.pipeline.run import Report, write_reconstruction
-    from steradian.reconstructions.shots import even_out
-    from steradian.reconstructions.studies.what_if import Made, through, what_if
+    from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write
+    from steradian.reconstructions.shots import normalise_shots
+    from steradian.reconstructions.studies.what_if import TimedImage, compare_subset, select_subset
     from steradian.reconstructions.volumes.file import read_volume
     from steradian.scans.opening import open_recording
     from steradian.storage.repositories.masks import MaskRepository
@@ -98,10 +98,10 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
         raise InvalidInput("through", None, "the mask to look through")
     with _database() as database:
         mask = MaskRepository(database).load(job.through.mask_id)
-    scan = work.scan(job.scan_id)
-    recording, uneven = even_out(open_recording(scan), job.parameters.shots, progress=work.progress)
-    sparse, _ = through(recording, mask, job.through.points)
-    report = write_reconstruction(
+    scan = work.scan_path(job.scan_id)
+    recording, uneven = normalise_shots(open_recording(scan), job.parameters.shots, progress=work.progress)
+    sparse, _ = select_subset(recording, mask, job.through.points)
+    report = reconstruct_and_write(
         sparse,
         work.folder,
         job.parameters,
@@ -109,53 +109,53 @@ def look_through(work: Work, job: requests.ReconstructionRequest) -> dict[str, A
         plans=work.plans,
         progress=work.progress,
     )
-    figures = what_if(
+    figures = compare_subset(
         scan,
         mask,
         work.folder,
         job.parameters,
         points=job.through.points,
-        full=_image_of_all(work, job, recording),
-        image=Made(read_volume(work.folder / "volume.h5"), report.seconds["reconstruct"]),
+        full=_shared_reference_image(work, job, recording),
+        image=TimedImage(read_volume(work.folder / "volume.h5"), report.seconds["reconstruct"]),
         progress=work.progress,
     )
-    return asdict(report) | {"what_if": asdict(figures), "files": _left(work.folder)}
+    return asdict(report) | {"what_if": asdict(figures), "files": _result_files(work.folder)}
 
 
-def _image_of_all(work: Work, job: requests.ReconstructionRequest, recording: Recording) -> Made:
+def _shared_reference_image(work: JobContext, job: requests.ReconstructionRequest, recording: Recording) -> TimedImage:
     """Return the image of all A-lines; a sweep's first job makes it, the others wait for it and read it."""
     import filelock
 
     from steradian import __version__
-    from steradian.reconstructions.studies.what_if import Made, make
+    from steradian.reconstructions.studies.what_if import TimedImage, timed_reconstruction
     from steradian.reconstructions.volumes.file import read_volume, write_volume
 
-    state = work.scan(job.scan_id).stat()
+    state = work.scan_path(job.scan_id).stat()
     made_of = [__version__, job.scan_id, state.st_size, state.st_mtime_ns, job.parameters.model_dump_json()]
     path = work.data.reference(f"{job.scan_id}-{hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:24]}")
     path.parent.mkdir(parents=True, exist_ok=True)
     took = path.with_suffix(".json")
     try:
-        with filelock.FileLock(path.with_suffix(".lock"), timeout=PATIENCE):
+        with filelock.FileLock(path.with_suffix(".lock"), timeout=REFERENCE_TIMEOUT):
             if path.is_file() and took.is_file():
                 path.touch()
-                return Made(read_volume(path), json.loads(took.read_text()))
-            sweep_older(path.parent, time.time() - REFERENCES_KEPT)  # where no service looks through the folder
-            image = make(recording, job.parameters, progress=work.progress)
-            with draft(took) as file:
+                return TimedImage(read_volume(path), json.loads(took.read_text()))
+            remove_older(path.parent, time.time() - REFERENCE_TTL)  # where no service looks through the folder
+            image = timed_reconstruction(recording, job.parameters, progress=work.progress)
+            with atomic_write(took) as file:
                 file.write_text(json.dumps(image.seconds))
             write_volume(path, image.volume, parameters={}, provenance=recording.provenance, centre=recording.centre)
             return image
     except filelock.Timeout:  # who makes it is cut off
-        return make(recording, job.parameters, progress=work.progress)
+        return timed_reconstruction(recording, job.parameters, progress=work.progress)
 
 
-def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
+def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[str, Any]:
     """Find the speed of sound of a scan."""
     from steradian.reconstructions.studies.sound_speed import scan_sound_speed
 
     curve = scan_sound_speed(
-        work.scan(job.scan_id),
+        work.scan_path(job.scan_id),
         work.folder,
         job.parameters,
         first=job.first,
@@ -163,10 +163,10 @@ def scan_speeds(work: Work, job: requests.SoundSpeedRequest) -> dict[str, Any]:
         steps=job.steps,
         progress=work.progress,
     )
-    return asdict(curve) | {"files": _left(work.folder)}
+    return asdict(curve) | {"files": _result_files(work.folder)}
 
 
-def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
+def compare_volumes(work: JobContext, job: requests.QualityRequest) -> dict[str, Any]:
     """Compare a volume with a reference."""
     from steradian.quality import compare
     from steradian.reconstructions.volumes.file import read_volume
@@ -177,13 +177,13 @@ def compare_volumes(work: Work, job: requests.QualityRequest) -> dict[str, Any]:
         images.append(read_volume(work.arrays.open(result_name(identifier, VOLUME))))
     work.progress("comparing", 0, 1)
     figures = compare(images[0], images[1], diameter=job.diameter, threshold=job.threshold)
-    whole = plain(figures)
-    with draft(work.folder / "quality.json") as file:
+    whole = to_jsonable(figures)
+    with atomic_write(work.folder / "quality.json") as file:
         file.write_text(json.dumps(whole, indent=2) + "\n")
     return {"figures": whole, "files": ["quality.json"]}
 
 
-def measure_object(work: Work, job: requests.WidthRequest) -> dict[str, Any]:
+def measure_object(work: JobContext, job: requests.WidthRequest) -> dict[str, Any]:
     """Measure the width of an object in a volume, and correct it for the point spread."""
     from steradian.reconstructions.studies.width import measure_width
     from steradian.reconstructions.volumes.file import read_parameters, read_volume
@@ -192,19 +192,19 @@ def measure_object(work: Work, job: requests.WidthRequest) -> dict[str, Any]:
     file = work.arrays.open(result_name(job.reconstruction_id, VOLUME))
     found = measure_width(
         read_volume(file),
-        open_recording(work.scan(job.scan_id), job.frames),
+        open_recording(work.scan_path(job.scan_id), job.frames),
         job.start,
         job.end,
         parameters=read_parameters(file),
         progress=work.progress,
     )
-    whole = {"width": plain(asdict(found))}
-    with draft(work.folder / "width.json") as beside:
+    whole = {"width": to_jsonable(asdict(found))}
+    with atomic_write(work.folder / "width.json") as beside:
         beside.write_text(json.dumps(whole, indent=2) + "\n")
     return whole | {"files": ["width.json"]}
 
 
-def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
+def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
     """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
     wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
     if job.scan_id is not None:
@@ -212,7 +212,7 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
 
         notes: list[str] = []
         made = export_scan(
-            work.scan(job.scan_id),
+            work.scan_path(job.scan_id),
             wanted,
             format=job.format,  # type: ignore[arg-type]
             frame=job.frame,
@@ -227,18 +227,18 @@ def export(work: Work, job: requests.ExportRequest) -> dict[str, Any]:
     if made.is_dir():
         work.progress("packing", 0, 1)
         packed = made.with_name(f"{made.name}.zip")
-        with draft(packed, keep_ending=True) as beside:
+        with atomic_write(packed, keep_ending=True) as beside:
             shutil.make_archive(str(beside.with_suffix("")), "zip", made.parent, made.name)
         shutil.rmtree(made)
         made = packed
     return {"files": [made.name], "bytes": made.stat().st_size}
 
 
-def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
+def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload."""
-    from steradian.reconstructions.plan_reader import read_imported
-    from steradian.scans.importing.guarded import import_guarded
-    from steradian.scans.importing.uploaded import laid_out
+    from steradian.reconstructions.plan_reader import read_stored_plan
+    from steradian.scans.importing.guarded import import_in_sandbox
+    from steradian.scans.importing.uploaded import stage_upload
     from steradian.storage.repositories.imports import register_import
 
     uploads = [upload_name(name) for name in (job.upload_id, job.companion_id) if name is not None]
@@ -246,12 +246,12 @@ def import_recording(work: Work, job: requests.ImportRequest) -> dict[str, Any]:
     if work.arrays.stat(scan_name(scan_id)) is None:  # else an earlier attempt got that far
         if not all(work.arrays.stat(upload) for upload in uploads):
             raise Conflict("an upload is gone; send the file again")
-        source, description = laid_out(work.folder, job.description, *map(work.arrays.open, uploads))
-        with draft(scan := work.data.scan_file(scan_id)) as file:
-            import_guarded(source, file, description=description, progress=work.progress)
+        source, description = stage_upload(work.folder, job.description, *map(work.arrays.open, uploads))
+        with atomic_write(scan := work.data.scan_file(scan_id)) as file:
+            import_in_sandbox(source, file, description=description, progress=work.progress)
         sync_folder(scan.parent)
-        work.arrays.keep(scan_name(scan_id), scan)
-    said = read_imported(work.scan(scan_id))
+        work.arrays.put_and_commit(scan_name(scan_id), scan)
+    said = read_stored_plan(work.scan_path(scan_id))
     about: dict[str, Any] = {"labels": job.labels, "who": work.principal}
     with _database() as database:
         register_import(database, said.plan, scan_id, simulated=said.simulated, summary=said.summary, **about)
@@ -278,7 +278,7 @@ def _database() -> Iterator[Database]:
         database.close()
 
 
-def _left(folder: Path) -> list[str]:
+def _result_files(folder: Path) -> list[str]:
     """Name the files of results in a job's folder."""
     kinds = {".json", ".png", ".h5", ".csv", ".npy"}
     return sorted(path.name for path in folder.iterdir() if path.suffix in kinds and path.is_file())

@@ -10,18 +10,18 @@ from collections.abc import Callable, Collection
 from typing import Final
 
 from steradian.core.exceptions import Conflict
-from steradian.storage.db.advisory_locks import Hold, SessionLock
+from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
 
-LOOK_FOR_DEAD: Final = 2.0
+CHECK_INTERVAL: Final = 2.0
 """Seconds between looks at the other workers' signs of life."""
-LOOKS_BEFORE_TAKEOVER: Final = 3
+MISSED_BEFORE_TAKEOVER: Final = 3
 """How often in a row a worker must be found gone: after a database's restart each needs a moment to come back."""
-CLAIM_PATIENCE: Final = 5.0
+CLAIM_TIMEOUT: Final = 5.0
 """Seconds for which a name may still be held by a worker that is just ending."""
 _log = logging.getLogger(__name__)
 
 
-def claim(url: str, name: str) -> SessionLock:
+def claim_name(url: str, name: str) -> AdvisoryLock:
     """Hold a worker's name for as long as this process lives.
 
     Raises
@@ -29,14 +29,14 @@ def claim(url: str, name: str) -> SessionLock:
     Conflict
         When another worker holds it.
     """
-    lock = SessionLock(url, name)
-    if lock.acquire(CLAIM_PATIENCE) is not Hold.HELD:
+    lock = AdvisoryLock(url, name)
+    if lock.acquire(CLAIM_TIMEOUT) is not LockState.HELD:
         raise Conflict(f"another worker named {name} runs on this database; choose another name")
     return lock
 
 
-def watch_others(
-    lock: SessionLock,
+def monitor_peers(
+    lock: AdvisoryLock,
     stopping: threading.Event,
     pending: Callable[[], Collection[str]],
     recover: Callable[[str], object],
@@ -51,19 +51,19 @@ def watch_others(
         Queues the jobs of one of them again.
     """
     missed: Counter[str] = Counter()
-    while not stopping.wait(LOOK_FOR_DEAD):
+    while not stopping.wait(CHECK_INTERVAL):
         try:
-            hold = lock.keep(CLAIM_PATIENCE)
-            if hold is Hold.TAKEN:
+            hold = lock.hold(CLAIM_TIMEOUT)
+            if hold is LockState.TAKEN:
                 _log.error("another worker took over the name %s; this one ends", lock.name)
                 logging.shutdown()
                 os._exit(1)  # its child ends with it
-            others = set(pending()) - {lock.name} if hold is Hold.HELD else set()
+            others = set(pending()) - {lock.name} if hold is LockState.HELD else set()
             missed = Counter({name: missed[name] for name in others})
             for name in others:
-                with lock.borrowed(name) as free:
+                with lock.try_briefly(name) as free:
                     missed[name] = missed[name] + 1 if free else 0
-                    if missed[name] >= LOOKS_BEFORE_TAKEOVER:
+                    if missed[name] >= MISSED_BEFORE_TAKEOVER:
                         _log.warning("worker %s is gone; its jobs are queued again", name)
                         recover(name)
         except Exception:

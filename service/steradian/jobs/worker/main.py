@@ -16,23 +16,23 @@ from dbos._sys_db import SystemDatabase
 from sqlalchemy import ColumnElement, column, select
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, queue_at, queue_url
+from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, queue_url, scanner_queue
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.queue.matching import Capabilities, Notice, unmet
-from steradian.jobs.worker.failover import claim, watch_others
-from steradian.jobs.worker.memory_tuning import keep_libraries
-from steradian.jobs.worker.polling import hurried
-from steradian.jobs.worker.readiness import join
-from steradian.jobs.worker.results import JobKeeper
+from steradian.jobs.queue.matching import Capabilities, WorkerRegistration, unsatisfied_clause
+from steradian.jobs.worker.failover import claim_name, monitor_peers
+from steradian.jobs.worker.memory_tuning import freeze_garbage_collector
+from steradian.jobs.worker.polling import adaptive_wait
+from steradian.jobs.worker.readiness import wait_until_ready
+from steradian.jobs.worker.results import ResultUploader
 from steradian.jobs.worker.runner import POLL, JobRunner
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow
 
 QUEUE_POLL: Final = 0.1
 """Seconds between looks at the queue of a worker that has nothing to do."""
-PUT_BACK_PATIENCE: Final = 7.0
+REQUEUE_TIMEOUT: Final = 7.0
 """Seconds that a worker which is asked to end has to put its job back; the supervisor kills it after eight."""
 
 _log = logging.getLogger(__name__)
@@ -59,14 +59,14 @@ def run_worker(
     InvalidInput
         When the data folder is not the database's.
     """
-    name = settings.executor(slot)
-    join(settings)
+    name = settings.worker_slot_name(slot)
+    wait_until_ready(settings)
     url = queue_url(settings)
-    lock = claim(settings.database_url, name) if settings.database_url else None
+    lock = claim_name(settings.database_url, name) if settings.database_url else None
     database = Database(metadata_url(settings))
     runner = JobRunner(settings, JobLedger(database), commands, name)
     if slot == 0:
-        JobKeeper(settings, database).tidy(JobLedger(database), DataDirectory(settings.data))
+        ResultUploader(settings, database).upload_leftovers(JobLedger(database), DataDirectory(settings.data))
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: runner.stopping.set())
     config: DBOSConfig = {
@@ -79,39 +79,39 @@ def run_worker(
         "run_migrations": False,
     }
     has = has or Capabilities.of_this_machine(settings, None)
-    Notice(database, name, has).put_up()
-    SystemDatabase._claim_gate = _gate(has)  # type: ignore[method-assign]  # private, so the minor version is pinned
+    WorkerRegistration(database, name, has).start()
+    SystemDatabase._claim_gate = _claim_filter(has)  # type: ignore[method-assign]  # private, so the minor version is pinned
     DBOS(config=config)
-    logging.getLogger("dbos").addFilter(_is_no_cancellation)
+    logging.getLogger("dbos").addFilter(_is_not_cancellation)
     _register(runner)
-    queue = queue_at(settings.scanner_id) if settings.follows else QUEUE
+    queue = scanner_queue(settings.scanner_id) if settings.is_scanner_node else QUEUE
     DBOS.listen_queues([queue])
     DBOS.launch()
     DBOS.register_queue(queue, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
     for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
-        event.wait = hurried(event, runner, Changes(database), QUEUE_POLL)  # type: ignore[assignment, method-assign]
+        event.wait = adaptive_wait(event, runner, ChangeDetector(database), QUEUE_POLL)  # type: ignore[assignment, method-assign]
     if lock is not None:
         # Until the process ends, not until it is asked to: others would take over the job that it may still finish.
         watch = (lock, threading.Event(), _pending_executors, lambda gone: _recover([gone]))
-        threading.Thread(target=watch_others, args=watch, daemon=True).start()
+        threading.Thread(target=monitor_peers, args=watch, daemon=True).start()
     elif slot == 0:
-        _adopt_orphans(settings)
-    keep_libraries()
+        _recover_orphans(settings)
+    freeze_garbage_collector()
     _log.info("%s waits for jobs; it has %s", name, has)
     while not runner.stopping.wait(POLL):
         pass  # a signal that another thread received is handled when this one wakes
-    if not runner.idle.wait(settings.drain_seconds + PUT_BACK_PATIENCE):
+    if not runner.idle.wait(settings.drain_seconds + REQUEUE_TIMEOUT):
         _log.error("%s could not put its job back in time; the next start of a worker does", name)
     logging.shutdown()
     os._exit(0)  # whatever the engine's threads do
 
 
-def _gate(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
+def _claim_filter(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
     """Make the conditions of a claim that the engine adds to its own: jobs that this worker cannot do are passed over.
 
     They stay where they are in the queue, and the next that it can do is taken.
     """
-    too_much = select(JobRow.id).where(JobRow.id == column("workflow_uuid"), unmet(has)).exists()
+    too_much = select(JobRow.id).where(JobRow.id == column("workflow_uuid"), unsatisfied_clause(has)).exists()
     return lambda *_: [~too_much]
 
 
@@ -128,9 +128,9 @@ def _register(runner: JobRunner) -> None:
         return await attempts(job_id)
 
 
-def _adopt_orphans(settings: Settings) -> None:
+def _recover_orphans(settings: Settings) -> None:
     """Requeue the jobs of workers that no longer exist, because fewer are started than before."""
-    present = {settings.executor(slot) for slot in range(max(1, settings.workers))}
+    present = {settings.worker_slot_name(slot) for slot in range(max(1, settings.workers))}
     if gone := _pending_executors() - present:
         _recover(sorted(gone))
 
@@ -144,7 +144,7 @@ def _pending_executors() -> set[str]:
     return {job.executor_id for job in pending if job.executor_id}
 
 
-def _is_no_cancellation(record: logging.LogRecord) -> bool:
+def _is_not_cancellation(record: logging.LogRecord) -> bool:
     """Drop the engine's report, with traceback, of a job that a person cancelled."""
     cancelled = (engine_errors.DBOSAwaitedWorkflowCancelledError, engine_errors.DBOSWorkflowCancelledError)
     error = record.exc_info[1] if record.exc_info else None

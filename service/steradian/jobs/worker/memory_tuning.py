@@ -12,7 +12,7 @@ _ARENA_MAX: Final = -8
 """``M_ARENA_MAX`` of glibc's ``malloc.h``."""
 
 
-def share_one_heap() -> None:
+def limit_malloc_arenas() -> None:
     """Limit malloc to one arena for all threads started from now on; no effect without glibc.
 
     Else glibc gives each thread one of its own, and what one of them freed no other takes: a worker's threads wake in
@@ -23,7 +23,7 @@ def share_one_heap() -> None:
             ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)
 
 
-def keep_libraries() -> None:
+def freeze_garbage_collector() -> None:
     """Exclude loaded objects from garbage collection, so that full collections are early and cheap.
 
     Python puts them off until a quarter as much as there is has been added, which here is tens of thousands of objects.

@@ -7,15 +7,17 @@ from collections.abc import Callable
 from typing import Final
 
 from steradian.jobs.worker.runner import JobRunner
-from steradian.storage.db.change_detector import Changes
+from steradian.storage.db.change_detector import ChangeDetector
 
-HURRIED_POLL: Final = 0.01
+FAST_POLL: Final = 0.01
 """Seconds between two looks at the queue just after a job's end."""
 BUSY_POLL: Final = 1.0
 """Seconds between two looks while a job is at work: a worker has one at a time, and a look costs it 5 ms."""
 
 
-def hurried(event: threading.Event, runner: JobRunner, changes: Changes, poll: float) -> Callable[[float | None], bool]:
+def adaptive_wait(
+    event: threading.Event, runner: JobRunner, changes: ChangeDetector, poll: float
+) -> Callable[[float | None], bool]:
     """Make a wait for ``event`` that lasts while a job is at work and ends with it, so that the next begins at once.
 
     The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
@@ -30,8 +32,8 @@ def hurried(event: threading.Event, runner: JobRunner, changes: Changes, poll: f
             runner.idle.wait(BUSY_POLL)
             return event.is_set()
         if runner.is_hurried:
-            return plain(min(HURRIED_POLL, timeout))
-        while not (ended := runner.ended.wait(timeout)) and not event.is_set() and not changes.any():
+            return plain(min(FAST_POLL, timeout))
+        while not (ended := runner.ended.wait(timeout)) and not event.is_set() and not changes.has_changed():
             pass
         if ended:
             runner.ended.clear()

@@ -27,11 +27,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
-from steradian.core.exceptions import SteradianError, StoreUnavailable, Superseded
+from steradian.core.exceptions import StaleFence, SteradianError, StoreUnavailable
 from steradian.core.logging_config import request_id
 from steradian.core.progress import Progress
-from steradian.core.sandbox import die_first
-from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
+from steradian.core.sandbox import set_oom_score
+from steradian.jobs.model import Crashed, Failed, Outcome, Requeued, Succeeded
 from steradian.storage.data_dir.job_directory import StillRunning
 
 Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]
@@ -42,13 +42,13 @@ MAX_JOBS = 50
 """Jobs after which a child is replaced."""
 MAX_RESIDENT = 2 * 2**30
 """Bytes that a child may hold between jobs; one that holds more is replaced."""
-LOST = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN}
+CRASHED = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN}
 """What the system says of a file system that is gone."""
-SCORE = 500
+OOM_SCORE = 500
 """By how much sooner the kernel ends a job than the service when memory runs out; a stranger's file goes first."""
 NICENESS = 5
 """By how much a job stands back where processors are short: who answers requests and who scans comes first."""
-IDLE = 600.0
+IDLE_TIMEOUT = 600.0
 """Seconds after which a child without work ends."""
 _log = logging.getLogger(__name__)
 _NO_CHARACTERS = dict.fromkeys([0, *range(0xD800, 0xE000)], "\N{REPLACEMENT CHARACTER}")
@@ -135,14 +135,14 @@ class JobProcess:
                 case {"error": {"code": str(kind), "message": str(message)}}:
                     return Failed(kind, message)
                 case {"interrupted": str(message)}:
-                    return Interrupted(message)
+                    return Requeued(message)
                 case _:
                     pass
         code = await child.wait()
         await self.end()
         if kept and not begun:
             return None
-        return Died(f"the job's process ended {_ending(code)} without a result")
+        return Crashed(f"the job's process ended {_exit_description(code)} without a result")
 
     async def _start(self) -> Process:
         """Start a child; when that is cancelled midway the child is known all the same, and can be ended."""
@@ -164,7 +164,7 @@ def _parse(line: bytes) -> object:
     return None
 
 
-def _ending(code: int) -> str:
+def _exit_description(code: int) -> str:
     if code >= 0:
         return f"with exit code {code}"
     with suppress(ValueError):
@@ -181,14 +181,14 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
     and counts as deterministic too. What is no fault of the job (a lost database or folder, an earlier start that is
     still at it) is an interruption.
     """
-    die_first(SCORE)
+    set_oom_score(OOM_SCORE)
     os.nice(NICENESS)
-    speak = _Speaker()
+    speak = _MessageWriter()
     jobs: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+    threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     for number in range(1, MAX_JOBS + 1):
         try:
-            job = jobs.get(timeout=IDLE)
+            job = jobs.get(timeout=IDLE_TIMEOUT)
         except queue.Empty:
             return
         speak(begun=True)
@@ -204,11 +204,11 @@ def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> No
 
 
 def _do(
-    work: Callable[[dict[str, Any], Progress], dict[str, Any]], payload: dict[str, Any], speak: _Speaker
+    work: Callable[[dict[str, Any], Progress], dict[str, Any]], payload: dict[str, Any], speak: _MessageWriter
 ) -> dict[str, Any] | None:
     try:
         return work(payload, lambda stage, done, total: speak(stage=stage, done=int(done), total=int(total)))
-    except (StillRunning, Superseded, StoreUnavailable) as error:
+    except (StillRunning, StaleFence, StoreUnavailable) as error:
         speak(interrupted=str(error))
     except SteradianError as error:
         speak(error={"code": error.code, "message": _for_clients(str(error), payload)})
@@ -232,12 +232,12 @@ def _for_clients(message: str, payload: dict[str, Any]) -> str:
 def _is_interruption(error: Exception) -> bool:
     """Whether a database or a file system failed, not the job."""
     if isinstance(error, OSError):
-        return error.errno in LOST
+        return error.errno in CRASHED
     databases = sys.modules.get("sqlalchemy.exc")
     return databases is not None and isinstance(error, (databases.OperationalError, databases.InterfaceError))
 
 
-def _listen(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:
+def _read_jobs(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:
     """Forward jobs from standard input; end the process when it closes."""
     for line in sys.stdin:
         jobs.put(json.loads(line))
@@ -259,7 +259,7 @@ def _resident() -> int:
     return 0
 
 
-class _Speaker:
+class _MessageWriter:
     """Writer of JSON lines to the worker, atomic across threads; other standard output is redirected to the log."""
 
     def __init__(self) -> None:

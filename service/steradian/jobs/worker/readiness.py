@@ -12,17 +12,17 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.core.exceptions import Conflict, StoreUnavailable
 from steradian.core.settings import Settings
-from steradian.jobs.queue.engine_version import ENGINE, engine_version
+from steradian.jobs.queue.engine_version import ENGINE_VERSION_FACT, engine_version
 from steradian.storage import deployment_binding as belonging
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, known_revisions, metadata_url
 
-ASK_EVERY, TELL_EVERY = 0.5, 30.0
+POLL_INTERVAL, LOG_INTERVAL = 0.5, 30.0
 """Seconds between looks at a database that is not ready, and between words about it."""
 _log = logging.getLogger(__name__)
 
 
-def join(settings: Settings) -> None:
+def wait_until_ready(settings: Settings) -> None:
     """Wait until a service of this version has prepared the database, and check that the folder is the same.
 
     Raises
@@ -33,14 +33,14 @@ def join(settings: Settings) -> None:
         When the folder is not the one of the database.
     """
     told = float("-inf")
-    while (missing := _missing(settings)) is not None:
-        if time.monotonic() - told > TELL_EVERY:
+    while (missing := _unmet_precondition(settings)) is not None:
+        if time.monotonic() - told > LOG_INTERVAL:
             told = time.monotonic()
             _log.warning("waiting for the service: %s", missing)
-        time.sleep(ASK_EVERY)
+        time.sleep(POLL_INTERVAL)
 
 
-def _missing(settings: Settings) -> str | None:
+def _unmet_precondition(settings: Settings) -> str | None:
     """Return the unmet precondition of a worker; ``None`` when it is ready."""
     if settings.database_url is None and not DataDirectory(settings.data).metadata_file.exists():
         return f"there is no database in {settings.data}"
@@ -52,10 +52,10 @@ def _missing(settings: Settings) -> str | None:
             raise Conflict(f"the database has version {revision}, {limit}; install the service's Steradian")
         if revision != known[0]:
             return f"the database has version {revision or 'none'}, this worker needs {known[0]}"
-        if not belonging.check(settings, database):
+        if not belonging.check_binding(settings, database):
             return "no service has used this database with a data folder or store"
         with database.read() as session:
-            engine = database.fact(session, ENGINE)
+            engine = database.get_fact(session, ENGINE_VERSION_FACT)
         if engine != engine_version():
             return f"its queue is of engine {engine or 'none'}, this worker's is {engine_version()}"
     except SQLAlchemyError as error:

@@ -11,12 +11,12 @@ from typing import Any, Final
 from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian.core.atomic_files import ENDING
-from steradian.core.exceptions import NotFound, StoreUnavailable, Superseded
+from steradian.core.atomic_files import DRAFT_SUFFIX
+from steradian.core.exceptions import NotFound, StaleFence, StoreUnavailable
 from steradian.core.settings import Settings
 from steradian.jobs.model import Outcome, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.storage.blobs.interface import Arrays, Stored, result_name
+from steradian.storage.blobs.interface import BlobStore, StagedBlob, result_name
 from steradian.storage.blobs.object_store import arrays_of
 from steradian.storage.data_dir.job_directory import LOG, JobDirectory
 from steradian.storage.data_dir.layout import DataDirectory
@@ -24,48 +24,50 @@ from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ObjectRow
 from steradian.storage.states import ReconstructionState
 
-STORED: Final = "in the store"
+STAGED_KEY: Final = "in the store"
 """Under which name a report says what of it is kept; no report of a job has it."""
 _log = logging.getLogger(__name__)
 
 
-def put_results(arrays: Arrays, folder: JobDirectory) -> dict[str, Any]:
+def upload_results(arrays: BlobStore, folder: JobDirectory) -> dict[str, Any]:
     """Upload all results of a job to the store, in a process of their own; returns their entries in the report.
 
     The volume first, which takes longest: until the success is noted, what has gone can be had from nowhere.
     """
     largest = sorted(folder.results(), key=lambda path: path.stat().st_size, reverse=True)
-    return {STORED: [arrays.put(result_name(folder.root.name, path.name), path).as_json() for path in largest]}
+    return {STAGED_KEY: [arrays.put(result_name(folder.root.name, path.name), path).as_json() for path in largest]}
 
 
-class JobKeeper:
+class ResultUploader:
     """The worker's part; without a store there is none, as results lie where they belong."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._has_store = settings.store is not None
         self._arrays, self._database = arrays_of(settings, database), database
 
-    def announced(self, outcome: Outcome) -> Outcome:
+    def with_commit(self, outcome: Outcome) -> Outcome:
         """Commit staged results in the transaction that records the success."""
-        if not isinstance(outcome, Succeeded) or not self._has_store or STORED not in outcome.result:
+        if not isinstance(outcome, Succeeded) or not self._has_store or STAGED_KEY not in outcome.result:
             return outcome
-        stored = [Stored.of_json(each) for each in outcome.result[STORED]]
-        report = {name: value for name, value in outcome.result.items() if name != STORED}
-        return Succeeded(report, lambda session: self._arrays.announce(session, *stored))
+        stored = [StagedBlob.of_json(each) for each in outcome.result[STAGED_KEY]]
+        report = {name: value for name, value in outcome.result.items() if name != STAGED_KEY}
+        return Succeeded(report, lambda session: self._arrays.commit(session, *stored))
 
-    def tidy(self, ledger: JobLedger, data: DataDirectory) -> None:
+    def upload_leftovers(self, ledger: JobLedger, data: DataDirectory) -> None:
         """Upload results left by jobs that were interrupted on this host, by a power cut for example.
 
         Results of earlier times, before there was a store, stay: they are nowhere else.
         """
         folders = {path.name: data.job(path.name) for path in data.job_folders()} if self._has_store else {}
         for job_id, job in ledger.statuses(list(folders)).items():
-            with suppress(NotFound, Superseded, OSError):  # deleted meanwhile, or of a start that no database knows
+            with suppress(NotFound, StaleFence, OSError):  # deleted meanwhile, or of a start that no database knows
                 needed = job.state is ReconstructionState.SUCCEEDED and self._has_more(folders[job_id])
                 if job.is_over and not needed and not folders[job_id].is_running:
-                    row, start = ledger.get(job_id), folders[job_id].newest
-                    folders[job_id].check(row.fence)
-                    self.put_away(job_id, start, folders[job_id])  # the newest start may have been on another host
+                    row, start = ledger.get(job_id), folders[job_id].latest_attempt
+                    folders[job_id].check_fence(row.fence)
+                    self.upload_log_and_remove(
+                        job_id, start, folders[job_id]
+                    )  # the newest start may have been on another host
 
     def _has_more(self, folder: JobDirectory) -> bool:
         """Whether a job's folder has results that the store has not."""
@@ -75,7 +77,7 @@ class JobKeeper:
         with self._database.read() as session:
             return session.get(ObjectRow, name) is not None
 
-    def put_away(self, job_id: str, start: int, folder: JobDirectory) -> None:
+    def upload_log_and_remove(self, job_id: str, start: int, folder: JobDirectory) -> None:
         """Keep the log of a start, unless the job was deleted, and leave nothing in the job's folder.
 
         Raises
@@ -85,13 +87,13 @@ class JobKeeper:
         """
         if not self._has_store or not folder.log.is_file():
             return
-        folder.check(start)
+        folder.check_fence(start)
         try:
-            copy = Path(shutil.copy(folder.log, folder.root / f"{LOG}{ENDING}"))  # who wrote it may have it open
+            copy = Path(shutil.copy(folder.log, folder.root / f"{LOG}{DRAFT_SUFFIX}"))  # who wrote it may have it open
             stored = self._arrays.put(result_name(job_id, f"{LOG}-{start:04}.txt"), copy)
             with self._database.write() as session:
                 if session.scalar(select(JobRow.id).where(JobRow.id == job_id).with_for_update()) is not None:
-                    self._arrays.announce(session, stored)
+                    self._arrays.commit(session, stored)
             shutil.rmtree(folder.root)
         except (StoreUnavailable, SQLAlchemyError, OSError) as error:
             _log.warning("the log of job %s stays in %s: %s", job_id, folder.root, error)

@@ -16,15 +16,15 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, SQLAlch
 from sqlalchemy.exc import TimeoutError as NoConnection
 from sqlalchemy.orm.exc import StaleDataError
 
-from steradian.core.exceptions import NotFound, StoreUnavailable, Superseded
-from steradian.core.logging_config import mark, request_id
+from steradian.core.exceptions import NotFound, StaleFence, StoreUnavailable
+from steradian.core.logging_config import request_id, request_id_suffix
 from steradian.core.settings import Settings
-from steradian.core.stop_signals import StopEvent
-from steradian.jobs.model import Died, Failed, Interrupted, Outcome, Succeeded
+from steradian.core.stop_signals import SignalSafeEvent
+from steradian.jobs.model import Crashed, Failed, Outcome, Requeued, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.jobs.registry import KINDS
+from steradian.jobs.registry import JOB_TYPES
 from steradian.jobs.worker.process import JobProcess
-from steradian.jobs.worker.results import JobKeeper
+from steradian.jobs.worker.results import ResultUploader
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.tables import JobRow
 from steradian.storage.maintenance.permissions import unwritable_job, unwritable_jobs
@@ -32,13 +32,13 @@ from steradian.storage.states import ReconstructionState
 
 POLL: Final = 0.2
 """Seconds between looks at a cancellation and between progress reports."""
-HURRY: Final = 0.5
+FAST_POLL_WINDOW: Final = 0.5
 """Seconds after a job's end for which the next one is looked for almost without a pause."""
 BACKOFF: Final = 0.5
 """Seconds before the second start of a job whose process died; doubled for the third."""
 MAX_DOUBLINGS: Final = 6
 """How often that is doubled after interruptions in a row."""
-TELL_EVERY: Final = 30.0
+LOG_INTERVAL: Final = 30.0
 """Seconds between two complaints about a database that does not answer."""
 READ_ONLY: Final = "25006"
 """What PostgreSQL says while it only reads, as one does that is about to take over from another (SQLSTATE)."""
@@ -62,10 +62,10 @@ class JobRunner:
     def __init__(
         self, settings: Settings, ledger: JobLedger, commands: Mapping[str, Sequence[str]], worker: str
     ) -> None:
-        self.stopping, self.idle, self.ended = StopEvent(), threading.Event(), threading.Event()
+        self.stopping, self.idle, self.ended = SignalSafeEvent(), threading.Event(), threading.Event()
         self.idle.set()
         self._settings, self._ledger, self._worker = settings, ledger, worker
-        self._data, self._keeper = DataDirectory(settings.data), JobKeeper(settings, ledger.database)
+        self._data, self._keeper = DataDirectory(settings.data), ResultUploader(settings, ledger.database)
         self._identity = self._data.identity
         threads = str(settings.threads_per_job)
         limits = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), threads)
@@ -77,7 +77,7 @@ class JobRunner:
     @property
     def is_hurried(self) -> bool:
         """Whether a job has just ended and the next one is wanted at once."""
-        return self.idle.is_set() and time.monotonic() - self._ended < HURRY
+        return self.idle.is_set() and time.monotonic() - self._ended < FAST_POLL_WINDOW
 
     async def run(self, job_id: str) -> str:
         """Attempt a job until it is over, or another worker has it; returns its state then."""
@@ -88,9 +88,9 @@ class JobRunner:
                 if interruptions:
                     await self._until_writable()
                 if self._folder_is_lost or self.stopping.is_set():
-                    await self._stand_still()
-                after = self._data.job(job_id).newest
-                row = await self._patiently(partial(self._ledger.start, job_id, self._worker, after))
+                    await self._idle_until_stopped()
+                after = self._data.job(job_id).latest_attempt
+                row = await self._retry_transient(partial(self._ledger.start_attempt, job_id, self._worker, after))
                 request_id.set(row.request_id or "")  # of this task alone
                 if row.state is _R.RUNNING:
                     row = await self._attempt(row)
@@ -99,7 +99,7 @@ class JobRunner:
                 interrupted = row.attempts[-1]["outcome"] == "interrupted"
                 interruptions = interruptions + 1 if interrupted else 0
                 await self._rest(BACKOFF * 2 ** (min(interruptions, MAX_DOUBLINGS) if interrupted else row.attempt - 1))
-        except Superseded as error:
+        except StaleFence as error:
             _log.warning("%s; another worker has it", error)
             return _R.RUNNING
         except NotFound as error:
@@ -107,7 +107,7 @@ class JobRunner:
             return _R.CANCELLED
         except asyncio.CancelledError:
             # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
-            with suppress(Superseded, SQLAlchemyError):
+            with suppress(StaleFence, SQLAlchemyError):
                 self._ledger.cancelled(job_id, self._worker, None if row is None else row.fence)
             raise
         finally:
@@ -120,8 +120,8 @@ class JobRunner:
         """Run one attempt of a job and record its outcome, also after an error."""
         process = self._processes.get(row.kind)
         if process is None:
-            return await self._settle(row, Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}"))
-        job = asyncio.ensure_future(self._converse(process, row, progress := _Progress(self, row)))
+            return await self._finish(row, Failed("unknown-kind", f"no worker runs jobs of kind {row.kind!r}"))
+        job = asyncio.ensure_future(self._run_in_child(process, row, progress := _Progress(self, row)))
         try:
             while not job.done():
                 await asyncio.wait({job}, timeout=POLL)
@@ -131,13 +131,13 @@ class JobRunner:
                     await _kill(job)
                     await self._put_back(row, "the worker was asked to end")
                 await progress.pass_on()
-                if await self._is_unwanted(row):
+                if await self._should_stop(row):
                     await _kill(job)
                     return await self._cancelled(row)
             outcome = job.result()
             if not isinstance(outcome, Succeeded) and self._folder_is_lost:
                 await self._put_back(row, f"the data folder was gone: {outcome.message}")
-            return await self._settle(row, outcome)
+            return await self._finish(row, outcome)
         finally:
             await _kill(job)
 
@@ -163,45 +163,47 @@ class JobRunner:
         return True
 
     async def _put_back(self, row: JobRow, why: str) -> None:
-        await self._patiently(lambda: self._ledger.put_back(row.id, row.fence, self._worker, why))
-        await self._stand_still()
+        await self._retry_transient(lambda: self._ledger.requeue(row.id, row.fence, self._worker, why))
+        await self._idle_until_stopped()
 
-    async def _converse(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
+    async def _run_in_child(self, process: JobProcess, row: JobRow, progress: _Progress) -> Outcome:
         folder = self._data.job(row.id)
         about = {"kind": row.kind, "request": row.payload, "principal": row.history[0]["who"], "start": row.fence}
         about |= {"job": str(folder.root), "data": str(self._data.root.absolute()), "store": bool(self._settings.store)}
         timeout = min(row.timeout or self._settings.job_timeout, self._settings.job_timeout)
-        follows = KINDS[row.kind].follows if row.kind in KINDS and row.timeout is None else None
+        follows = JOB_TYPES[row.kind].follows if row.kind in JOB_TYPES and row.timeout is None else None
         if (why := unwritable_jobs(self._data)) is not None:
-            return Interrupted(f"waits until its folder can be written: {why}")
+            return Requeued(f"waits until its folder can be written: {why}")
         if (why := unwritable_job(self._data, row.id)) is not None:
             return Failed("folder-not-writable", f"its folder cannot be written: {why}")
         try:
             outcome = await process.run(about, log=folder.log, report=progress, timeout=timeout, follows=follows)
-            return self._keeper.announced(outcome)
+            return self._keeper.with_commit(outcome)
         except OSError as error:
-            return Interrupted(f"the job's process cannot be run: {error}")
+            return Requeued(f"the job's process cannot be run: {error}")
         except Exception as error:
             _log.exception("job %s: its process cannot be understood", row.id)
-            return Died(f"its process cannot be understood: {error}")
+            return Crashed(f"its process cannot be understood: {error}")
 
-    async def _settle(self, row: JobRow, outcome: Outcome) -> JobRow:
+    async def _finish(self, row: JobRow, outcome: Outcome) -> JobRow:
         if not isinstance(outcome, Succeeded):
             _log.warning("job %s: %s", row.id, outcome.message)
             self._note(row.id, outcome.message)
         try:
-            await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
-            return await self._patiently(lambda: self._ledger.settle(row.id, row.fence, outcome, self._worker))
+            await asyncio.to_thread(self._keeper.upload_log_and_remove, row.id, row.fence, self._data.job(row.id))
+            return await self._retry_transient(
+                lambda: self._ledger.finish_attempt(row.id, row.fence, outcome, self._worker)
+            )
         except StoreUnavailable as error:  # which had all of it a moment ago
-            return await self._settle(row, Interrupted(str(error)))
+            return await self._finish(row, Requeued(str(error)))
         except DBAPIError as error:
             if isinstance(outcome, Failed):
                 raise
-            return await self._settle(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
+            return await self._finish(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
 
     async def _cancelled(self, row: JobRow) -> JobRow:
-        await asyncio.to_thread(self._keeper.put_away, row.id, row.fence, self._data.job(row.id))
-        return await self._patiently(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
+        await asyncio.to_thread(self._keeper.upload_log_and_remove, row.id, row.fence, self._data.job(row.id))
+        return await self._retry_transient(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
 
     def _note(self, job_id: str, text: str) -> None:
         """Add a line of the worker's own to the job's log, if its disk takes it."""
@@ -209,25 +211,25 @@ class JobRunner:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a") as log:
-                log.write(f"{self._worker}: {text}{mark()}\n")
+                log.write(f"{self._worker}: {text}{request_id_suffix()}\n")
         except OSError as error:
             _log.warning("the log of job %s cannot be written: %s", job_id, error)
 
-    async def _is_unwanted(self, row: JobRow) -> bool:
-        """Whether cancellation was requested; raises :class:`Superseded` when there is a newer attempt."""
+    async def _should_stop(self, row: JobRow) -> bool:
+        """Whether cancellation was requested; raises :class:`StaleFence` when there is a newer attempt."""
         try:
-            state, fence = await asyncio.to_thread(self._ledger.standing, row.id)
+            state, fence = await asyncio.to_thread(self._ledger.state_and_fence, row.id)
         except SQLAlchemyError:
             return False  # asked again soon
         if fence != row.fence:
-            raise Superseded(f"start {row.fence} of job {row.id} counts no more; start {fence} has begun")
+            raise StaleFence(f"start {row.fence} of job {row.id} counts no more; start {fence} has begun")
         return state in {_R.CANCELLING, _R.CANCELLED}
 
     async def report(self, row: JobRow, stage: str, done: int, total: int) -> None:
         """Pass progress on; one that is lost is replaced by the next."""
         try:
             await asyncio.to_thread(self._ledger.report, row.id, row.fence, stage, done, total)
-        except Superseded:
+        except StaleFence:
             return  # as the next look says
         except SQLAlchemyError as error:
             _log.warning("progress of job %s is lost: %s", row.id, error)
@@ -237,7 +239,7 @@ class JobRunner:
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             if self.stopping.is_set():
-                await self._stand_still()
+                await self._idle_until_stopped()
             await asyncio.sleep(min(left, POLL))
 
     async def _until_writable(self) -> None:
@@ -245,12 +247,12 @@ class JobRunner:
         while unwritable_jobs(self._data) is not None and not self._folder_is_lost:
             await self._rest(BACKOFF)
 
-    async def _stand_still(self) -> None:
+    async def _idle_until_stopped(self) -> None:
         """Block until the worker's process ends, before the engine observes the end of this job."""
         self.idle.set()
         await asyncio.Event().wait()
 
-    async def _patiently(self, change: Callable[[], T]) -> T:
+    async def _retry_transient(self, change: Callable[[], T]) -> T:
         """Change the ledger, also when its database comes back only after a while; a full disk is waited for too.
 
         What the database refuses, it would refuse again; that is raised.
@@ -260,15 +262,15 @@ class JobRunner:
             try:
                 return await asyncio.to_thread(change)
             except SQLAlchemyError as error:
-                if not _may_pass(error):
+                if not _is_transient(error):
                     raise
-                if time.monotonic() - told > TELL_EVERY:
+                if time.monotonic() - told > LOG_INTERVAL:
                     told = time.monotonic()
                     _log.warning("the database does not take what became of a job; trying again: %s", error)
                 await asyncio.sleep(0.5)
 
 
-def _may_pass(error: SQLAlchemyError) -> bool:
+def _is_transient(error: SQLAlchemyError) -> bool:
     """Whether a database error is transient: unavailable, busy, full, read-only, or a concurrent change of a row."""
     if isinstance(error, DBAPIError):
         only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY

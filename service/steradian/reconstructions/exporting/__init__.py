@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import Conflict, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.reconstructions.exporting.source import VolumeSource, open_volume
+from steradian.core.progress import CancelCheck, Progress
+from steradian.reconstructions.exporting.source import VolumeExportSource, open_volume
 
 __all__ = ["ENDINGS", "VolumeFormat", "export_volume", "format_of"]
 
@@ -52,7 +52,7 @@ def export_volume(
     *,
     format: VolumeFormat,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Path:
     """Write a volume file in another format.
 
@@ -90,12 +90,12 @@ def export_volume(
         raise Conflict(f"{destination} is a folder that exists; choose another name or remove it")
     with open_volume(volume, progress, cancelled) as source:
         destination.parent.mkdir(parents=True, exist_ok=True)
-        with draft(destination, keep_ending=True) as beside:
+        with atomic_write(destination, keep_ending=True) as beside:
             _write(source, beside, format)
     return destination
 
 
-def _write(source: VolumeSource, path: Path, format: VolumeFormat) -> None:
+def _write(source: VolumeExportSource, path: Path, format: VolumeFormat) -> None:
     match format:
         case "hdf5":
             from steradian.reconstructions.exporting.hdf5 import write_hdf5

@@ -18,12 +18,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from steradian.reconstructions.exporting.source import VolumeSource
-from steradian.reconstructions.volumes.file import attach_axes, write_axes
-from steradian.reconstructions.volumes.pyramid import chunks_of
+from steradian.reconstructions.exporting.source import VolumeExportSource
+from steradian.reconstructions.volumes.file import attach_dimension_scales, write_axes
+from steradian.reconstructions.volumes.pyramid import chunk_shape
 
 
-def write_hdf5(source: VolumeSource, path: Path) -> None:
+def write_hdf5(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as HDF5 with its coordinates as datasets."""
     old = source.values
     with h5py.File(path, "w") as file:
@@ -31,7 +31,7 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
         lines = zip(source.names, source.origin, source.spacing, old.shape, strict=True)
         write_axes(file, {name: first + step * np.arange(count) for name, first, step, count in lines})
         file.create_dataset("spacing_m", data=np.array(source.spacing))
-        chunks = chunks_of(old.shape) or old.shape
+        chunks = chunk_shape(old.shape) or old.shape
         values = file.create_dataset(
             "values", old.shape, old.dtype, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
         )
@@ -45,4 +45,4 @@ def write_hdf5(source: VolumeSource, path: Path) -> None:
         for name in ("mip_x", "mip_y", "mip_z"):
             if name in old.parent:
                 file.create_dataset(name, data=source.read((), name))
-        attach_axes(file)
+        attach_dimension_scales(file)

@@ -7,10 +7,10 @@ from typing import Any
 
 from steradian.core.exceptions import InvalidInput
 
-ALWAYS = "hdf5, nrrd, vtkhdf or png"
+BUILTIN_FORMATS = "hdf5, nrrd, vtkhdf or png"
 
 
-def library(name: str, format: str) -> Any:
+def import_optional(name: str, format: str) -> Any:
     """Import an optional library of one format.
 
     Raises
@@ -22,5 +22,7 @@ def library(name: str, format: str) -> Any:
         return import_module(name)
     except ImportError as error:
         raise InvalidInput(
-            "format", format, f"{ALWAYS}; {format} needs {name}, which pip install 'steradian[export]' installs"
+            "format",
+            format,
+            f"{BUILTIN_FORMATS}; {format} needs {name}, which pip install 'steradian[export]' installs",
         ) from error

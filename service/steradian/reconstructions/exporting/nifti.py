@@ -10,14 +10,14 @@ import numpy as np
 
 from steradian import __version__
 from steradian.core.exceptions import InvalidInput
-from steradian.reconstructions.exporting.libraries import library
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.source import VolumeExportSource
 
 LONGEST = 32_767
 DATA_OFFSET = 352
 
 
-def write_nifti(source: VolumeSource, path: Path, *, compressed: bool) -> None:
+def write_nifti(source: VolumeExportSource, path: Path, *, compressed: bool) -> None:
     """Write a volume as NIfTI-1 in millimetres, with the affine from voxel to (right, anterior, superior) = (x, y, z).
 
     Raises
@@ -25,7 +25,7 @@ def write_nifti(source: VolumeSource, path: Path, *, compressed: bool) -> None:
     InvalidInput
         When an axis is longer than the format can count, or nibabel is not installed.
     """
-    nibabel = library("nibabel", "nifti")
+    nibabel = import_optional("nibabel", "nifti")
     if max(source.shape) > LONGEST:
         raise InvalidInput("volume", f"{source.shape} voxels", f"at most {LONGEST} an axis in NIfTI-1; take nrrd")
     header = nibabel.Nifti1Header()

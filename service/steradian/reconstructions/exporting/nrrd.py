@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from steradian import __version__
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.source import VolumeExportSource
 
 KINDS = {"f4": "float", "f8": "double"}
 
 
-def write_nrrd(source: VolumeSource, path: Path) -> None:
+def write_nrrd(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as NRRD in millimetres, x fastest; depth z points to the file's superior."""
     spacing, origin = ([1e3 * value for value in values] for values in (source.spacing_xyz, source.origin_xyz))
     directions = [[step if row == column else 0.0 for column in range(3)] for row, step in enumerate(spacing)]

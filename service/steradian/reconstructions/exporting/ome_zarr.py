@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from steradian import __version__
-from steradian.reconstructions.exporting.libraries import library
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.source import VolumeExportSource
 
 CHUNK_SIDE = 128
 
 
-def write_ome_zarr(source: VolumeSource, path: Path) -> None:
+def write_ome_zarr(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as OME-Zarr 0.4 (Zarr 2) in micrometres, axes z, y, x, at full resolution.
 
     Raises
@@ -21,7 +21,7 @@ def write_ome_zarr(source: VolumeSource, path: Path) -> None:
     InvalidInput
         When zarr is not installed.
     """
-    zarr = library("zarr", "ome-zarr")
+    zarr = import_optional("zarr", "ome-zarr")
     shape = source.shape[::-1]
     group = zarr.open_group(str(path), mode="w", zarr_format=2)
     array = group.create_array(
@@ -38,7 +38,7 @@ def write_ome_zarr(source: VolumeSource, path: Path) -> None:
     group.attrs.update(_attributes(source))
 
 
-def _attributes(source: VolumeSource) -> dict[str, Any]:
+def _attributes(source: VolumeExportSource) -> dict[str, Any]:
     scale, translation = ([1e6 * value for value in values[::-1]] for values in (source.spacing_xyz, source.origin_xyz))
     return {
         "multiscales": [

@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.imaging.signal.conditioning import Display
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.source import VolumeExportSource
 from steradian.reconstructions.volumes.file import read_projection
-from steradian.reconstructions.volumes.images import PLANES, Axis, draw_projection
-from steradian.reconstructions.volumes.near_field import from_depth
+from steradian.reconstructions.volumes.images import PLANE_LABELS, Axis, draw_projection
+from steradian.reconstructions.volumes.near_field import crop_depth
 
 
-def write_png(source: VolumeSource, path: Path) -> None:
+def write_png(source: VolumeExportSource, path: Path) -> None:
     """Draw the z-projection into one file, where ``path`` ends in ``.png``; else all projections into a folder.
 
     The folder's files are ``mip-x.png`` and so on. An image from a line of sensors has one picture, ``mip-y.png``.
     """
-    axes: tuple[Axis, ...] = tuple(PLANES) if source.values.ndim == 3 else ("y",)
+    axes: tuple[Axis, ...] = tuple(PLANE_LABELS) if source.values.ndim == 3 else ("y",)
     display = Display(near_field=float(source.values.attrs.get("near_field_m", 0.0)))
-    frame = from_depth(_frame(source), display.near_field or 0.0)
+    frame = crop_depth(_frame(source), display.near_field or 0.0)
     single = path.suffix == ".png"
     if single:
         axes = (axes[-1],)
@@ -37,7 +37,7 @@ def write_png(source: VolumeSource, path: Path) -> None:
             source.progress("pictures", index + 1, len(axes))
 
 
-def _projection(source: VolumeSource, axis: Axis, depths: int) -> NDArray[Any]:
+def _projection(source: VolumeExportSource, axis: Axis, depths: int) -> NDArray[Any]:
     """Read a projection of the last ``depths``: those along x and y are there, the one along z only of all."""
     if axis != "z" or depths == source.values.shape[-1]:
         image = read_projection(Path(source.values.file.filename), axis)
@@ -45,7 +45,7 @@ def _projection(source: VolumeSource, axis: Axis, depths: int) -> NDArray[Any]:
     return np.stack([source.read(np.s_[x, :, -depths:]).max(axis=-1) for x in range(source.values.shape[0])])
 
 
-def _frame(source: VolumeSource) -> Volume:
+def _frame(source: VolumeExportSource) -> Volume:
     """Make a volume with the axes alone; its values are one number seen from every voxel."""
     lines = [
         first + step * np.arange(count)
@@ -53,4 +53,4 @@ def _frame(source: VolumeSource) -> Volume:
     ]
     x, *y, z = lines
     values = np.broadcast_to(np.zeros(1, np.float32), source.values.shape)
-    return Volume(values, Axes(x, y[0] if y else None, z), source.spacing)
+    return Volume(values, VoxelAxes(x, y[0] if y else None, z), source.spacing)

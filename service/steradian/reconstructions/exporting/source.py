@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile, NotFound
-from steradian.core.progress import IsCancelled, Progress
-from steradian.reconstructions.volumes.file import centre_in, require_volume
-from steradian.scans.file.corruption import reading
+from steradian.core.progress import CancelCheck, Progress
+from steradian.reconstructions.volumes.file import centre_in, check_format
+from steradian.scans.file.corruption import reraise_as_damaged
 
 SLAB_BYTES = 32 << 20
 
 
 @dataclass(frozen=True)
-class VolumeSource:
+class VolumeExportSource:
     """Chunked reader of a volume file with axes.
 
     Parameters
@@ -44,7 +44,7 @@ class VolumeSource:
     parameters: str
     provenance: str
     progress: Progress | None = None
-    cancelled: IsCancelled | None = None
+    cancelled: CancelCheck | None = None
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -72,7 +72,7 @@ class VolumeSource:
 
     def read(self, index: Any, name: str = "values") -> NDArray[Any]:
         """Read some of the values, or of another dataset beside them; raises :class:`DamagedFile`."""
-        with reading(self.values.file.filename, "volume"):
+        with reraise_as_damaged(self.values.file.filename, "volume"):
             return np.asarray(self.values.parent[name][index])
 
     def depth_slabs(self) -> Iterator[NDArray[Any]]:
@@ -107,7 +107,7 @@ class VolumeSource:
 
 
 @contextmanager
-def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | None) -> Iterator[VolumeSource]:
+def open_volume(path: Path, progress: Progress | None, cancelled: CancelCheck | None) -> Iterator[VolumeExportSource]:
     """Open a volume file.
 
     Raises
@@ -120,9 +120,9 @@ def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | 
     if not path.is_file():
         raise NotFound("file", str(path))
     with ExitStack() as opened:
-        with reading(path, "volume"):
+        with reraise_as_damaged(path, "volume"):
             file = opened.enter_context(h5py.File(path, "r"))
-            require_volume(file, path)
+            check_format(file, path)
             values = file["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             names = tuple(str(values.attrs["axes"]).split(", "))
@@ -130,4 +130,4 @@ def open_volume(path: Path, progress: Progress | None, cancelled: IsCancelled | 
             parameters, provenance = (str(file.attrs[name]) for name in ("parameters", "provenance"))
             if not len(names) == len(spacing) == len(origin) == len(values.shape) or len(names) not in (2, 3):
                 raise DamagedFile(f"{path}: values of shape {values.shape} with axes {names} and spacing {spacing}")
-        yield VolumeSource(values, names, spacing, origin, parameters, provenance, progress, cancelled)
+        yield VolumeExportSource(values, names, spacing, origin, parameters, provenance, progress, cancelled)

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.reconstructions.exporting.libraries import library
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.source import VolumeExportSource
 
 MOST_BYTES = (1 << 32) - (1 << 20)
 
 
-def write_tiff(source: VolumeSource, path: Path) -> None:
+def write_tiff(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as an ImageJ hyperstack in micrometres: pages along z, rows along y, columns along x.
 
     Raises
@@ -24,7 +24,7 @@ def write_tiff(source: VolumeSource, path: Path) -> None:
     InvalidInput
         When it is larger than a TIFF can be, or tifffile is not installed.
     """
-    tifffile = library("tifffile", "tiff")
+    tifffile = import_optional("tifffile", "tiff")
     nx, ny, nz = source.shape
     if nx * ny * nz * 4 > MOST_BYTES:
         raise InvalidInput(
@@ -44,6 +44,6 @@ def write_tiff(source: VolumeSource, path: Path) -> None:
         )
 
 
-def _pages(source: VolumeSource) -> Iterator[NDArray[Any]]:
+def _pages(source: VolumeExportSource) -> Iterator[NDArray[Any]]:
     for slab in source.depth_slabs():
         yield from slab.astype(np.float32)

@@ -7,14 +7,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from steradian.reconstructions.exporting.source import VolumeSource
+from steradian.reconstructions.exporting.source import VolumeExportSource
 
 NAME = "initial_pressure"
 SCALARS = "Scalars"
 """What VTK is to take the values for: without it no array is active, and a viewer shows an empty box."""
 
 
-def write_vtkhdf(source: VolumeSource, path: Path) -> None:
+def write_vtkhdf(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as VTKHDF (version 2.0) in millimetres.
 
     The format wants its texts as ASCII strings of fixed length and the values as [z, y, x].

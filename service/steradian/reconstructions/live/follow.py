@@ -20,47 +20,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import ReconstructionPlan, Volume
-from steradian.imaging.incremental import GrowingReconstruction
+from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.signal.conditioning import Conditioning, Display
-from steradian.reconstructions.live.preview import Preview, preview_of
+from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision import Revision, quality_of
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.coverage import largest_gap
-from steradian.reconstructions.pipeline.resolve import modes_of, plan_parameters
+from steradian.reconstructions.pipeline.resolve import modes_of, to_imaging_parameters
 from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json
-from steradian.reconstructions.shots import even_out_new
+from steradian.reconstructions.shots import normalise_new_shots
 from steradian.reconstructions.volumes.file import write_projections
-from steradian.reconstructions.volumes.near_field import from_depth, near_field
-from steradian.reconstructions.volumes.projections import Projections, project, project_from
-from steradian.reconstructions.volumes.reader import StoredVolume
-from steradian.scans.file.tail import NewAlines, ScanFollower, has_alines
+from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
+from steradian.reconstructions.volumes.projections import Projections, project, project_below_depth
+from steradian.reconstructions.volumes.reader import VolumeReader
+from steradian.scans.file.tail import AlineBatch, ScanTail, has_alines
 from steradian.scans.opening import FIRST
 from steradian.scans.recording import Recording
 
-Detail = Literal["preview", "full"]
-SUMS = ("nedner", "ner", "linear", "nearest")
+Resolution = Literal["preview", "full"]
+ACCUMULATED_METHODS = ("nedner", "ner", "linear", "nearest")
 """Methods whose image is a sum over sensors."""
-AT_ONCE = 4096
+MAX_BATCH = 4096
 """A-lines read and added together: bounds the memory when a view begins late."""
 LONGEST_WAIT = 0.2
 """Seconds between two looks at whether the scan is over or the view is cancelled."""
 
 
-def follow_scan(
+def reconstruct_live(
     scan: Path,
     output: Path,
     parameters: ReconstructionParameters | None = None,
     *,
     is_over: Callable[[], bool],
     interval: float = 2.0,
-    detail: Detail = "preview",
+    detail: Resolution = "preview",
     frame: int = 0,
     revised: Callable[[Revision], None] | None = None,
     wait: Callable[[float], None] = time.sleep,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Report:
     """Reconstruct a scan while another process measures it, and once more, in full, when it is over.
 
@@ -108,24 +108,26 @@ def follow_scan(
     if not interval >= 0:
         raise InvalidInput("interval", interval, "0 or more (s)")
     chosen = parameters or ReconstructionParameters()
-    if chosen.method not in SUMS:
-        raise InvalidInput("method", chosen.method, f"{', '.join(SUMS)}: sums over sensors, which can grow")
+    if chosen.method not in ACCUMULATED_METHODS:
+        raise InvalidInput(
+            "method", chosen.method, f"{', '.join(ACCUMULATED_METHODS)}: sums over sensors, which can grow"
+        )
     if chosen.shots.bad_lines != "keep":
         raise InvalidInput("shots.bad_lines", chosen.shots.bad_lines, "keep while a scan is followed")
-    view: LiveView | None = None
+    view: LiveReconstruction | None = None
     seen = 0, 1
     while not is_over():
         began = time.monotonic()
         if view is None and has_alines(scan, frame):
-            view = LiveView(scan, output, chosen, detail, frame)
-        revision = view.revise(cancelled=cancelled) if view else None
+            view = LiveReconstruction(scan, output, chosen, detail, frame)
+        revision = view.update(cancelled=cancelled) if view else None
         if revision:
             seen = revision.points, revision.planned
         if progress:
             progress("A-lines", *seen)
         if revision and revised:
             revised(revision)
-        _rest(interval - (time.monotonic() - began), is_over, wait, cancelled)
+        _wait(interval - (time.monotonic() - began), is_over, wait, cancelled)
     began = time.monotonic()
     report = reconstruct_scan(scan, output, chosen, frame=frame or FIRST, progress=progress, cancelled=cancelled)
     last = _final_revision(output, report, view, time.monotonic() - began)
@@ -134,7 +136,7 @@ def follow_scan(
     return report
 
 
-class LiveView:
+class LiveReconstruction:
     """The revisions of one scan.
 
     Parameters
@@ -142,7 +144,7 @@ class LiveView:
     scan
         A scan file, being filled or not.
     output, parameters, detail, frame
-        As in :func:`follow_scan`.
+        As in :func:`reconstruct_live`.
 
     Attributes
     ----------
@@ -159,18 +161,20 @@ class LiveView:
         scan: Path,
         output: Path,
         parameters: ReconstructionParameters,
-        detail: Detail = "preview",
+        detail: Resolution = "preview",
         frame: int = 0,
     ) -> None:
         self.parameters, self.output = parameters, output
-        self._follower = ScanFollower(scan, frame)
+        self._follower = ScanTail(scan, frame)
         whole = self._follower.whole
-        full, modes = replace(plan_parameters(whole, parameters), device="cpu"), modes_of(whole, parameters)
+        full, modes = replace(to_imaging_parameters(whole, parameters), device="cpu"), modes_of(whole, parameters)
         samples = whole.traces.shape[1]
-        coarse = preview_of(modes, samples, whole.aperture / modes, full.sampling_interval * full.sound_speed)
-        self.preview = coarse if detail == "preview" else Preview(modes, 1)
-        plan = ReconstructionPlan.of(whole.positions, self.preview.samples(samples), self.preview.parameters(full))
-        self._growing = GrowingReconstruction(plan)
+        coarse = choose_preview(modes, samples, whole.aperture / modes, full.sampling_interval * full.sound_speed)
+        self.preview = coarse if detail == "preview" else CoarseParameters(modes, 1)
+        plan = ReconstructionPlan.from_parameters(
+            whole.positions, self.preview.samples(samples), self.preview.parameters(full)
+        )
+        self._growing = IncrementalReconstruction(plan)
         self.latest: NDArray[Any] | None = None
         self.number = 0
         self.coverage: dict[str, float] = {}
@@ -184,7 +188,7 @@ class LiveView:
         """Return the image of the A-lines so far."""
         return self._growing.volume()
 
-    def revise(self, *, cancelled: IsCancelled | None = None) -> Revision | None:
+    def update(self, *, cancelled: CancelCheck | None = None) -> Revision | None:
         """Update the image with newly stored A-lines; ``None`` if there are none."""
         clock = _Clock()
         if not self._add_new(clock, cancelled):
@@ -198,30 +202,30 @@ class LiveView:
         write_json(self.output / "revision.json", revision)
         return revision
 
-    def _add_new(self, clock: _Clock, cancelled: IsCancelled | None) -> int:
+    def _add_new(self, clock: _Clock, cancelled: CancelCheck | None) -> int:
         """Add new A-lines to the sum and return their number."""
         # what all A-lines have in common changes with each of them: then they are taken anew, and all at once
         common = self.parameters.conditioning.remove_common is not None
         count = 0
         while True:
             with clock("read"):
-                new = self._follower.take(None if common else AT_ONCE)
+                new = self._follower.read_new(None if common else MAX_BATCH)
                 if common and len(new.points):
-                    self._follower.forget()
-                    new = replace(self._follower.take(), replaced=True)
+                    self._follower.rewind()
+                    new = replace(self._follower.read_new(), replaced=True)
             if new.replaced:
                 self._growing.clear()
             if not len(new.points):
                 return count
-            new = even_out_new(new, self.whole, self.parameters.shots)
+            new = normalise_new_shots(new, self.whole, self.parameters.shots)
             if len(new.points):
                 with clock("add"):
-                    self._growing.add(new.points, self.preview.reduce(self._conditioned(new)), cancelled=cancelled)
+                    self._growing.add(new.points, self.preview.decimate(self._conditioned(new)), cancelled=cancelled)
             count += len(new.points)
             if common:
                 return count
 
-    def _conditioned(self, new: NewAlines) -> NDArray[np.float32]:
+    def _conditioned(self, new: AlineBatch) -> NDArray[np.float32]:
         conditioning, whole = self.parameters.conditioning, self.whole
         if conditioning == Conditioning():
             return new.traces
@@ -239,7 +243,7 @@ class LiveView:
         points = int(growing.measured.sum())
         self.coverage = {
             "points": points / whole.planned,
-            "area": growing.share,
+            "area": growing.covered_fraction,
             "largest_gap_m": largest_gap(whole.positions[growing.measured], whole.aperture),
         }
         seconds = seconds | {"judge": time.perf_counter() - began}
@@ -260,7 +264,7 @@ class LiveView:
         return quality_of(image, self.latest if same else None)
 
 
-def _final_revision(output: Path, report: Report, view: LiveView | None, seconds: float) -> Revision:
+def _final_revision(output: Path, report: Report, view: LiveReconstruction | None, seconds: float) -> Revision:
     """Write ``revision.json`` of the full reconstruction."""
     coverage = {"points": report.sensors / report.planned}
     if report.sensors == report.planned:
@@ -277,21 +281,21 @@ def _final_revision(output: Path, report: Report, view: LiveView | None, seconds
         weights=f"{report.parameters['weights']} of the points measured",
         seconds=report.seconds | {"total": round(seconds, 4)},
     )
-    image = _shown(output / "volume.h5", report.near_field_m)
+    image = _read_projection(output / "volume.h5", report.near_field_m)
     revision.quality = view.quality_against_previous(image) if view else quality_of(image, None)
     write_json(output / "revision.json", revision)
     (output / "projections.h5").unlink(missing_ok=True)  # the volume has its own
     return revision
 
 
-def _shown(path: Path, near: float) -> NDArray[Any]:
+def _read_projection(path: Path, near: float) -> NDArray[Any]:
     """Read the z-projection from the near field on; of a line of sensors the image."""
-    stored = StoredVolume(path)
+    stored = VolumeReader(path)
     if len(stored.lattice.shape) == 2:
         return stored.projection("y")
     count = stored.lattice.shape[2]
     first = min(math.ceil((near - stored.lattice.origin[2]) / stored.lattice.spacing[2] - 1e-6), count - 1)
-    return stored.slab("z", range(first, count)) if first > 0 else stored.projection("z")
+    return stored.slab_mip("z", range(first, count)) if first > 0 else stored.projection("z")
 
 
 def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.float64] | None = None) -> Projections:
@@ -305,9 +309,9 @@ def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.f
 
     near = display.near_field
     if near is None:
-        near = 0.0 if positions is None else near_field(volume, positions)
-    beyond, everything = project_from(volume, near)
-    volume = from_depth(volume, near)
+        near = 0.0 if positions is None else near_field_depth(volume, positions)
+    beyond, everything = project_below_depth(volume, near)
+    volume = crop_depth(volume, near)
     shown = beyond
     if display.changes_values:
         volume = display.apply(volume)
@@ -318,8 +322,8 @@ def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.f
     return everything | {axis: image for axis, image in beyond.items() if axis == "z"}
 
 
-def _rest(
-    seconds: float, is_over: Callable[[], bool], wait: Callable[[float], None], cancelled: IsCancelled | None
+def _wait(
+    seconds: float, is_over: Callable[[], bool], wait: Callable[[float], None], cancelled: CancelCheck | None
 ) -> None:
     """Wait, but not longer than the scan lasts."""
     while True:

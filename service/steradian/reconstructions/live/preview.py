@@ -18,14 +18,14 @@ from steradian.imaging.parameters import Parameters
 
 DEPTH_TO_LATERAL = 0.8
 """Largest depth step in lateral spacings: κ then still reaches beyond the largest lateral mode."""
-MOST_VOXELS = 0.25
+MAX_VOXELS = 0.25
 """Share of the full image's voxels a preview may have."""
-COARSER = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
+MAX_RATIO = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 """Lateral spacings tried, in those of the full image."""
 
 
 @dataclass(frozen=True)
-class Preview:
+class CoarseParameters:
     """Coarser reconstruction parameters for live previews.
 
     Attributes
@@ -64,7 +64,7 @@ class Preview:
         """Count the samples of a preview's A-line."""
         return ceil(samples / self.decimation)
 
-    def reduce(self, traces: NDArray[Any]) -> NDArray[np.float32]:
+    def decimate(self, traces: NDArray[Any]) -> NDArray[np.float32]:
         """Decimate A-lines by ``decimation`` after a low-pass filter at the new Nyquist frequency.
 
         Parameters
@@ -89,7 +89,7 @@ class Preview:
         return np.ascontiguousarray(fft.irfft(spectrum, 2 * count, axis=1)[:, :count], np.float32)
 
 
-def preview_of(modes: int, samples: int, spacing: float, depth_step: float) -> Preview:
+def choose_preview(modes: int, samples: int, spacing: float, depth_step: float) -> CoarseParameters:
     """Choose a preview with at most a quarter of the full image's voxels.
 
     Parameters
@@ -99,8 +99,8 @@ def preview_of(modes: int, samples: int, spacing: float, depth_step: float) -> P
     spacing, depth_step
         Its voxel's sides in metres, before upsampling.
     """
-    for coarser in COARSER:
+    for coarser in MAX_RATIO:
         decimation = max(1, min(int(DEPTH_TO_LATERAL * coarser * spacing / depth_step), samples // 16))
-        if coarser**2 * decimation >= 1 / MOST_VOXELS:
+        if coarser**2 * decimation >= 1 / MAX_VOXELS:
             break
-    return Preview(max(2, round(modes / coarser)), decimation)
+    return CoarseParameters(max(2, round(modes / coarser)), decimation)

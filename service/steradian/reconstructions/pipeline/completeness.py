@@ -12,7 +12,7 @@ from steradian.scans.recording import Recording
 
 
 @dataclass(frozen=True)
-class Missing:
+class IncompleteCoverage:
     """Points that were planned and have no A-line.
 
     Attributes
@@ -53,7 +53,7 @@ class Missing:
         )
 
 
-def missing_points(recording: Recording) -> Missing | None:
+def find_missing_points(recording: Recording) -> IncompleteCoverage | None:
     """Return the incompleteness of a recording relative to its plan; ``None`` when it is complete or unknown."""
     absent = recording.missing
     if absent is None or not len(absent):
@@ -63,18 +63,18 @@ def missing_points(recording: Recording) -> Missing | None:
     distances = np.asarray(KDTree(recording.positions).query(absent)[0])
     place = int(np.argmax(distances))
     radius, centre = float(distances[place]), absent[place]
-    return Missing(
+    return IncompleteCoverage(
         count=len(absent),
         planned=recording.planned,
         first_m=tuple(absent.min(axis=0).tolist()),
         last_m=tuple(absent.max(axis=0).tolist()),
         hole_m=2 * radius,
         hole_at_m=tuple(centre.tolist()),
-        hole_deg=None if recording.depth is None else _seen(centre, radius, recording),
+        hole_deg=None if recording.depth is None else _gap_angle(centre, radius, recording),
     )
 
 
-def _seen(centre: NDArray[np.float64], radius: float, recording: Recording) -> float:
+def _gap_angle(centre: NDArray[np.float64], radius: float, recording: Recording) -> float:
     """Angle in degrees that a circle fills along the line from the foot of the point of interest through its centre."""
     across = centre - np.asarray(recording.offset[: len(centre)])
     distance = float(np.linalg.norm(across))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitDiagnostics:
     """Diagnostics of an iterative fit.
 
     Attributes
@@ -31,7 +31,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Band:
+class BandLimit:
     """Excluded frequency band.
 
     Attributes

@@ -11,11 +11,11 @@ from steradian.core.validation import content_hash
 from steradian.imaging import ReconstructionPlan
 from steradian.imaging.parameters import Parameters
 
-MOST_PLANS = 4
-MOST_BYTES = 256 * 2**20
+MAX_PLANS = 4
+MAX_BYTES = 256 * 2**20
 
 
-class KeptPlans:
+class PlanCache:
     """The plans used last, found again by a hash of all that they depend on.
 
     Parameters
@@ -24,7 +24,7 @@ class KeptPlans:
         How many are kept, and how much memory they may take together; the one used last is kept in any case.
     """
 
-    def __init__(self, most: int = MOST_PLANS, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, most: int = MAX_PLANS, most_bytes: int = MAX_BYTES) -> None:
         self._most, self._most_bytes = most, most_bytes
         self._plans: OrderedDict[str, tuple[ReconstructionPlan, int]] = OrderedDict()
 
@@ -52,8 +52,8 @@ class KeptPlans:
         if key in self._plans and not self._plans[key][0].chosen.notes:  # a GPU that was full may have room by now
             self._plans.move_to_end(key)
             return self._plans[key][0]
-        plan = ReconstructionPlan.of(positions, samples, parameters)
-        self._plans[key] = (plan, size_of(plan))
+        plan = ReconstructionPlan.from_parameters(positions, samples, parameters)
+        self._plans[key] = (plan, deep_array_bytes(plan))
         self._plans.move_to_end(key)
         while len(self._plans) > 1 and (len(self._plans) > self._most or self.bytes > self._most_bytes):
             self._plans.popitem(last=False)
@@ -68,7 +68,7 @@ class KeptPlans:
         return len(self._plans)
 
 
-def size_of(thing: object) -> int:
+def deep_array_bytes(thing: object) -> int:
     """Sum the bytes of the arrays within an object."""
     seen: set[int] = set()
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from steradian.imaging.geometry import polygons as outlines
-from steradian.imaging.geometry.sensor_areas import sensed_outline
+from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import begins_at, extent_of, sound_speed_of
 from steradian.scans.recording import Recording
 
-NOT_AREAS = 0.05
+AREA_MISMATCH_RATIO = 0.05
 """So far from the area that the sensors cover the sum of weights must be to be noted."""
 
 
@@ -31,8 +31,8 @@ def notes_on_weights(recording: Recording, total: float) -> Iterator[str]:
     """Return warnings about weights whose sum is not an area, as in scans of early versions."""
     if recording.outline is not None:
         return
-    ratio = total / outlines.area(sensed_outline(recording.positions, recording.aperture))
-    if abs(ratio - 1) > NOT_AREAS:
+    ratio = total / outlines.area(sensed_region(recording.positions, recording.aperture))
+    if abs(ratio - 1) > AREA_MISMATCH_RATIO:
         yield (
             f"the weights sum to {ratio:.2f} times the area that the sensors cover, and so do amplitudes; "
             "weights voronoi gives each sensor the area of its cell"

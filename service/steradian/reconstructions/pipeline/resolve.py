@@ -11,21 +11,21 @@ from steradian.core.exceptions import InvalidInput
 from steradian.core.units import SOUND_SPEED
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.geometry.sensor_areas import sensed_outline
-from steradian.imaging.geometry.voronoi import cell_areas
+from steradian.imaging.geometry.sensor_areas import sensed_region
+from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 from steradian.imaging.parameters import Parameters
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
 from steradian.scans.recording import Recording
 
 
-def used(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
+def effective_parameters(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
     """Return the parameters as they take effect: also those of which the recording decides."""
     decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": modes_of(recording, parameters)}
     return parameters.model_dump(mode="json") | decided
 
 
-def conditioned(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
+def preprocess(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
     """Return A-lines (M, N_t) in units of pressure, treated as the parameters say."""
     scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
     traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
@@ -36,7 +36,7 @@ def conditioned(recording: Recording, parameters: ReconstructionParameters) -> N
     )
 
 
-def plan_parameters(recording: Recording, parameters: ReconstructionParameters) -> Parameters:
+def to_imaging_parameters(recording: Recording, parameters: ReconstructionParameters) -> Parameters:
     """Return the arguments of a reconstruction other than positions and traces.
 
     Raises
@@ -114,7 +114,7 @@ def weights_of(recording: Recording, parameters: ReconstructionParameters) -> ND
     if parameters.weights == "mask" and own is not None:
         return own
     if outline is None:
-        outline = sensed_outline(positions, recording.aperture)
+        outline = sensed_region(positions, recording.aperture)
     if parameters.weights == "uniform":
         return np.full(len(positions), outlines.area(outline) / len(positions))
-    return cell_areas(positions, outline)
+    return voronoi_cell_areas(positions, outline)

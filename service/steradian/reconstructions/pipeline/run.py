@@ -10,31 +10,31 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from steradian.core.atomic_files import draft
-from steradian.core.json_encoding import plain
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.atomic_files import atomic_write
+from steradian.core.json_encoding import to_jsonable
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import ReconstructionPlan, Volume
-from steradian.imaging._reconstruct import image_by
+from steradian.imaging._reconstruct import reconstruct_with
 from steradian.imaging.engines.cuda import backend
-from steradian.imaging.signal.bandwidth import share_above, upper_limit
+from steradian.imaging.signal.bandwidth import power_fraction_above, resolve_upper_frequency
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.completeness import Missing, missing_points
-from steradian.reconstructions.pipeline.diagnostics import Band, Fit
-from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+from steradian.reconstructions.pipeline.completeness import IncompleteCoverage, find_missing_points
+from steradian.reconstructions.pipeline.diagnostics import BandLimit, FitDiagnostics
+from steradian.reconstructions.pipeline.plan_cache import PlanCache
 from steradian.reconstructions.pipeline.report_notes import notes_on_depth, notes_on_weights
 from steradian.reconstructions.pipeline.resolve import (
-    conditioned,
+    effective_parameters,
     film_of,
-    plan_parameters,
+    preprocess,
     sound_speed_of,
-    used,
+    to_imaging_parameters,
     weights_of,
 )
 from steradian.reconstructions.pipeline.size_limit import require_agreed
-from steradian.reconstructions.shots import Unevenness, even_out
+from steradian.reconstructions.shots import ShotVariation, normalise_shots
 from steradian.reconstructions.volumes.file import write_volume
-from steradian.reconstructions.volumes.near_field import from_depth, near_field
-from steradian.reconstructions.volumes.projections import project, project_from
+from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
+from steradian.reconstructions.volumes.projections import project, project_below_depth
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 from steradian.scans.recording import Recording
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
     from steradian.imaging.iterative.solve import IterativeResult
 
-LOWERED = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of thresholding"
-WITHOUT_WEIGHTS = ("interpolated", "iterative")
+SHRINKAGE_NOTE = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of thresholding"
+METHODS_WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
 
 
@@ -70,13 +70,13 @@ class Report:
     """What to know of the image before it is trusted."""
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
-    missing: Missing | None = None
+    missing: IncompleteCoverage | None = None
     """What a partly measured scan lacks."""
-    fit: Fit | None = None
+    fit: FitDiagnostics | None = None
     """How the method iterative found the image."""
-    band: Band | None = None
+    band: BandLimit | None = None
     """Up to which frequency A-lines were used, where that was asked for."""
-    shots: Unevenness = field(default_factory=Unevenness)
+    shots: ShotVariation = field(default_factory=ShotVariation)
     """What A-lines differed in, and how many were left out."""
     device: str = ""
     """What computed: "cpu", or the GPU's name."""
@@ -97,20 +97,20 @@ class Report:
         """Note how an image was found."""
         self.note_device(found.device, found.notes)
         misfits = tuple(round(value, 6) for value in found.residuals)
-        self.fit = Fit(found.iterations, found.stopped, found.products, misfits[-1], misfits)
+        self.fit = FitDiagnostics(found.iterations, found.stopped, found.products, misfits[-1], misfits)
 
     def note_device(self, name: str, notes: Sequence[str]) -> None:
         """Record the device that computed, and the reason if it is not the requested one."""
         self.device = name
         self.notes += notes
 
-    def note_band(self, band: Band) -> None:
+    def note_band(self, band: BandLimit) -> None:
         """Note which frequencies were used; the parameters say it in Hz."""
         self.band = band
         self.parameters["highest_frequency"] = band.highest_frequency_hz
 
     @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
+    def measure_stage(self, stage: str) -> Iterator[None]:
         """Note the wall time of a stage."""
         start = time.perf_counter()
         yield
@@ -123,10 +123,10 @@ def reconstruct_scan(
     parameters: ReconstructionParameters | None = None,
     *,
     frame: int | FrameChoice = FIRST,
-    plans: KeptPlans | None = None,
+    plans: PlanCache | None = None,
     agreed: bool = True,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Report:
     """Reconstruct a recording and write ``volume.h5``, ``mip-{x,y,z}.png``, ``mip-depth.png`` and ``report.json``.
 
@@ -159,32 +159,32 @@ def reconstruct_scan(
     """
     chosen = parameters or ReconstructionParameters()
     report = Report()
-    with report.timed("read"):
+    with report.measure_stage("read"):
         recording = open_recording(scan, frame)
     if not agreed:
         require_agreed(recording, chosen)
-    return write_reconstruction(recording, output, chosen, report, plans=plans, progress=progress, cancelled=cancelled)
+    return reconstruct_and_write(recording, output, chosen, report, plans=plans, progress=progress, cancelled=cancelled)
 
 
-def write_reconstruction(
+def reconstruct_and_write(
     recording: Recording,
     output: Path,
     chosen: ReconstructionParameters,
     report: Report,
     *,
-    plans: KeptPlans | None = None,
+    plans: PlanCache | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Report:
     """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
-    report.parameters, report.missing = used(recording, chosen), missing_points(recording)
-    with report.timed("even out"):
-        recording, uneven = even_out(recording, chosen.shots, progress=progress, cancelled=cancelled)
-        if uneven != Unevenness():  # else it was evened out before, and the report says how
+    report.parameters, report.missing = effective_parameters(recording, chosen), find_missing_points(recording)
+    with report.measure_stage("even out"):
+        recording, uneven = normalise_shots(recording, chosen.shots, progress=progress, cancelled=cancelled)
+        if uneven != ShotVariation():  # else it was evened out before, and the report says how
             report.shots = uneven
     report.notes += notes_on_depth(recording, chosen)
-    with report.timed("reconstruct"):
-        volume = reconstruct_recording(
+    with report.measure_stage("reconstruct"):
+        volume = reconstruct_in_memory(
             recording,
             chosen,
             plans=plans,
@@ -201,19 +201,19 @@ def write_reconstruction(
     report.origin_m, report.centre_m = tuple(map(float, volume.origin)), recording.centre
     report.sensors, report.planned = len(recording.positions), recording.planned
     report.sound_speed_m_s = sound_speed_of(recording, chosen)
-    if chosen.method not in WITHOUT_WEIGHTS:
+    if chosen.method not in METHODS_WITHOUT_WEIGHTS:
         report.sensed_area_m2 = float(weights_of(recording, chosen).sum())
         report.notes += notes_on_weights(recording, report.sensed_area_m2)
     elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
-        report.notes.append(LOWERED)
+        report.notes.append(SHRINKAGE_NOTE)
     report.provenance = recording.provenance
     report.notes += (*recording.notes, *chosen.film.notes(film_of(recording)))
     output.mkdir(parents=True, exist_ok=True)
-    with report.timed("project"):
+    with report.measure_stage("project"):
         near = chosen.display.near_field
-        report.near_field_m = near_field(volume, recording.positions) if near is None else near
-        shown, projections = project_from(volume, report.near_field_m)
-    with report.timed("write"):
+        report.near_field_m = near_field_depth(volume, recording.positions) if near is None else near
+        shown, projections = project_below_depth(volume, report.near_field_m)
+    with report.measure_stage("write"):
         write_volume(
             output / "volume.h5",
             volume,
@@ -223,10 +223,10 @@ def write_reconstruction(
             near_field=report.near_field_m,
             centre=recording.centre,
         )
-    with report.timed("draw"):
+    with report.measure_stage("draw"):
         from steradian.reconstructions.volumes.images import draw_depth_coded, draw_projection
 
-        volume = from_depth(volume, report.near_field_m)
+        volume = crop_depth(volume, report.near_field_m)
         if chosen.display.changes_values:
             volume = chosen.display.apply(volume)
             shown = project(volume)
@@ -240,28 +240,30 @@ def write_reconstruction(
     return report
 
 
-def reconstruct_recording(
+def reconstruct_in_memory(
     recording: Recording,
     parameters: ReconstructionParameters,
     *,
-    plans: KeptPlans | None = None,
+    plans: PlanCache | None = None,
     on_fit: Callable[[IterativeResult], None] | None = None,
-    on_band: Callable[[Band], None] | None = None,
+    on_band: Callable[[BandLimit], None] | None = None,
     on_device: Callable[[str, Sequence[str]], None] | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Volume:
     """Reconstruct a recording in memory; see :func:`reconstruct_scan` and :func:`steradian.imaging._reconstruct`."""
-    recording, _ = even_out(recording, parameters.shots, progress=progress, cancelled=cancelled)
-    traces = conditioned(recording, parameters)
-    highest = upper_limit(parameters.highest_frequency, traces, recording.sampling_interval)
+    recording, _ = normalise_shots(recording, parameters.shots, progress=progress, cancelled=cancelled)
+    traces = preprocess(recording, parameters)
+    highest = resolve_upper_frequency(parameters.highest_frequency, traces, recording.sampling_interval)
     if highest is not None and on_band is not None:
-        on_band(Band(highest, share_above(highest, traces, recording.sampling_interval)))
-    chosen = replace(plan_parameters(recording, parameters), highest_frequency=highest)
+        on_band(BandLimit(highest, power_fraction_above(highest, traces, recording.sampling_interval)))
+    chosen = replace(to_imaging_parameters(recording, parameters), highest_frequency=highest)
     if chosen.method == "iterative":
-        return image_by(chosen, traces, recording.positions, on_fit=on_fit, progress=progress, cancelled=cancelled)
+        return reconstruct_with(
+            chosen, traces, recording.positions, on_fit=on_fit, progress=progress, cancelled=cancelled
+        )
     if plans is None or chosen.correction is not None:
-        plan = ReconstructionPlan.of(recording.positions, traces.shape[1], chosen)
+        plan = ReconstructionPlan.from_parameters(recording.positions, traces.shape[1], chosen)
     else:
         plan = plans.get(recording.positions, traces.shape[1], chosen)
     volume = plan.run(traces, progress=progress, cancelled=cancelled)
@@ -273,5 +275,5 @@ def reconstruct_recording(
 
 def write_json(path: Path, figures: DataclassInstance) -> None:
     """Write a dataclass as JSON under a temporary name and rename it."""
-    with draft(path) as file:
-        file.write_text(json.dumps(plain(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with atomic_write(path) as file:
+        file.write_text(json.dumps(to_jsonable(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")

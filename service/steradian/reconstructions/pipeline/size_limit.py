@@ -7,7 +7,7 @@ import math
 from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import LARGE, ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import depth_range_of, extent_of, modes_of, sound_speed_of
-from steradian.reconstructions.volumes.pyramid import stored_bytes
+from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.recording import Recording
 
 
@@ -39,7 +39,7 @@ def require_agreed(recording: Recording, parameters: ReconstructionParameters) -
         With its size, its voxels, and what makes it smaller.
     """
     shape = expected_shape(recording, parameters)
-    size = stored_bytes(shape)
+    size = file_size(shape)
     if size > LARGE:
         modes = modes_of(recording, parameters)
         voxel = 1e6 * recording.aperture / (parameters.upsampling * modes)

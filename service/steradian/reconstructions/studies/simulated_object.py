@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.simulator.phantoms import Balls
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
 from steradian.imaging.signal.bandwidth import signal_band
 from steradian.imaging.signal.conditioning import Conditioning
@@ -18,8 +18,8 @@ from steradian.quality.width import Width
 from steradian.reconstructions.film import Film
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import extent_of, sound_speed_of
-from steradian.reconstructions.pipeline.run import reconstruct_recording
-from steradian.reconstructions.shots import ShotTreatment, even_out
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
+from steradian.reconstructions.shots import ShotTreatment, normalise_shots
 from steradian.reconstructions.studies.profiles import Profile, direction_at, profile
 from steradian.scans.recording import Recording
 
@@ -40,7 +40,7 @@ class Steps:
     """Progress of a correction: an image simulated is a step."""
 
     progress: Progress | None = None
-    cancelled: IsCancelled | None = None
+    cancelled: CancelCheck | None = None
     done: int = 0
 
     def next(self) -> None:
@@ -84,7 +84,7 @@ class SimulatedObject:
     step: float
 
     @classmethod
-    def at(
+    def sampled_along(
         cls,
         volume: Volume,
         recording: Recording,
@@ -93,7 +93,7 @@ class SimulatedObject:
         measured: Width,
     ) -> SimulatedObject:
         """Return the object of a profile measured along a line."""
-        recording, _ = even_out(recording, parameters.shots)
+        recording, _ = normalise_shots(recording, parameters.shots)
         along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
         place = line[0] + measured.centre * along
         around = _AROUND * measured.fwhm
@@ -134,7 +134,7 @@ class SimulatedObject:
     def measured_profile(self, steps: Steps) -> Profile:
         """Return the profile of the scan's own image along the line."""
         steps.next()
-        return profile(reconstruct_recording(self.recording, self.measured, cancelled=steps.cancelled), *self.line)
+        return profile(reconstruct_in_memory(self.recording, self.measured, cancelled=steps.cancelled), *self.line)
 
     def image(self, edge: Edge, diameter: float, amplitude: float, steps: Steps) -> Profile:
         """Return the profile of the image of an object of a diameter (m) and an initial pressure, along the line."""
@@ -155,7 +155,7 @@ class SimulatedObject:
             random = np.random.default_rng(0).standard_normal(traces.shape, dtype=np.float32)
             traces = traces + np.float32(self.noise) * random
         made = replace(recording, traces=traces, scale=1.0, shots=None)
-        return profile(reconstruct_recording(made, self.parameters, cancelled=steps.cancelled), *self.line)
+        return profile(reconstruct_in_memory(made, self.parameters, cancelled=steps.cancelled), *self.line)
 
     def _balls(self, edge: Edge, diameter: float) -> Balls:
         if self.direction is None:

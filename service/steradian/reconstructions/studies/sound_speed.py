@@ -20,28 +20,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.core.units import SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import (
     begins_at,
-    conditioned,
     depth_range_of,
     modes_of,
+    preprocess,
     sound_speed_of,
     weights_of,
 )
 from steradian.reconstructions.pipeline.run import write_json
-from steradian.reconstructions.shots import even_out
+from steradian.reconstructions.shots import normalise_shots
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
 from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 
-FINE = (-1.0, -0.5, 0.0, 0.5, 1.0)
+FINE_STEP = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Speeds around the best of the first round, in its steps, through which a parabola is laid."""
-GROUPS = 6
+BOOTSTRAP_GROUPS = 6
 """Groups of sensors, one left out at a time for the standard error (jackknife)."""
 BY_SHARPNESS = "the speed is that of the sharpest image, whose bias its error does not hold"
 
@@ -56,7 +56,7 @@ def scan_sound_speed(
     steps: int = 25,
     frame: int | FrameChoice = FIRST,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> SoundSpeedCurve:
     """Find the speed of sound of a recording; write ``sound-speed.json`` and ``sound-speed.png`` into a folder.
 
@@ -86,11 +86,11 @@ def scan_sound_speed(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
-    recording, _ = even_out(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
+    recording, _ = normalise_shots(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
     curve = find_sound_speed(
-        conditioned(recording, chosen),
+        preprocess(recording, chosen),
         recording.positions,
         np.linspace(*_checked(first, last, steps)),
         sampling_interval=recording.sampling_interval,
@@ -123,7 +123,7 @@ def find_sound_speed(
     standard_error: bool = True,
     criterion: Literal["misfit", "sharpness"] = "misfit",
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> SoundSpeedCurve:
     """Find the speed of sound of A-lines in memory.
 
@@ -168,8 +168,8 @@ def find_sound_speed(
             )  # fmt: skip
         except InvalidInput as refusal:
             note = f"{BY_SHARPNESS} ({refusal})"
-    groups = GROUPS if fit is None and standard_error and len(positions) >= 4 * GROUPS else 0
-    more = len(FINE) * (1 + groups) if fit is None else MOST_STEPS
+    groups = BOOTSTRAP_GROUPS if fit is None and standard_error and len(positions) >= 4 * BOOTSTRAP_GROUPS else 0
+    more = len(FINE_STEP) * (1 + groups) if fit is None else MOST_STEPS
     views.report(progress, cancelled, len(speeds) + more)
     curve = {float(speed): views.sharpness(float(speed)) for speed in speeds}
     top = max(curve, key=lambda speed: curve[speed])
@@ -185,18 +185,20 @@ def find_sound_speed(
     notes = () if note is None else (note,)
     if edge:
         return SoundSpeedCurve(tuple(curve), tuple(curve.values()), top, None, True, notes)
-    near = [top + step * f for f in FINE]
+    near = [top + step * f for f in FINE_STEP]
     curve |= {speed: views.sharpness(speed) for speed in near}
-    best, error = _vertex(near, [curve[speed] for speed in near]), None
+    best, error = _parabola_vertex(near, [curve[speed] for speed in near]), None
     if groups:
         member = np.random.default_rng(0).permutation(len(positions)) % groups
-        others = [_vertex(near, [views.sharpness(speed, member != g) for speed in near]) for g in range(groups)]
+        others = [
+            _parabola_vertex(near, [views.sharpness(speed, member != g) for speed in near]) for g in range(groups)
+        ]
         error = float(np.sqrt((groups - 1) * np.var(others)))
     order = sorted(curve)
     return SoundSpeedCurve(tuple(order), tuple(curve[speed] for speed in order), best, error, False, notes)
 
 
-def _vertex(x: Sequence[float], y: Sequence[float]) -> float:
+def _parabola_vertex(x: Sequence[float], y: Sequence[float]) -> float:
     """Maximum of the least-squares parabola, within the points."""
     middle = float(np.mean(x))
     a, b, _ = np.polyfit(np.asarray(x) - middle, y, 2)

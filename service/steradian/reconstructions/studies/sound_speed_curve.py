@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 
 
 @dataclass(frozen=True)
@@ -47,5 +47,5 @@ def draw_curve(curve: SoundSpeedCurve, path: Path) -> None:
     axes.set_title(f"Found {curve.best:.1f}{error} m/s" + (" (end of the range)" if curve.at_edge else ""), fontsize=10)
     axes.set_xlabel("speed of sound (m/s)")
     axes.set_ylabel("sharpness of the z-projection")
-    with draft(path) as file:
+    with atomic_write(path) as file:
         figure.savefig(file, format="png")

@@ -18,8 +18,8 @@ from scipy.ndimage import binary_dilation
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.operators import ForwardOperator, quiet_padding
-from steradian.imaging.signal.bandwidth import signal_band, thinned, thinning
+from steradian.imaging.operators import ForwardOperator, artefact_free_padding
+from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band
 
 SPACING, MOST_MODES = 100e-6, 48
 """Lateral spacing of the image in m, and most modes; the A-lines are low-passed to what they carry."""
@@ -99,9 +99,9 @@ class SpeedFit:
         self._modes = int(np.clip(round(self._aperture / SPACING), 24, MOST_MODES))
         carried = 0.5 * self._modes / self._aperture * speeds[0]
         limit = min(signal_band(data, interval)[0], carried)
-        factor = thinning(limit, interval)
+        factor = decimation_factor(limit, interval)
         self._interval = factor * interval
-        data = thinned(data, factor, "float32")
+        data = decimate(data, factor, "float32")
         frequencies = np.fft.rfftfreq(2 * data.shape[1], self._interval)
         self._gain = np.cos(np.pi / 2 * np.clip((frequencies / limit - 0.6) / 0.4, 0, 1)) ** 2
         largest = float(np.abs(data).max(initial=0.0))
@@ -224,7 +224,7 @@ class SpeedFit:
     def _needed_padding(self, speed: float) -> None:
         """Refuse records for which the model would be too large."""
         duration = self._data.shape[1] * self._interval + self._zero
-        needed = quiet_padding(
+        needed = artefact_free_padding(
             self._positions, aperture=self._aperture, duration=duration, sound_speed=speed, depth=self._times[0] * speed
         )
         if needed > MOST_PADDING:

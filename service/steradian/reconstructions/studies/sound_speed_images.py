@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import reconstruct
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.signal.bandwidth import signal_band, thinned, thinning
+from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band
 from steradian.quality import tenenbaum
 
 SPACING = 120e-6
@@ -38,16 +38,16 @@ class Views:
         highest, _ = signal_band(traces, interval)
         # a grid of that spacing carries waves along the film up to half a wave a point; 1500 m/s will do here
         carried = 0.5 * self._modes / aperture * 1500.0
-        factor = thinning(min(highest, carried), interval)
-        self._traces = thinned(traces, factor, "float32")
+        factor = decimation_factor(min(highest, carried), interval)
+        self._traces = decimate(traces, factor, "float32")
         self._interval = interval * factor
         self._positions, self._aperture = positions, aperture
         self._weights, self._times, self._zero = weights, depth_times, time_zero
         self._done = self._total = 0
         self._progress: Progress | None = None
-        self._cancelled: IsCancelled | None = None
+        self._cancelled: CancelCheck | None = None
 
-    def report(self, progress: Progress | None, cancelled: IsCancelled | None, total: int) -> None:
+    def report(self, progress: Progress | None, cancelled: CancelCheck | None, total: int) -> None:
         """Set progress and cancellation callbacks, and the number of steps."""
         self._progress, self._cancelled, self._total = progress, cancelled, total
 

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
 from steradian.masks import Mask
-from steradian.quality import compare, correlation, disc, of_interest
+from steradian.quality import above_threshold, compare, correlation, disc
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import film_of, used
-from steradian.reconstructions.pipeline.run import reconstruct_recording, write_json
-from steradian.reconstructions.shots import even_out
-from steradian.reconstructions.volumes.near_field import from_depth, near_field
+from steradian.reconstructions.pipeline.resolve import effective_parameters, film_of
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory, write_json
+from steradian.reconstructions.shots import normalise_shots
+from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 from steradian.scans.recording import Recording
@@ -33,12 +33,12 @@ from steradian.scans.recording import Recording
 Points = Literal["nearest", "exact"]
 SAME_PLACE = 1e-6
 """Distance, in apertures, at which a point of the mask counts as measured exactly (14 nm of 13.56 mm)."""
-DISCS = 6
+DISC_DIAMETERS = 6
 """Discs around the point of interest for which the correlation is given, up to the aperture's size."""
 
 
 @dataclass(frozen=True)
-class Made:
+class TimedImage:
     """An image, and how many seconds it took to reconstruct."""
 
     volume: Volume
@@ -46,7 +46,7 @@ class Made:
 
 
 @dataclass
-class WhatIfReport:
+class SubsetReport:
     """Report of retrospective undersampling, as written to ``what-if.json``."""
 
     mask_id: str
@@ -82,7 +82,7 @@ class WhatIfReport:
     seconds: dict[str, float] = field(default_factory=dict)
 
 
-def what_if(
+def compare_subset(
     scan: Path,
     mask: Mask,
     output: Path,
@@ -92,11 +92,11 @@ def what_if(
     diameter: float | None = None,
     threshold: float = 0.04,
     frame: int | FrameChoice = FIRST,
-    full: Made | None = None,
-    image: Made | None = None,
+    full: TimedImage | None = None,
+    image: TimedImage | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-) -> WhatIfReport:
+    cancelled: CancelCheck | None = None,
+) -> SubsetReport:
     """Reconstruct a recording through a mask and compare the image with that of all A-lines.
 
     Writes ``mip-z.png`` (through the mask), ``mip-z-full.png`` (of all A-lines) and ``what-if.json``; for a line of
@@ -142,10 +142,12 @@ def what_if(
     chosen = parameters or ReconstructionParameters()
     seconds: dict[str, float] = {}
     with _timed(seconds, "read"):
-        recording, _ = even_out(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
-        sparse, report = through(recording, mask, points)
-    full = full or make(recording, chosen, progress=progress, cancelled=cancelled)
-    image = image or make(sparse, chosen, progress=progress, cancelled=cancelled)
+        recording, _ = normalise_shots(
+            open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled
+        )
+        sparse, report = select_subset(recording, mask, points)
+    full = full or timed_reconstruction(recording, chosen, progress=progress, cancelled=cancelled)
+    image = image or timed_reconstruction(sparse, chosen, progress=progress, cancelled=cancelled)
     seconds |= {"reconstruct_all": full.seconds, "reconstruct_mask": image.seconds}
     if diameter is None and mask.depth is not None:
         diameter = min(2 * mask.depth, recording.aperture)
@@ -157,7 +159,7 @@ def what_if(
     report.diameter_m, report.threshold = diameter, threshold
     report.weights = chosen.weights
     report.shape, report.spacing_m = image.volume.values.shape, tuple(map(float, image.volume.spacing))
-    report.parameters, report.provenance = used(recording, chosen), recording.provenance
+    report.parameters, report.provenance = effective_parameters(recording, chosen), recording.provenance
     report.notes = [*recording.notes, *chosen.film.notes(film_of(recording))]
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
@@ -168,20 +170,20 @@ def what_if(
     return report
 
 
-def make(
+def timed_reconstruction(
     recording: Recording,
     parameters: ReconstructionParameters,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-) -> Made:
+    cancelled: CancelCheck | None = None,
+) -> TimedImage:
     """Reconstruct a recording and note how long it takes."""
     began = time.perf_counter()
-    volume = reconstruct_recording(recording, parameters, progress=progress, cancelled=cancelled)
-    return Made(volume, time.perf_counter() - began)
+    volume = reconstruct_in_memory(recording, parameters, progress=progress, cancelled=cancelled)
+    return TimedImage(volume, time.perf_counter() - began)
 
 
-def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tuple[Recording, WhatIfReport]:
+def select_subset(recording: Recording, mask: Mask, points: Points = "nearest") -> tuple[Recording, SubsetReport]:
     """Pick the A-lines that a mask would have measured.
 
     Returns
@@ -193,7 +195,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
     Raises
     ------
     InvalidInput
-        As :func:`what_if`.
+        As :func:`compare_subset`.
     """
     from scipy.spatial import KDTree
 
@@ -209,7 +211,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
         raise InvalidInput("mask", f"a point at {1e3 * reach:.4g} mm", f"within the scan's aperture, ±{half:.4g} mm")
     apart, nearest = (np.asarray(v) for v in KDTree(recording.positions).query(mask.positions))
     if points == "exact":
-        _must_be_measured(apart, recording.aperture)
+        _require_measured(apart, recording.aperture)
     used, which = np.unique(nearest, return_inverse=True)
     weights = np.asarray(np.bincount(which, weights=mask.weights), np.float64)
     count = len(recording.positions)
@@ -219,14 +221,14 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
         traces=recording.traces[used],
         scale=scale,
         positions=recording.positions[used],
-        shots=None if recording.shots is None else recording.shots.take(used),
+        shots=None if recording.shots is None else recording.shots.select(used),
         rows=None if recording.rows is None else recording.rows[used],
         weights=weights,
         outline=mask.outline,
         depth=mask.depth,
         planned=mask.count,
     )
-    return sparse, WhatIfReport(
+    return sparse, SubsetReport(
         mask_id=mask.id,
         scan_points=count,
         asked=mask.count,
@@ -239,7 +241,7 @@ def through(recording: Recording, mask: Mask, points: Points = "nearest") -> tup
     )
 
 
-def _must_be_measured(apart: NDArray[np.float64], aperture: float) -> None:
+def _require_measured(apart: NDArray[np.float64], aperture: float) -> None:
     missing = int((apart > SAME_PLACE * aperture).sum())
     if missing:
         raise InvalidInput(
@@ -252,11 +254,11 @@ def _must_be_measured(apart: NDArray[np.float64], aperture: float) -> None:
 def _by_diameter(image: Volume, full: Volume, centre: tuple[float, float], threshold: float) -> dict[str, float]:
     """Return the correlation of the z-projections for growing discs; discs without pixels of interest are left out."""
     shown, model = image.mip("z"), full.mip("z")
-    interest = of_interest(model, threshold)
+    interest = above_threshold(model, threshold)
     x, y = full.coordinates("x"), full.coordinates("y")
     size = full.spacing[0] * model.shape[0]
     found = {}
-    for diameter in size * np.arange(1, DISCS + 1) / DISCS:
+    for diameter in size * np.arange(1, DISC_DIAMETERS + 1) / DISC_DIAMETERS:
         region = interest & disc(x, y, float(diameter), centre)
         if region.sum() > 2:
             found[f"{diameter:.6g}"] = correlation(shown, model, region)
@@ -270,10 +272,10 @@ def _draw(
 
     axis: Axis = "z" if image.dimensions == 3 else "y"
     near = parameters.display.near_field
-    near = near_field(image, positions) if near is None else near
+    near = near_field_depth(image, positions) if near is None else near
     for volume, name in ((image, f"mip-{axis}.png"), (full, f"mip-{axis}-full.png")):
         # both from the same depth, so that they can be compared
-        draw_mip(parameters.display.apply(from_depth(volume, near)), axis, output / name, parameters.display)
+        draw_mip(parameters.display.apply(crop_depth(volume, near)), axis, output / name, parameters.display)
 
 
 @contextmanager

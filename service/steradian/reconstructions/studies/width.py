@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
 from steradian.quality.width import Width, find_width
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -49,7 +49,7 @@ def measure_width(
     parameters: ReconstructionParameters | None = None,
     frame: int | None = 0,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Width:
     """Measure an object's full width at half maximum along a line, and correct it for the scan's own point spread.
 
@@ -88,7 +88,9 @@ def measure_width(
     recording = _recording(scan, frame)
     if volume.dimensions == 2:
         return replace(measured, reason=_FROM_A_LINE)
-    simulated = SimulatedObject.at(volume, recording, parameters or ReconstructionParameters(), line, measured)
+    simulated = SimulatedObject.sampled_along(
+        volume, recording, parameters or ReconstructionParameters(), line, measured
+    )
     return _corrected(simulated, measured, found, Steps(progress, cancelled))
 
 

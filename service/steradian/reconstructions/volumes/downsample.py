@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
 
-def halved(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
+def downsample(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
     """Return the means [x, y, z], in one pass, as fast as memory is read; floating-point ones of any numbers."""
     values = values.astype(np.result_type(values, np.float32), copy=False)  # in this machine's order of bytes
     found = np.empty([-(-size // 2) for size in values.shape], values.dtype)
-    means(values, found, values.dtype.type(0.5))
+    mean_pool(values, found, values.dtype.type(0.5))
     return found
 
 
-@compiled
-def means(values, found, half):  # type: ignore[no-untyped-def]
+@jit
+def mean_pool(values, found, half):  # type: ignore[no-untyped-def]
     """Write the means into ``found``."""
     nx, ny, nz = values.shape
     row = np.empty(nz, values.dtype)

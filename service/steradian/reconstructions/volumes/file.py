@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import __version__
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, NotFound
-from steradian.imaging import Axes, Volume
+from steradian.imaging import Volume, VoxelAxes
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.volumes.grid import Lattice
+from steradian.reconstructions.volumes.grid import VoxelGrid
 from steradian.reconstructions.volumes.projections import Projections, project
-from steradian.reconstructions.volumes.pyramid import chunks_of, coarser_shapes
-from steradian.scans.file.corruption import reading
+from steradian.reconstructions.volumes.pyramid import chunk_shape, pyramid_shapes
+from steradian.scans.file.corruption import reraise_as_damaged
 
 FORMAT, VERSION = "steradian-volume", 2
 READABLE = (1, VERSION)
@@ -60,7 +60,7 @@ def write_volume(
     OSError
         When the disk is full; ``path`` is then untouched.
     """
-    with draft(path) as beside, h5py.File(beside, "w") as file:
+    with atomic_write(path) as beside, h5py.File(beside, "w") as file:
         file.attrs.update(
             {
                 "format": FORMAT,
@@ -72,17 +72,17 @@ def write_volume(
             }
         )
         write_axes(file, {name: volume.coordinates(name) for name in volume.names})
-        lattice = Lattice(volume.names, volume.origin, volume.spacing, volume.values.shape)
+        lattice = VoxelGrid(volume.names, volume.origin, volume.spacing, volume.values.shape)
         _write_values(file, "values", volume.values, lattice).attrs["near_field_m"] = near_field
         _write_levels(file, volume.values, lattice)
         if volume.dimensions == 3:
             for axis, image in (projections or project(volume)).items():
                 file.create_dataset(f"mip_{axis}", data=image)
-        attach_axes(file)
+        attach_dimension_scales(file)
 
 
-def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Lattice) -> h5py.Dataset:
-    chunks = chunks_of(values.shape)
+def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: VoxelGrid) -> h5py.Dataset:
+    chunks = chunk_shape(values.shape)
     dataset = file.create_dataset(name, data=values, chunks=chunks)
     dataset.attrs.update(
         {
@@ -94,13 +94,15 @@ def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Lat
     return dataset
 
 
-def _write_levels(file: h5py.File, values: NDArray[Any], lattice: Lattice) -> None:
+def _write_levels(file: h5py.File, values: NDArray[Any], lattice: VoxelGrid) -> None:
     """Write the coarser copies, each made of the one before."""
-    for level, _ in enumerate(coarser_shapes(values.shape), 1):
-        from steradian.reconstructions.volumes.downsample import halved  # compiled: what is small does not wait for it
+    for level, _ in enumerate(pyramid_shapes(values.shape), 1):
+        from steradian.reconstructions.volumes.downsample import (
+            downsample,  # compiled: what is small does not wait for it
+        )
 
-        values = halved(values)
-        _write_values(file, f"levels/{level}", values, lattice.coarser(2**level))
+        values = downsample(values)
+        _write_values(file, f"levels/{level}", values, lattice.downsampled(2**level))
 
 
 def write_projections(path: Path, volume: Volume, projections: Projections) -> None:
@@ -108,7 +110,7 @@ def write_projections(path: Path, volume: Volume, projections: Projections) -> N
 
     Origin, spacing, names of the axes and shape are attributes of the file itself.
     """
-    with draft(path) as beside, h5py.File(beside, "w") as file:
+    with atomic_write(path) as beside, h5py.File(beside, "w") as file:
         file.attrs.update(
             {
                 "format": "steradian-projections",
@@ -131,7 +133,7 @@ def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) 
         file[name].make_scale(name)
 
 
-def attach_axes(file: h5py.File) -> None:
+def attach_dimension_scales(file: h5py.File) -> None:
     """Attach the scales to the values and to every projection, which lacks the axis of its name."""
     names = [name for name in "xyz" if name in file]
     for dataset in ("values", *(f"mip_{name}" for name in names)):
@@ -159,14 +161,14 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    with reading(path, "volume"), h5py.File(path, "r") as file:
+    with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
         image = np.asarray(file[f"mip_{axis}" if f"mip_{axis}" in file else "values"])
     if image.ndim != 2:
         raise DamagedFile(f"{path}: the projection along {axis} has {image.ndim} axes, not 2")
     return image
 
 
-def require_volume(file: h5py.File, path: Path) -> None:
+def check_format(file: h5py.File, path: Path) -> None:
     """Raise :class:`DamagedFile` for a file that is not a volume, or of an unknown version."""
     if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
         raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
@@ -190,21 +192,21 @@ def read_volume(path: Path) -> Volume:
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    with reading(path, "volume"), h5py.File(path, "r") as file:
-        require_volume(file, path)
+    with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
+        check_format(file, path)
         values = file["values"]
         spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
         lines = zip(origin, spacing, values.shape, strict=True)
         x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
         speed = json.loads(file.attrs["parameters"]).get("sound_speed")
-        return Volume(np.asarray(values), Axes(x, y[0] if y else None, z), spacing, speed)
+        return Volume(np.asarray(values), VoxelAxes(x, y[0] if y else None, z), spacing, speed)
 
 
 def read_parameters(path: Path) -> ReconstructionParameters:
     """Read the parameters that a volume file was reconstructed with; raises as :func:`read_volume`."""
     if not path.is_file():
         raise NotFound("file", str(path))
-    with reading(path, "volume"), h5py.File(path, "r") as file:
-        require_volume(file, path)
+    with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
+        check_format(file, path)
         said = json.loads(file.attrs["parameters"])
     return ReconstructionParameters.create(**said)

@@ -9,7 +9,7 @@ from steradian.reconstructions.volumes.lazy_array import Index
 
 
 @dataclass(frozen=True)
-class Lattice:
+class VoxelGrid:
     """Axes of an array of voxels.
 
     Attributes
@@ -27,25 +27,25 @@ class Lattice:
     spacing: tuple[float, ...]
     shape: tuple[int, ...]
 
-    def coarser(self, times: int) -> Lattice:
+    def downsampled(self, times: int) -> VoxelGrid:
         """Return that of averages over ``times`` voxels along each axis; the last ones may be of fewer."""
         half = (times - 1) / 2
-        return Lattice(
+        return VoxelGrid(
             self.names,
             tuple(first + half * step for first, step in zip(self.origin, self.spacing, strict=True)),
             tuple(times * step for step in self.spacing),
             tuple(-(-size // times) for size in self.shape),
         )
 
-    def moved(self, by: tuple[float, ...]) -> Lattice:
+    def moved(self, by: tuple[float, ...]) -> VoxelGrid:
         """Return the grid with its coordinates shifted by ``by`` metres along each axis."""
         return replace(self, origin=tuple(first + step for first, step in zip(self.origin, by, strict=True)))
 
-    def without(self, name: str) -> Lattice:
+    def project_out(self, name: str) -> VoxelGrid:
         """Return the grid without a projected axis."""
-        return self.part(tuple(0 if name == other else slice(None) for other in self.names))
+        return self.slice(tuple(0 if name == other else slice(None) for other in self.names))
 
-    def part(self, index: Index) -> Lattice:
+    def slice(self, index: Index) -> VoxelGrid:
         """Return that of a slice, whose integers take axes away."""
         kept = []
         for at, name, first, step, size in zip(index, self.names, self.origin, self.spacing, self.shape, strict=True):
@@ -53,7 +53,7 @@ class Lattice:
                 places = range(*at.indices(size))
                 kept.append((name, first + places.start * step, step * places.step, len(places)))
         names, origin, spacing, shape = zip(*kept, strict=True) if kept else ((), (), (), ())
-        return Lattice(names, origin, spacing, shape)
+        return VoxelGrid(names, origin, spacing, shape)
 
 
 def in_coarser(index: Index, times: int, field: str) -> Index:

@@ -9,30 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing.pen import Bar
-from steradian.drawing.sheet import Drawn, Sheet
+from steradian.drawing.pen import ColourBar
+from steradian.drawing.sheet import ImageFigure, Layout
 from steradian.drawing.style import colours, depth_colours
 from steradian.drawing.ticks import Axis as Scale
 from steradian.imaging import Volume
 from steradian.imaging.signal.conditioning import Display
-from steradian.reconstructions.volumes.near_field import from_depth
+from steradian.reconstructions.volumes.near_field import crop_depth
 from steradian.reconstructions.volumes.projections import Axis, project
 
-__all__ = ["PLANES", "Axis", "draw_depth_coded", "draw_mip", "draw_projection"]
+__all__ = ["PLANE_LABELS", "Axis", "draw_depth_coded", "draw_mip", "draw_projection"]
 
-PLANES: dict[Axis, tuple[Axis, Axis]] = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
+PLANE_LABELS: dict[Axis, tuple[Axis, Axis]] = {"x": ("y", "z"), "y": ("x", "z"), "z": ("x", "y")}
 """The two axes that a projection along the third one shows, across and up (depth points down)."""
 
 LINEAR = Display()
-LEAST_SHARE, LEAST_DECIBELS = 0.5, 6.0
+MIN_RANGE_SHARE, LEAST_DECIBELS = 0.5, 6.0
 """The scale never ends below half the maximum: a small object alone in a large field keeps its shape."""
 LEAST_SCALE = 1e-3
 """Decibels: a maximum no higher above the scale's lowest value is rounding."""
-BRIGHT = 0.5
+SATURATED_SHARE = 0.5
 """Depths are coloured over those at which columns of at least this share of the brightness have their maximum."""
 
 
-def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) -> Drawn:
+def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) -> Layout:
     """Draw the projection along ``axis`` into a PNG, under a temporary name first.
 
     Negative values, which a limited view and the record's finite band leave, are shown black.
@@ -48,32 +48,32 @@ def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) 
     display
         What was applied: whether values are decibels, and down to how many; and how to draw. Its near field is left
         out; none is where it is ``None``, for it is found with the sensors' positions
-        (:func:`steradian.reconstructions.volumes.near_field.near_field`).
+        (:func:`steradian.reconstructions.volumes.near_field.near_field_depth`).
 
     Returns
     -------
     Drawn
         Where image and labels lie, and the value at the end of the scale.
     """
-    shown = from_depth(volume, display.near_field or 0.0)
+    shown = crop_depth(volume, display.near_field or 0.0)
     return draw_projection(project(shown)[axis], shown, axis, path, display)
 
 
 def draw_projection(
     projected: NDArray[Any], volume: Volume, axis: Axis, path: Path, display: Display = LINEAR
-) -> Drawn:
+) -> Layout:
     """Draw a projection that is there already, in the order of ``volume``'s axes; see :func:`draw_mip`."""
-    across, up = PLANES[axis]
-    lowest, highest, ending = scale_of(projected, display)
+    across, up = PLANE_LABELS[axis]
+    lowest, highest, ending = display_range(projected, display)
     label = "initial pressure (dB of its maximum)" if lowest else "initial pressure (arb. u.)"
-    bar = Bar(colours(display.colour_map)[::-1], Scale(highest, lowest, label), bool(ending))
+    bar = ColourBar(colours(display.colour_map)[::-1], Scale(highest, lowest, label), bool(ending))
     image = projected.T[::-1] if up == "y" else projected.T  # y points up, depth down from the sensor plane
     share = np.clip((image - lowest) * (255 / (highest - lowest)), 0, 255).astype(np.uint8)
     title = f"Maximum-intensity projection along {axis}" if volume.dimensions == 3 else "Image below the line"
     return _sheet(volume, (across, up), colours(display.colour_map)[share], title, ending, bar, display).save(path)
 
 
-def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> Drawn:
+def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> Layout:
     """Draw the projection along z with the depth of each column's maximum as its colour, its height as brightness.
 
     Parameters
@@ -92,27 +92,27 @@ def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> D
     """
     if volume.dimensions != 3:
         raise InvalidInput("volume", "an image [x, z]", "a volume [x, y, z]")
-    shown = from_depth(volume, display.near_field or 0.0)
+    shown = crop_depth(volume, display.near_field or 0.0)
     # plane by plane, so that each is looked at twice while it is in the cache
     places = np.stack([plane.argmax(axis=1) for plane in shown.values])
     projected = np.take_along_axis(shown.values, places[..., None], axis=2)[..., 0]
-    lowest, highest, ending = scale_of(projected, display)
+    lowest, highest, ending = display_range(projected, display)
     brightness = np.clip((projected - lowest) / (highest - lowest), 0, 1)
     depths = 1e3 * shown.axes.z[places]
-    first, last = _depth_span(depths[brightness >= BRIGHT], 1e3 * shown.spacing[2])
+    first, last = _depth_span(depths[brightness >= SATURATED_SHARE], 1e3 * shown.spacing[2])
     hues = depth_colours()[np.clip((depths - first) * (255 / (last - first)), 0, 255).astype(np.uint8)]
     image = (hues * brightness[..., None]).astype(np.uint8)
-    bar = Bar(depth_colours(), Scale(first, last, "z, depth of the maximum (mm)"))
+    bar = ColourBar(depth_colours(), Scale(first, last, "z, depth of the maximum (mm)"))
     title = "Maximum-intensity projection along z, coloured by depth"
     pixels = np.ascontiguousarray(image.transpose(1, 0, 2)[::-1])
     return _sheet(shown, ("x", "y"), pixels, title, ending, bar, display).save(path)
 
 
-def scale_of(projected: NDArray[Any], display: Display) -> tuple[float, float, str]:
+def display_range(projected: NDArray[Any], display: Display) -> tuple[float, float, str]:
     """Lowest and highest value of the scale, and in words where it ends if not at the maximum."""
     lowest = -display.log_range_db if display.log_range_db else 0.0
     top = float(projected.max())
-    least = top - LEAST_DECIBELS if display.log_range_db else LEAST_SHARE * top
+    least = top - LEAST_DECIBELS if display.log_range_db else MIN_RANGE_SHARE * top
     wanted = min(top, float(np.percentile(projected, display.percentile)))
     highest = max(wanted, least, lowest + 1e-30)
     if lowest and highest < lowest + LEAST_SCALE:  # an image of nothing
@@ -133,18 +133,18 @@ def _sheet(
     pixels: NDArray[np.uint8],
     title: str,
     ending: str,
-    bar: Bar,
+    bar: ColourBar,
     display: Display,
-) -> Sheet:
+) -> ImageFigure:
     """Lay a projection on a sheet, its longest side of the size wanted."""
     across, up = plane
-    spans = [span_of(volume, name) for name in plane]
+    spans = [extent_mm(volume, name) for name in plane]
     scale = display.size / max(last - first for first, last in spans)
     width, height = (max(1, round((last - first) * scale)) for first, last in spans)
     nearest = float(volume.axes.z[0])
     remarks = [f"from {1e3 * nearest:.2f} mm depth"] if nearest > volume.spacing[-1] / 2 else []
     remarks += [ending] if ending else []
-    return Sheet(
+    return ImageFigure(
         pixels,
         width,
         height,
@@ -157,7 +157,7 @@ def _sheet(
     )
 
 
-def span_of(volume: Volume, name: str) -> tuple[float, float]:
+def extent_mm(volume: Volume, name: str) -> tuple[float, float]:
     """From the first voxel's outer edge to the last one's, in mm."""
     places = 1e3 * volume.coordinates(name)
     half = 0.5e3 * volume.spacing[volume.names.index(name)]

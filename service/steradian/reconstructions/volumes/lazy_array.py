@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile
 
 Index: TypeAlias = tuple[slice | int, ...]
-PIECE_BYTES = 4 << 20
+CHUNK_BYTES = 4 << 20
 """Most that is read at once of values that lie in one piece."""
 
 
-class StoredValues:
+class ChunkedDataset:
     """A dataset without compression.
 
     Parameters
@@ -68,7 +68,7 @@ class StoredValues:
     def _planes(self, dataset: h5py.Dataset) -> tuple[int, ...]:
         """Yield chunks of planes of a contiguous dataset."""
         begin, plane = dataset.id.get_offset(), math.prod(self.shape[1:]) * self.dtype.itemsize
-        thick = min(self.shape[0], max(1, PIECE_BYTES // plane)) if plane else 1
+        thick = min(self.shape[0], max(1, CHUNK_BYTES // plane)) if plane else 1
         if begin is not None:
             for number, first in enumerate(range(0, self.shape[0], thick)):
                 self.places[(number, *(0 for _ in self.shape[1:]))] = begin + first * plane
@@ -94,7 +94,7 @@ class StoredValues:
         ]
         found = np.empty(tuple(map(len, ranges)), self.dtype)
         if found.size:
-            parts = [list(_parts(*both)) for both in zip(ranges, self.chunks, strict=True)]
+            parts = [list(_chunk_ranges(*both)) for both in zip(ranges, self.chunks, strict=True)]
             room = bytearray(math.prod(self.chunks) * self.dtype.itemsize)
             for chunk in itertools.product(*parts):
                 numbers, inside, outside = zip(*chunk, strict=True)
@@ -130,7 +130,7 @@ class StoredValues:
             raise DamagedFile(f"{self.path.name} ends before the values of {self.name}")
         return data.ljust(size, b"\0")
 
-    def pieces(self, index: Index) -> Iterator[NDArray[Any]]:
+    def iter_chunks(self, index: Index) -> Iterator[NDArray[Any]]:
         """Read a few planes of the first axis at a time, some megabytes; an integer takes the axis away.
 
         All are of one file, which may be deleted or replaced once the first has been read.
@@ -142,14 +142,14 @@ class StoredValues:
         planes = range(*first.indices(self.shape[0]))
         of_plane = zip(others, self.shape[1:], strict=True)
         sides = (1 if isinstance(at, int) else len(range(*at.indices(n))) for at, n in of_plane)
-        thick = max(1, PIECE_BYTES // max(1, math.prod(sides) * self.dtype.itemsize))
+        thick = max(1, CHUNK_BYTES // max(1, math.prod(sides) * self.dtype.itemsize))
         with _opened(self.path) as file:
             for at in range(0, len(planes), thick):
                 some = planes[at : at + thick]
                 yield self._read(file, (slice(some.start, some.stop, some.step), *others))
 
 
-def _parts(wanted: range, side: int) -> Iterator[tuple[int, range, slice]]:
+def _chunk_ranges(wanted: range, side: int) -> Iterator[tuple[int, range, slice]]:
     """Divide places along an axis among its chunks: number of the chunk, places in it, and where they go."""
     done = 0
     while done < len(wanted):

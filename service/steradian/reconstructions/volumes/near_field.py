@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from steradian.imaging import Volume
 
-STANDS_OUT = 1.1
+NOISE_RATIO = 1.1
 """The near field ends where the image is hardly brighter below the sensors than elsewhere (root mean square)."""
-RISES = 1.5
+RISE_RATIO = 1.5
 """Or where the image's root mean square has grown so many times: noise alone keeps it, an object begins there."""
-FARTHEST = 2.0
+MAX_DEPTH = 2.0
 """It ends at so many times the sensors' coarsest spacing at the latest: farther off they see the same places."""
-MATTERS = 0.25
+MIN_CONTRAST = 0.25
 """It is left alone where its brightest value stays below this share of the rest's."""
 
 
-def near_field(volume: Volume, positions: NDArray[np.float64]) -> float:
+def near_field_depth(volume: Volume, positions: NDArray[np.float64]) -> float:
     """Return the depth above which sensor noise dominates, from the mask and the noise in the image.
 
     Parameters
@@ -47,21 +47,21 @@ def near_field(volume: Volume, positions: NDArray[np.float64]) -> float:
         return 0.0
     coarsest = float(np.asarray(KDTree(places).query(places, k=2)[0])[:, 1].max())
     z = volume.axes.z
-    end = min(int(np.searchsorted(z, FARTHEST * coarsest)), len(z) - 1)
+    end = min(int(np.searchsorted(z, MAX_DEPTH * coarsest)), len(z) - 1)
     if not end:
         return 0.0
     near = volume.values[..., :end]
     below = near[tuple(_voxels(volume, places))]
     mean = np.sqrt(np.mean(np.square(near, dtype=np.float64), axis=tuple(range(near.ndim - 1))))
     ratio = np.sqrt(np.mean(np.square(below, dtype=np.float64), axis=0)) / np.maximum(mean, 1e-300)
-    over = np.flatnonzero((ratio <= STANDS_OUT) | (mean > RISES * mean[:3].max()))
+    over = np.flatnonzero((ratio <= NOISE_RATIO) | (mean > RISE_RATIO * mean[:3].max()))
     first = int(over[0]) if len(over) else end
-    if not first or float(near[..., :first].max()) < MATTERS * float(volume.values[..., first:].max()):
+    if not first or float(near[..., :first].max()) < MIN_CONTRAST * float(volume.values[..., first:].max()):
         return 0.0
     return float(z[first])
 
 
-def from_depth(volume: Volume, depth: float) -> Volume:
+def crop_depth(volume: Volume, depth: float) -> Volume:
     """Return the part of an image from a depth in metres on, without copying it; at least its last slice."""
     first = min(int(np.searchsorted(volume.axes.z, depth - 1e-9)), len(volume.axes.z) - 1)
     if not first:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging import Volume
-from steradian.reconstructions.volumes.near_field import from_depth
+from steradian.reconstructions.volumes.near_field import crop_depth
 
 Axis: TypeAlias = Literal["x", "y", "z"]
 Projections: TypeAlias = dict[Axis, NDArray[np.floating[Any]]]
@@ -37,12 +37,12 @@ def project(volume: Volume) -> Projections:
     return {"x": along_x, "y": along_y, "z": along_z}
 
 
-def project_from(volume: Volume, depth: float) -> tuple[Projections, Projections]:
+def project_below_depth(volume: Volume, depth: float) -> tuple[Projections, Projections]:
     """Return the projections of the part below a depth in metres, and those of the whole volume, in one pass.
 
     Of the first kind ``x`` and ``y`` begin at that depth.
     """
-    beyond = from_depth(volume, depth)
+    beyond = crop_depth(volume, depth)
     shown = project(beyond)
     first = volume.values.shape[-1] - beyond.values.shape[-1]
     if not first:

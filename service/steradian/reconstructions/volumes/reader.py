@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.reconstructions.volumes.file import centre_in
-from steradian.reconstructions.volumes.grid import Lattice
-from steradian.reconstructions.volumes.lazy_array import StoredValues
+from steradian.reconstructions.volumes.grid import VoxelGrid
+from steradian.reconstructions.volumes.lazy_array import ChunkedDataset
 from steradian.reconstructions.volumes.projections import Axis
-from steradian.scans.file.corruption import BROKEN
+from steradian.scans.file.corruption import HDF5_ERRORS
 
 
 @lru_cache(maxsize=32)
-def stored_volume(path: Path, version: str) -> StoredVolume:
+def stored_volume(path: Path, version: str) -> VolumeReader:
     """Open a volume through a cache of open files; ``version`` distinguishes a replaced file."""
-    return StoredVolume(path)
+    return VolumeReader(path)
 
 
-class StoredVolume:
+class VolumeReader:
     """A volume file, or projections of a volume without it; nothing of either stays open.
 
     Attributes
@@ -53,16 +53,16 @@ class StoredVolume:
                 names = tuple(str(about["axes"]).split(", "))
                 origin, spacing = (tuple(map(float, about[name])) for name in ("origin_m", "spacing_m"))
                 names_of_copies = ["values", *(f"levels/{n}" for n in range(1, 1 + len(file.get("levels", ()))))]
-                self._copies = [StoredValues(file[name]) for name in names_of_copies if name in file]
+                self._copies = [ChunkedDataset(file[name]) for name in names_of_copies if name in file]
                 shape = self._copies[0].shape if self._copies else tuple(map(int, about["shape"]))
                 self.centre = centre_in(file, len(names))
         except FileNotFoundError:
             raise
-        except (OSError, *BROKEN) as error:
+        except (OSError, *HDF5_ERRORS) as error:
             raise DamagedFile(f"{path.name} cannot be read as a volume: {error}") from error
-        self.lattice, self.levels = Lattice(names, origin, spacing, shape), max(0, len(self._copies) - 1)
+        self.lattice, self.levels = VoxelGrid(names, origin, spacing, shape), max(0, len(self._copies) - 1)
 
-    def at(self, level: int) -> StoredValues:
+    def level(self, level: int) -> ChunkedDataset:
         """Return the values, or a coarser copy of them."""
         return self._copies[level]
 
@@ -95,7 +95,7 @@ class StoredVolume:
                 return np.asarray(file["values"])
         raise InvalidInput("axis", axis, "y: an image from a line of sensors has no other")
 
-    def slab(self, axis: Axis, chosen: range) -> NDArray[Any]:
+    def slab_mip(self, axis: Axis, chosen: range) -> NDArray[Any]:
         """Return the brightest value along an axis between two places on it.
 
         Parameters
@@ -106,7 +106,7 @@ class StoredVolume:
         values, at = self._copies[0], self.lattice.names.index(axis)
         index = [slice(0, size, 1) for size in values.shape]
         index[at] = slice(chosen.start, chosen.stop, chosen.step)
-        pieces: Iterator[NDArray[Any]] = (piece.max(axis=at) for piece in values.pieces(tuple(index)))
+        pieces: Iterator[NDArray[Any]] = (piece.max(axis=at) for piece in values.iter_chunks(tuple(index)))
         if at:
             return np.concatenate(list(pieces))
         brightest: NDArray[Any] = next(pieces)
@@ -114,14 +114,14 @@ class StoredVolume:
             np.maximum(brightest, piece, out=brightest)
         return brightest
 
-    def depths(self, chosen: range) -> NDArray[np.float32]:
+    def depth_of_max(self, chosen: range) -> NDArray[np.float32]:
         """Return the depth in metres of the brightest value along z, between two places on it."""
         values, first, step = self._copies[0], self.lattice.origin[-1], self.lattice.spacing[-1]
         index = (*(slice(0, size, 1) for size in values.shape[:2]), slice(chosen.start, chosen.stop, chosen.step))
-        places = np.concatenate([piece.argmax(axis=2) for piece in values.pieces(index)])
+        places = np.concatenate([piece.argmax(axis=2) for piece in values.iter_chunks(index)])
         return (first + step * (chosen.start + chosen.step * places)).astype(np.float32)
 
-    def brightest(self) -> float:
+    def max_value(self) -> float:
         """Return the greatest value of all that are finite, -inf if none is."""
         image = self.projection("y")
         return float(image.max(initial=-np.inf, where=np.isfinite(image)))

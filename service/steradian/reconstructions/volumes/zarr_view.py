@@ -10,15 +10,15 @@ import json
 import re
 from typing import Any, Final
 
-from steradian.reconstructions.volumes.grid import Lattice
-from steradian.reconstructions.volumes.reader import StoredVolume
+from steradian.reconstructions.volumes.grid import VoxelGrid
+from steradian.reconstructions.volumes.reader import VolumeReader
 
 METADATA: Final = "zarr.json"
 _ARRAY: Final = re.compile(r"(0|[1-9][0-9]?)/(zarr\.json|c((?:/(?:0|[1-9][0-9]{0,8}))+))")
 _MICROMETRES: Final = 1e6
 
 
-def member(stored: StoredVolume, path: str) -> bytes | None:
+def get_node(stored: VolumeReader, path: str) -> bytes | None:
     """Return the node at a path of the hierarchy; None if it does not exist.
 
     Raises
@@ -31,7 +31,7 @@ def member(stored: StoredVolume, path: str) -> bytes | None:
     found = _ARRAY.fullmatch(path)
     if found is None or int(found[1]) > stored.levels:
         return None
-    values = stored.at(int(found[1]))
+    values = stored.level(int(found[1]))
     if found[2] == METADATA:
         return _json(_array(stored, int(found[1])))
     numbers = tuple(int(number) for number in reversed(found[3].split("/")[1:]))
@@ -42,8 +42,8 @@ def _json(about: dict[str, Any]) -> bytes:
     return json.dumps(about, allow_nan=False).encode()
 
 
-def _array(stored: StoredVolume, level: int) -> dict[str, Any]:
-    values, names = stored.at(level), stored.lattice.names
+def _array(stored: VolumeReader, level: int) -> dict[str, Any]:
+    values, names = stored.level(level), stored.lattice.names
     order = list(range(len(names)))[::-1]
     return {
         "zarr_format": 3,
@@ -62,7 +62,7 @@ def _array(stored: StoredVolume, level: int) -> dict[str, Any]:
     }
 
 
-def _multiscales(stored: StoredVolume) -> dict[str, Any]:
+def _multiscales(stored: VolumeReader) -> dict[str, Any]:
     lattice = stored.lattice.moved(stored.centre)
     return {
         "version": "0.5",
@@ -74,7 +74,7 @@ def _multiscales(stored: StoredVolume) -> dict[str, Any]:
                 "datasets": [
                     {
                         "path": str(level),
-                        "coordinateTransformations": _transformations(lattice.coarser(2**level)),
+                        "coordinateTransformations": _transformations(lattice.downsampled(2**level)),
                     }
                     for level in range(stored.levels + 1)
                 ],
@@ -83,7 +83,7 @@ def _multiscales(stored: StoredVolume) -> dict[str, Any]:
     }
 
 
-def _transformations(lattice: Lattice) -> list[dict[str, Any]]:
+def _transformations(lattice: VoxelGrid) -> list[dict[str, Any]]:
     """Return voxel size and centre of the first voxel, in micrometres."""
     scale, translation = ([_MICROMETRES * one for one in line[::-1]] for line in (lattice.spacing, lattice.origin))
     return [{"type": "scale", "scale": scale}, {"type": "translation", "translation": translation}]

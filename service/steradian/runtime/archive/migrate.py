@@ -9,15 +9,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from steradian.core.atomic_files import draft, sync_folder
+from steradian.core.atomic_files import atomic_write, sync_folder
 from steradian.core.exceptions import Conflict, DamagedFile, NotFound
 from steradian.core.progress import Progress
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.runtime.archive.scan_uploader import keep
+from steradian.runtime.archive.scan_uploader import upload_scan
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
-from steradian.storage.blobs.object_store import ObjectStore
+from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.data_dir.job_directory import LOG
-from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import is_terminal
@@ -25,7 +25,7 @@ from steradian.storage.states import is_terminal
 STAGE: Final = "moving"
 
 
-def move_to_store(store: ObjectStore, database: Database, data: DataDirectory, progress: Progress) -> int:
+def move_to_store(store: S3BlobStore, database: Database, data: DataDirectory, progress: Progress) -> int:
     """Move finished scans and jobs into the store and remove their local files; returns the number of files.
 
     What is interrupted, waits or runs stays, as do files that the database does not know. Each is removed only after
@@ -36,12 +36,12 @@ def move_to_store(store: ObjectStore, database: Database, data: DataDirectory, p
     DamagedFile
         When something reads otherwise than it was written.
     """
-    found = list(_over(database, data))
+    found = list(_finished(database, data))
     for number, (name, path) in enumerate(found):
         progress(STAGE, number, len(found))
-        row = store.kept(name)
+        row = store.find_row(name)
         if row is None or row.sha256 != _sha256(path):  # a scan that was resumed has the same size
-            keep(store, data, name, path)
+            upload_scan(store, data, name, path)
         if not store.is_whole(name):
             raise DamagedFile(f"{name} reads otherwise from the store than it was written; it stays in the folder")
         path.unlink()
@@ -51,7 +51,7 @@ def move_to_store(store: ObjectStore, database: Database, data: DataDirectory, p
     return len(found)
 
 
-def move_to_folder(store: ObjectStore, data: DataDirectory, progress: Progress) -> int:
+def move_to_folder(store: S3BlobStore, data: DataDirectory, progress: Progress) -> int:
     """Copy everything from the store into the folder, then delete it there; returns how many files that were.
 
     Raises
@@ -70,8 +70,8 @@ def move_to_folder(store: ObjectStore, data: DataDirectory, progress: Progress) 
             if not row.name.startswith("scans/") and _sha256(target) != row.sha256:
                 raise Conflict(f"{row.name} in {data.root} is another file than the store's")
             continue
-        target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
-        with draft(target) as beside:
+        target.parent.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
+        with atomic_write(target) as beside:
             shutil.copyfile(store.open(row.name), beside)
             if _sha256(beside) != row.sha256:
                 raise DamagedFile(f"{row.name} is not as it was stored; it stays in the store")
@@ -79,11 +79,11 @@ def move_to_folder(store: ObjectStore, data: DataDirectory, progress: Progress) 
                 os.fsync(file.fileno())
             os.utime(beside, (row.created.timestamp(), row.created.timestamp()))
         sync_folder(target.parent)
-    store.leave()
+    store.purge()
     return len(rows)
 
 
-def _over(database: Database, data: DataDirectory) -> Iterator[tuple[str, Path]]:
+def _finished(database: Database, data: DataDirectory) -> Iterator[tuple[str, Path]]:
     """Yield finished scans and jobs with their files."""
     scans, ledger = ScanRepository(database), JobLedger(database)
     for path in data.scan_files():

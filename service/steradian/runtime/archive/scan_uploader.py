@@ -16,25 +16,25 @@ from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
 from steradian.core.exceptions import NotFound, StoreUnavailable
-from steradian.core.logging_config import caused_by
-from steradian.storage.blobs.interface import Stored, scan_name
-from steradian.storage.blobs.object_store import CLOCK, ObjectStore
-from steradian.storage.blobs.staleness import has_moved_on
-from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.core.logging_config import bind_request_id
+from steradian.storage.blobs.interface import StagedBlob, scan_name
+from steradian.storage.blobs.object_store import CLOCK_SKEW, S3BlobStore
+from steradian.storage.blobs.staleness import is_stale
+from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import ScanState, is_terminal
 
-LOOK_EVERY: Final = 1.0
+POLL_INTERVAL: Final = 1.0
 """Seconds between looks at the scans of this host."""
-LEFT_FOR: Final = 600.0
+LOCAL_RETENTION: Final = 600.0
 """Seconds for which the file of a scan that is kept stays: who has begun to read it may end."""
-DRAFTS: Final = "keeping"
+STAGING_FOLDER: Final = "keeping"
 """Folder of what is being sent, beside the copies."""
 _log = logging.getLogger(__name__)
 
 
-class ScanKeeper:
+class ScanUploader:
     """Puts scans into the store that are over or interrupted; one that is resumed and written to is put there again.
 
     Parameters
@@ -47,7 +47,7 @@ class ScanKeeper:
         Where they are.
     """
 
-    def __init__(self, store: ObjectStore, scans: ScanRepository, data: DataDirectory) -> None:
+    def __init__(self, store: S3BlobStore, scans: ScanRepository, data: DataDirectory) -> None:
         self._store, self._scans, self._data = store, scans, data
         self._sent: dict[str, float] = {}
         """When scans came to the store, which may be long after the time as of which they are kept."""
@@ -59,9 +59,9 @@ class ScanKeeper:
 
     def run(self, stopping: threading.Event) -> None:
         """Work until asked to stop; while store or database do not answer, wait for them."""
-        for left in (self._data.cache / DRAFTS).glob("*"):  # by a process that was killed
+        for left in (self._data.cache / STAGING_FOLDER).glob("*"):  # by a process that was killed
             left.unlink(missing_ok=True)
-        while not stopping.wait(LOOK_EVERY):
+        while not stopping.wait(POLL_INTERVAL):
             try:
                 self.step()
             except (StoreUnavailable, SQLAlchemyError, OSError) as error:
@@ -84,11 +84,14 @@ class ScanKeeper:
             self._known.add(scan.id)
             if path.is_symlink():
                 continue
-            kept, changed = self._store.kept(scan_name(scan.id)), path.stat().st_mtime
+            kept, changed = self._store.find_row(scan_name(scan.id)), path.stat().st_mtime
             # Without a change, too: what was resumed in vain is to count again where its file is not.
-            if kept is None or changed > kept.created.timestamp() + CLOCK or has_moved_on(scan, kept):
+            if kept is None or changed > kept.created.timestamp() + CLOCK_SKEW or is_stale(scan, kept):
                 self._keep(scan, path)
-            elif is_terminal(scan.state) and time.time() - self._sent.get(scan.id, kept.created.timestamp()) > LEFT_FOR:
+            elif (
+                is_terminal(scan.state)
+                and time.time() - self._sent.get(scan.id, kept.created.timestamp()) > LOCAL_RETENTION
+            ):
                 path.unlink()
                 self._sent.pop(scan.id, None)
 
@@ -102,10 +105,10 @@ class ScanKeeper:
                 shutil.copy2(path, draft)
             if self._announce(scan, self._store.put(scan_name(scan.id), draft, as_of)):
                 self._sent[scan.id] = time.time()
-                with caused_by(scan.request_id):
+                with bind_request_id(scan.request_id):
                     _log.info("scan %s is in the store", scan.id)
 
-    def _announce(self, scan: ScanRow, stored: Stored) -> bool:
+    def _announce(self, scan: ScanRow, stored: StagedBlob) -> bool:
         """Commit an uploaded file, unless the scan was deleted, resumed or settled meanwhile.
 
         The sweep then removes it.
@@ -114,22 +117,22 @@ class ScanKeeper:
             now = session.scalar(select(ScanRow.revision).where(ScanRow.id == scan.id).with_for_update())
             if now is None or not (is_terminal(scan.state) or now == scan.revision):
                 return False
-            self._store.announce(session, stored)
+            self._store.commit(session, stored)
         return True
 
 
-def keep(store: ObjectStore, data: DataDirectory, name: str, path: Path) -> None:
+def upload_scan(store: S3BlobStore, data: DataDirectory, name: str, path: Path) -> None:
     """Upload a finished file, which also stays where it is."""
     with _draft(data) as draft:
         os.link(path, draft)
-        store.keep(name, draft)
+        store.put_and_commit(name, draft)
 
 
 @contextmanager
 def _draft(data: DataDirectory) -> Iterator[Path]:
     """Yield a path in the folder of local copies: a file written there becomes the copy."""
-    folder = data.cache / DRAFTS
-    folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    folder = data.cache / STAGING_FOLDER
+    folder.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
     draft = folder / f"{os.getpid()}-{threading.get_ident()}"
     draft.unlink(missing_ok=True)
     try:

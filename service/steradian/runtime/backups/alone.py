@@ -12,7 +12,7 @@ from steradian.core.exceptions import Conflict
 
 
 @contextmanager
-def alone(path: Path, refusal: str) -> Iterator[None]:
+def exclusive(path: Path, refusal: str) -> Iterator[None]:
     """Hold a file as a lock until the block ends; it is removed then, and the lock goes with a process that is killed.
 
     Raises

@@ -21,38 +21,46 @@ from sqlalchemy import create_engine, select
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
-from steradian.core.atomic_files import ENDING, draft, sync_folder
+from steradian.core.atomic_files import DRAFT_SUFFIX, atomic_write, sync_folder
 from steradian.core.exceptions import Conflict, DamagedFile, DiskFull, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.runtime.backups.alone import alone
-from steradian.runtime.backups.manifest import DATABASE, Course, Entry, Manifest, copy_file, hash_file, plain_files
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.create import is_full
-from steradian.scans.file.locking import open_to_read
-from steradian.scans.file.rows import RowTable
-from steradian.scans.file.verify import check_scan_file
+from steradian.core.progress import CancelCheck, Progress
+from steradian.runtime.backups.alone import exclusive
+from steradian.runtime.backups.manifest import (
+    DATABASE,
+    CopyProgress,
+    Entry,
+    Manifest,
+    copy_file,
+    hash_file,
+    regular_files,
+)
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.create import is_disk_full_error
+from steradian.scans.file.locking import open_for_reading
+from steradian.scans.file.rows import ShotTable
+from steradian.scans.file.verify import verify_scan_file
 from steradian.storage.capacity.quota import imported_scan_id
-from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.data_dir.sqlite_urls import sqlite_url
 from steradian.storage.db.database import Database, known_revisions
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.snapshot import take_snapshot
 from steradian.storage.states import ScanState, is_terminal
 
-ROUNDS: Final = 20
+MAX_ROUNDS: Final = 20
 """Times that the rows are read before too much is being deleted."""
-TRIES: Final = 3
+MAX_TRIES: Final = 3
 """Times that a scan file is copied in which A-lines are being replaced."""
 STOP: Final = ("pressed", "released", "answered")
 
 
-def back_up(
+def create_backup(
     data: DataDirectory,
     database: Database,
     destination: Path,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Manifest:
     """Copy all that a service keeps to a new folder; the service may run.
 
@@ -81,11 +89,11 @@ def back_up(
         raise InvalidInput("destination", destination, f"a place outside the data folder {data.root}")
     destination.parent.mkdir(parents=True, exist_ok=True)
     under_way = f"another backup to {destination} is under way"
-    with alone(destination.with_name(f"{destination.name}.lock"), under_way), _draft(destination) as folder:
-        folder.mkdir(mode=PRIVATE)
-        manifest = _Copy(data, database, folder, progress, cancelled).make()
+    with exclusive(destination.with_name(f"{destination.name}.lock"), under_way), _draft(destination) as folder:
+        folder.mkdir(mode=PRIVATE_MODE)
+        manifest = _Copy(data, database, folder, progress, cancelled).run()
         manifest.write(folder)
-        for each in {folder, *(path.parent for path in plain_files(folder))}:
+        for each in {folder, *(path.parent for path in regular_files(folder))}:
             sync_folder(each)
     sync_folder(destination.parent)
     return manifest
@@ -96,16 +104,16 @@ def _draft(destination: Path) -> Iterator[Path]:
     if destination.exists():
         raise Conflict(f"{destination} exists; a backup is a new folder")
     try:
-        with draft(destination) as folder:
+        with atomic_write(destination) as folder:
             yield folder
     except (OSError, sqlite3.Error, DBAPIError) as error:  # somebody else fills the disk meanwhile
-        if (isinstance(error, OSError) and is_full(error)) or "disk is full" in str(error):
+        if (isinstance(error, OSError) and is_disk_full_error(error)) or "disk is full" in str(error):
             raise DiskFull(f"the disk of {destination.parent} became full; nothing of the backup is kept") from error
         raise
 
 
 @dataclass
-class _Rows:
+class _SnapshotIndex:
     """File index of a database snapshot: finished scans, other scans, ended jobs, other jobs."""
 
     finished: set[str]
@@ -118,7 +126,7 @@ class _Rows:
     """Uploads that imports have still to read, by their paths."""
 
     @classmethod
-    def of(cls, path: Path) -> _Rows:
+    def of(cls, path: Path) -> _SnapshotIndex:
         engine = create_engine(sqlite_url(path, "destination"))
         with Session(engine) as session:
             scans = session.execute(select(ScanRow.id, ScanRow.state)).all()
@@ -135,7 +143,7 @@ class _Rows:
             awaited={f"uploads/{name}" for name in named if name is not None},
         )
 
-    def want(self, path: str, before: set[str]) -> bool:
+    def includes(self, path: str, before: set[str]) -> bool:
         """Whether a file belongs to the indexed resources, or existed, unindexed, before they were read."""
         kind, _, rest = path.partition("/")
         name, _, within = rest.partition("/")
@@ -153,20 +161,20 @@ class _Copy:
     database: Database
     folder: Path
     progress: Progress | None
-    cancelled: IsCancelled | None
+    cancelled: CancelCheck | None
     copied: dict[str, tuple[tuple[int, int], Entry]] = field(default_factory=dict)
     damaged: dict[str, str] = field(default_factory=dict)
 
-    def make(self) -> Manifest:
+    def run(self) -> Manifest:
         """Copy rows and files until nothing was lost on the way."""
         gone: set[str] = set()
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             made, before = datetime.now(UTC).isoformat(timespec="seconds"), set(self._files())
             rows_size = self._size_of_rows()
             self._require(rows_size, rows_size + sum(size for size, _ in filter(None, map(self._new, before))))
             take_snapshot(self.database, self.folder / DATABASE)
-            rows = _Rows.of(self.folder / DATABASE)
-            wanted = {path for path in self._files() if rows.want(path, before)}
+            rows = _SnapshotIndex.of(self.folder / DATABASE)
+            wanted = {path for path in self._files() if rows.includes(path, before)}
             self._copy_all(wanted, rows)
             known, gone = gone, {path for path in before | rows.awaited if not (self.data.root / path).exists()}
             if gone <= known:
@@ -183,16 +191,16 @@ class _Copy:
         found = [self.data.identity_file, *(self.data.emergency / name for name in STOP)]
         found += [path for path in self.data.scan_files() if not path.is_symlink()]
         found += [path for path in self.data.uploads.glob("*") if path.suffix != ".part"]
-        found += [path for path in plain_files(self.data.root.absolute() / "jobs") if path.name != "lock"]
+        found += [path for path in regular_files(self.data.root.absolute() / "jobs") if path.name != "lock"]
         for path in found:
-            if path.is_file() and ENDING not in path.name:
+            if path.is_file() and DRAFT_SUFFIX not in path.name:
                 yield path.relative_to(self.data.root.absolute()).as_posix()
 
-    def _copy_all(self, wanted: set[str], rows: _Rows) -> None:
+    def _copy_all(self, wanted: set[str], rows: _SnapshotIndex) -> None:
         stamps = {path: stamp for path in sorted(wanted) if (stamp := self._new(path)) is not None}
         total = sum(size for size, _ in stamps.values())
         self._require(total)
-        tick = Course(total, self.progress, self.cancelled)
+        tick = CopyProgress(total, self.progress, self.cancelled)
         for path, stamp in stamps.items():
             with suppress(FileNotFoundError):  # deleted since, which is seen afterwards
                 scan = Path(path).stem if path.startswith("scans/") else ""
@@ -209,27 +217,27 @@ class _Copy:
         stamp = about.st_size, about.st_mtime_ns
         return None if path in self.copied and self.copied[path][0] == stamp else stamp
 
-    def _copy(self, path: str, tick: Course) -> Entry:
+    def _copy(self, path: str, tick: CopyProgress) -> Entry:
         return copy_file(self.data.root / path, self.folder / path, tick)
 
-    def _copy_growing(self, path: str, scan: str, tick: Course) -> Entry:
+    def _copy_growing(self, path: str, scan: str, tick: CopyProgress) -> Entry:
         """Copy a scan file that may be written meanwhile; partially copied rows become missing, complete rows stay.
 
         An A-line that is being measured again may be lost to a copy that finds it halfway; the next finds it whole.
         """
         self.damaged.pop(scan, None)
         try:
-            for _ in range(TRIES):
-                with open_to_read(self.data.root / path) as file:
-                    stored = RowTable.of_file(file).stored
+            for _ in range(MAX_TRIES):
+                with open_for_reading(self.data.root / path) as file:
+                    stored = ShotTable.of_file(file).stored
                 self._copy(path, tick)
-                if not (lost := int(stored[check_scan_file(self.folder / path).damaged].sum())):
+                if not (lost := int(stored[verify_scan_file(self.folder / path).damaged].sum())):
                     break
             else:
                 self.damaged[scan] = f"{lost} A-lines do not match their checksums and count as missing"
         except FileNotFoundError:
             raise
-        except (DamagedFile, OSError, *BROKEN) as error:
+        except (DamagedFile, OSError, *HDF5_ERRORS) as error:
             self._copy(path, tick)
             self.damaged[scan] = f"cannot be read as a scan and is kept as it is ({error})"
         return hash_file(self.folder / path)

@@ -13,8 +13,8 @@ from typing import Final, Self
 from steradian import __version__
 from steradian.core.atomic_files import write_durably
 from steradian.core.exceptions import Cancelled, DamagedFile
-from steradian.core.progress import IsCancelled, Progress
-from steradian.storage.data_dir.layout import PRIVATE
+from steradian.core.progress import CancelCheck, Progress
+from steradian.storage.data_dir.layout import PRIVATE_MODE
 
 FORMAT: Final = "steradian backup"
 VERSION: Final = 1
@@ -96,7 +96,7 @@ class Manifest:
             raise DamagedFile(f"{folder / NAME} names no {DATABASE}, which every backup holds")
         return cls(**fields, files=files)
 
-    def faults(self, folder: Path) -> Iterator[tuple[str, str]]:
+    def verify(self, folder: Path) -> Iterator[tuple[str, str]]:
         """Verify a backup against its manifest; yields path and fault of each damaged or missing file."""
         for path, entry in self.files.items():
             if not (folder / path).is_file():
@@ -116,7 +116,7 @@ def _is_ours(path: str) -> bool:
 def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) -> Entry:
     """Copy a file durably and return size and checksum; ``tick`` is called with each chunk and may raise."""
     digest, size = hashlib.sha256(), 0
-    target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    target.parent.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
     with source.open("rb") as read, target.open("wb") as write:
         while piece := read.read(PIECE):
             tick(len(piece))
@@ -128,7 +128,7 @@ def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) 
     return Entry(size, digest.hexdigest())
 
 
-class Course:
+class CopyProgress:
     """Progress of a copy in bytes, with cancellation.
 
     Parameters
@@ -137,7 +137,7 @@ class Course:
         Bytes.
     """
 
-    def __init__(self, total: int, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+    def __init__(self, total: int, progress: Progress | None, cancelled: CancelCheck | None) -> None:
         self._total, self._progress, self._cancelled = total, progress, cancelled
         self._done = 0
         self(0)
@@ -157,7 +157,7 @@ def hash_file(path: Path) -> Entry:
         return Entry(os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest())
 
 
-def plain_files(folder: Path) -> Iterator[Path]:
+def regular_files(folder: Path) -> Iterator[Path]:
     """Name the files below a folder, links left out."""
     for root, _, names in os.walk(folder):
         for path in (Path(root, name) for name in names):

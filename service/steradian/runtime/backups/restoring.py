@@ -10,15 +10,15 @@ from typing import Final
 
 from steradian.core.atomic_files import remove, sync_folder, write_durably
 from steradian.core.exceptions import Conflict, DamagedFile
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.core.settings import Settings
-from steradian.runtime.backups.alone import alone
-from steradian.runtime.backups.manifest import CHANGED, DATABASE, Course, Manifest, copy_file
-from steradian.runtime.fsck import Finding, inspect
-from steradian.runtime.singleton_locks import owning_database
-from steradian.storage.data_dir.layout import PRIVATE, DataDirectory
+from steradian.runtime.backups.alone import exclusive
+from steradian.runtime.backups.manifest import CHANGED, DATABASE, CopyProgress, Manifest, copy_file
+from steradian.runtime.fsck import Inconsistency, check_consistency
+from steradian.runtime.singleton_locks import hold_database_lock
+from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.maintenance.snapshot import make_another, put_back, require_empty
+from steradian.storage.maintenance.snapshot import assign_new_identity, require_empty, restore_snapshot
 
 DRAFT: Final = "restoring.new"
 LOCK: Final = "lock"
@@ -30,8 +30,8 @@ def restore(
     settings: Settings,
     *,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-) -> list[Finding]:
+    cancelled: CancelCheck | None = None,
+) -> list[Inconsistency]:
     """Make the data folder, and the rows of the database, that the settings name from a backup.
 
     Folder and database become one pair of their own: workers and clients of the service that the backup was made of
@@ -53,8 +53,8 @@ def restore(
     """
     manifest = Manifest.read(source)
     root = settings.data.absolute()
-    with _empty_database(settings) as database, _drafting(root) as folder:
-        tick = Course(manifest.size, progress, cancelled)
+    with _empty_database(settings) as database, _staging_folder(root) as folder:
+        tick = CopyProgress(manifest.size, progress, cancelled)
         for path, entry in manifest.files.items():
             try:
                 copied = copy_file(source / path, folder / path, tick)
@@ -64,7 +64,7 @@ def restore(
                 raise DamagedFile(f"{source / path} {CHANGED}")
         for each, _, _ in os.walk(folder):
             sync_folder(Path(each))
-        found = _bring_to_life(folder, settings, database)
+        found = _migrate_and_assign_identity(folder, settings, database)
         # The database last: beside files without one no service starts.
         for name in sorted(os.listdir(folder), key=lambda name: (name.endswith(".sqlite"), name)):
             (folder / name).rename(root / name)
@@ -73,17 +73,17 @@ def restore(
 
 
 @contextmanager
-def _drafting(root: Path) -> Iterator[Path]:
+def _staging_folder(root: Path) -> Iterator[Path]:
     """Yield a staging folder in an empty folder; it is removed at the end."""
     made = not root.exists()
     _require_empty(root)
-    root.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+    root.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
     try:
-        with alone(root / LOCK, f"{root} is in use: a service begins in it, or something is being restored to it"):
+        with exclusive(root / LOCK, f"{root} is in use: a service begins in it, or something is being restored to it"):
             _require_empty(root)
             folder = root / DRAFT
             remove(folder)  # of one that was killed
-            folder.mkdir(mode=PRIVATE)
+            folder.mkdir(mode=PRIVATE_MODE)
             try:
                 yield folder
             finally:
@@ -99,7 +99,7 @@ def _require_empty(root: Path) -> None:
         raise Conflict(f"{root} is not empty; a backup is restored to a new folder")
 
 
-def _bring_to_life(folder: Path, settings: Settings, database: Database | None) -> list[Finding]:
+def _migrate_and_assign_identity(folder: Path, settings: Settings, database: Database | None) -> list[Inconsistency]:
     """Bring the rows to today's version and give the pair a name of its own."""
     data = DataDirectory(folder)
     data.create()
@@ -107,12 +107,12 @@ def _bring_to_life(folder: Path, settings: Settings, database: Database | None) 
     embedded = Database(data.metadata_url)
     try:
         embedded.migrate()
-        write_durably(data.identity_file, make_another(embedded))
+        write_durably(data.identity_file, assign_new_identity(embedded))
     finally:
         embedded.close()
-    found = inspect(settings.model_copy(update={"data": folder, "database_url": None}))
+    found = check_consistency(settings.model_copy(update={"data": folder, "database_url": None}))
     if database is not None:
-        put_back(data.metadata_file, database)
+        restore_snapshot(data.metadata_file, database)
         data.metadata_file.unlink()
     return found
 
@@ -123,7 +123,7 @@ def _empty_database(settings: Settings) -> Iterator[Database | None]:
     if settings.database_url is None:
         yield None
         return
-    with owning_database(settings):
+    with hold_database_lock(settings):
         database = Database(metadata_url(settings))
         try:
             database.migrate()

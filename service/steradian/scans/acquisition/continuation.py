@@ -8,12 +8,12 @@ from pathlib import Path
 
 import h5py
 
-from steradian.core.atomic_files import draft, sync_folder
+from steradian.core.atomic_files import atomic_write, sync_folder
 from steradian.core.exceptions import DiskFull, NotFound
-from steradian.scans.file.create import check_disk, is_full
+from steradian.scans.file.create import check_free_space, is_disk_full_error
 
 
-def begin_with(earlier: Path, path: Path, scan_id: str) -> None:
+def create_from_partial(earlier: Path, path: Path, scan_id: str) -> None:
     """Create a scan file with an earlier file's A-lines, for :func:`.run.resume_scan` to continue.
 
     Parameters
@@ -34,8 +34,8 @@ def begin_with(earlier: Path, path: Path, scan_id: str) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        check_disk(path.parent, earlier.stat().st_size)
-        with draft(path) as beside:
+        check_free_space(path.parent, earlier.stat().st_size)
+        with atomic_write(path) as beside:
             shutil.copyfile(earlier, beside)
             with h5py.File(beside, "r+") as file:
                 file.attrs["completes"] = file.attrs["scan_id"]
@@ -46,6 +46,6 @@ def begin_with(earlier: Path, path: Path, scan_id: str) -> None:
     except FileNotFoundError as error:
         raise NotFound("file of scan", earlier.stem) from error
     except OSError as error:
-        if is_full(error):
+        if is_disk_full_error(error):
             raise DiskFull(f"{path} cannot be begun, the disk is full") from error
         raise

@@ -7,10 +7,10 @@ from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 
 import fabry_perot
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 
 
-class Wish(StrEnum):
+class Command(StrEnum):
     """Command to a running session."""
 
     RUN = "run"
@@ -18,17 +18,17 @@ class Wish(StrEnum):
     """Stop firing, keep the scanner and go on when told to."""
     STOP = "stop"
     """Enough: keep what was fired, and end in good order."""
-    LEAVE = "leave"
+    SHUTDOWN = "leave"
     """Laser off at once, then keep what was fired before."""
     ABORT = "abort"
     """Laser off at once."""
 
 
-ENDING = frozenset({Wish.STOP, Wish.LEAVE, Wish.ABORT})
+TERMINAL_COMMANDS = frozenset({Command.STOP, Command.SHUTDOWN, Command.ABORT})
 """Wishes that end a session."""
 
 
-class Phase(StrEnum):
+class SessionPhase(StrEnum):
     """Phase of a session."""
 
     ARMING = "arming"
@@ -44,7 +44,7 @@ class Phase(StrEnum):
     COMPLETING = "completing"
 
 
-class End(StrEnum):
+class SessionOutcome(StrEnum):
     """Outcome of a session."""
 
     COMPLETE = "complete"
@@ -52,7 +52,7 @@ class End(StrEnum):
     ABORTED = "aborted"
 
 
-class Control:
+class SessionControl:
     """A session's view of its starter; this one runs to the end unless ``cancelled`` says otherwise.
 
     Parameters
@@ -63,27 +63,27 @@ class Control:
         Makes the session leave: laser off, what was fired is kept.
     """
 
-    def __init__(self, progress: Progress | None = None, cancelled: IsCancelled | None = None) -> None:
+    def __init__(self, progress: Progress | None = None, cancelled: CancelCheck | None = None) -> None:
         self._progress, self._cancelled = progress, cancelled
 
-    def guarding(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
+    def monitor(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
         """Monitor a connected scanner until the block ends; the base class leaves that to the session."""
         return nullcontext()
 
     def may_fire(self, allowed: bool) -> None:
         """Handle, before it happens, that the scanner may fire from now on, or afterwards that it no longer may."""
 
-    def wish(self) -> Wish:
+    def command(self) -> Command:
         """Return the current command; called about twenty times a second."""
-        return Wish.LEAVE if self._cancelled is not None and self._cancelled() else Wish.RUN
+        return Command.SHUTDOWN if self._cancelled is not None and self._cancelled() else Command.RUN
 
-    def enter(self, phase: Phase) -> None:
+    def on_phase(self, phase: SessionPhase) -> None:
         """Learn that the session is now at ``phase``."""
 
-    def laser_is_off(self) -> None:
-        """Learn that the scanner has confirmed that its laser is off, after :attr:`Wish.LEAVE`."""
+    def on_laser_off(self) -> None:
+        """Learn that the scanner has confirmed that its laser is off, after :attr:`Command.SHUTDOWN`."""
 
-    def blocked(self, why: str | None) -> None:
+    def on_storage_blocked(self, why: str | None) -> None:
         """Learn that the session cannot store A-lines at present, and why; ``None``: it can again."""
 
     def progress(self, done: int, total: int) -> None:

@@ -13,36 +13,36 @@ from sqlalchemy.exc import SQLAlchemyError
 
 import fabry_perot
 from steradian.core.exceptions import ScanFailed, SteradianError
-from steradian.scans.acquisition.control import Control, Phase, Wish
-from steradian.scans.acquisition.emergency_watchdog import EmergencyWatch
+from steradian.scans.acquisition.control import Command, SessionControl, SessionPhase
+from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState, route
+from steradian.storage.states import DesiredScanState, ScanState, shortest_path
 
 POLL = 0.2
 """Seconds between looks for work, and between looks at what is wished of a scan and reports of its progress."""
 _log = logging.getLogger(__name__)
 _S = ScanState
-_STATES = {
-    Phase.RUNNING: (_S.RUNNING, "A-lines are stored"),
-    Phase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
-    Phase.RESCUING: (_S.RECOVERING, "what was fired before is fetched from the scanner"),
-    Phase.PAUSING: (_S.PAUSING, ""),
-    Phase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
-    Phase.ARMING: (_S.ARMING, ""),
-    Phase.STOPPING: (_S.STOPPING, ""),
-    Phase.ABORTING: (_S.ABORTING, ""),
+STATE_BY_PHASE = {
+    SessionPhase.RUNNING: (_S.RUNNING, "A-lines are stored"),
+    SessionPhase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
+    SessionPhase.RESCUING: (_S.RECOVERING, "what was fired before is fetched from the scanner"),
+    SessionPhase.PAUSING: (_S.PAUSING, ""),
+    SessionPhase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
+    SessionPhase.ARMING: (_S.ARMING, ""),
+    SessionPhase.STOPPING: (_S.STOPPING, ""),
+    SessionPhase.ABORTING: (_S.ABORTING, ""),
 }
 """State of a scan at each phase, and why; where it says nothing a person wished it."""
-_WISHES = {
-    DesiredScanState.RUNNING: Wish.RUN,
-    DesiredScanState.PAUSED: Wish.PAUSE,
-    DesiredScanState.STOPPED: Wish.STOP,
-    DesiredScanState.ABORTED: Wish.ABORT,
+COMMAND_BY_DESIRED_STATE = {
+    DesiredScanState.RUNNING: Command.RUN,
+    DesiredScanState.PAUSED: Command.PAUSE,
+    DesiredScanState.STOPPED: Command.STOP,
+    DesiredScanState.ABORTED: Command.ABORT,
 }
 
 
-class ScanWatch(Control):
+class DatabaseControl(SessionControl):
     """Writes progress and states of one scan, and reads wishes, every :data:`POLL` seconds.
 
     All talk with the database is in a thread of its own: one that is locked or gone holds up nobody who stores A-lines.
@@ -59,12 +59,12 @@ class ScanWatch(Control):
     """
 
     def __init__(
-        self, scans: ScanRepository, identifier: str, stopping: threading.Event, emergency: EmergencyWatch
+        self, scans: ScanRepository, identifier: str, stopping: threading.Event, emergency: EmergencyWatchdog
     ) -> None:
         super().__init__()
         self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
         self._row = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
-        self._wish, self._why, self._who = Wish.RUN, "", "acquisition"
+        self._wish, self._why, self._who = Command.RUN, "", "acquisition"
         self._notes: deque[Callable[[], None]] = deque()
         self._last: tuple[str, int, int] | None = None
         self._reported: tuple[str, int, int] | None = None
@@ -77,24 +77,24 @@ class ScanWatch(Control):
         self._clerk.start()
 
     @contextmanager
-    def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
+    def monitor(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
         """Connect the emergency stop to a connected scanner until the block ends."""
-        with self._emergency.guarding(scanner):
+        with self._emergency.protect(scanner):
             yield
 
     def may_fire(self, allowed: bool) -> None:
         """Report immediately whether the scanner may fire."""
         self._emergency.may_fire(allowed)
 
-    def wish(self) -> Wish:
+    def command(self) -> Command:
         """Return the current command according to the database; raises the reason that forbids the scan."""
         if self._stopping.is_set() or self._emergency.standing is not None:
-            return Wish.ABORT
+            return Command.ABORT
         if self._failure is not None:
             raise self._failure
         return self._wish
 
-    def enter(self, phase: Phase) -> None:
+    def on_phase(self, phase: SessionPhase) -> None:
         """Lead the scan to the state of a phase."""
         if self._stopping.is_set():
             return  # it is to be interrupted
@@ -106,7 +106,7 @@ class ScanWatch(Control):
         """Note how far the scan is."""
         self._last = ("A-lines", done, total)
 
-    def blocked(self, why: str | None) -> None:
+    def on_storage_blocked(self, why: str | None) -> None:
         """Record that the scan is paused because nothing can be stored, or that it continues."""
         _log.warning("scan %s: %s", self._id, why or "A-lines can be stored again")
         self._note(lambda: self._tell(why))
@@ -115,7 +115,7 @@ class ScanWatch(Control):
         """Wait, unless the service ends."""
         self._stopping.wait(seconds)
 
-    def over(self) -> None:
+    def flush(self) -> None:
         """Write pending changes; waits for an unavailable database, unless the service ends."""
         self.close()
         while self._is_behind and self._failure is None:
@@ -148,7 +148,7 @@ class ScanWatch(Control):
         try:
             row = self._scans.get(self._id)
             self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"
-            self._wish = _WISHES[row.desired_state]
+            self._wish = COMMAND_BY_DESIRED_STATE[row.desired_state]
             while self._notes:
                 self._notes[0]()
                 self._notes.popleft()
@@ -166,13 +166,13 @@ class ScanWatch(Control):
             _log.exception("what is wished of scan %s cannot be read", self._id)
             self._failure = ScanFailed(f"what is wished of the scan cannot be read: {error}")
 
-    def _lead(self, phase: Phase, reason: str, person: str) -> None:
+    def _lead(self, phase: SessionPhase, reason: str, person: str) -> None:
         """Bring the scan's state in line with a phase of the session."""
         present = self._scans.get(self._id).state
-        state, why = _STATES.get(phase, (present, ""))
+        state, why = STATE_BY_PHASE.get(phase, (present, ""))
         if state is present:
             return
-        for following in route(present, state):
+        for following in shortest_path(present, state):
             self._scans.transition(self._id, following, why=why or reason, who="acquisition" if why else person)
         if state in {_S.PAUSED, _S.ARMING, _S.RUNNING}:
             self._row.note_state("paused" if state is _S.PAUSED else "scanning")
@@ -180,4 +180,4 @@ class ScanWatch(Control):
     def _tell(self, why: str | None) -> None:
         stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")
         if self._scans.get(self._id).stage != stage:
-            self._scans.tell(self._id, stage, reason)
+            self._scans.report_condition(self._id, stage, reason)

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from typing import Final
 
 import fabry_perot
-from steradian.core.logging_config import caused_by, request_id
+from steradian.core.logging_config import bind_request_id, request_id
 from steradian.scans.acquisition.port_monitor import STOP_WITHIN, PortWatch
 from steradian.scans.acquisition.scanner_status import status_of
-from steradian.storage.data_dir.emergency_latch import Deed, EmergencyLatch, Press
+from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome, StopPress
 from steradian.storage.data_dir.scanner_status import wording
 
-LOOK: Final = 0.01
+POLL_INTERVAL: Final = 0.01
 """Seconds between two looks at the latch."""
 AGAIN: Final = 0.25
 """Seconds after which a scanner is asked again that did not confirm the stop."""
@@ -28,7 +28,7 @@ _NO_SCANNER: Final = "there is no scanner: the simulated one is not running"
 _log = logging.getLogger(__name__)
 
 
-class EmergencyWatch:
+class EmergencyWatchdog:
     """Watchdog that switches the laser off while the emergency stop is active, independently of other threads.
 
     A connected scan is stopped by its own connection; without one the scanner is asked through its port, whoever holds
@@ -47,13 +47,13 @@ class EmergencyWatch:
         self._scanner: fabry_perot.Scanner | None = None
         self._cause = ""
         """The request that the scanner works for."""
-        self._told: Deed | None = None
+        self._told: StopOutcome | None = None
         self._asked = float("-inf")
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="emergency-stop", daemon=True)
 
     @contextmanager
-    def looking(self) -> Iterator[None]:
+    def running(self) -> Iterator[None]:
         """Look at the latch until the block ends."""
         self._thread.start()
         try:
@@ -63,12 +63,12 @@ class EmergencyWatch:
             self._thread.join()
 
     @property
-    def standing(self) -> Press | None:
+    def standing(self) -> StopPress | None:
         """The active press, if there is one."""
-        return self._latch.standing()
+        return self._latch.active()
 
     @contextmanager
-    def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
+    def protect(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
         """Answer for a connected scanner until the block ends."""
         self._scanner, self._cause = scanner, request_id.get()
         try:
@@ -86,18 +86,18 @@ class EmergencyWatch:
             self._port.may_fire(allowed)
 
     def _run(self) -> None:
-        while not self._over.wait(LOOK):
+        while not self._over.wait(POLL_INTERVAL):
             try:
-                press = self._latch.standing()
+                press = self._latch.active()
                 if press is not None:
                     self._make_safe(press)
             except Exception:  # whatever it was, the next look comes
                 _log.exception("the emergency stop cannot be looked at")
 
-    def _make_safe(self, press: Press) -> None:
+    def _make_safe(self, press: StopPress) -> None:
         scanner, cause, told = self._scanner, self._cause, self._told
         if told is None or told.number != press.number:
-            told = self._told = self._latch.deed(press.number)  # a former process may have answered
+            told = self._told = self._latch.outcome(press.number)  # a former process may have answered
             self._asked = float("-inf")
         settled = told is not None and told.laser != "unconfirmed"
         if settled and not self._is_live(scanner):
@@ -108,12 +108,12 @@ class EmergencyWatch:
         self._asked = time.monotonic()
         passed = self._asked - press.moment  # another clock after a restart of the computer
         seconds = told.seconds if told is not None and settled else round(passed, 4) if passed >= 0 else None
-        deed = Deed(press.number, laser, seconds, detail[:LONGEST])
+        deed = StopOutcome(press.number, laser, seconds, detail[:LONGEST])
         if told is None or (deed.laser, wording(detail)) != (told.laser, wording(told.detail)):
-            self._latch.answer(deed)
+            self._latch.record_outcome(deed)
         self._told = deed
         if told is None or deed.laser != told.laser:
-            with caused_by(cause):
+            with bind_request_id(cause):
                 _log.warning("%s, pressed by %s: laser %s; %s", press.why, press.who, laser, detail)
 
     def _is_live(self, scanner: fabry_perot.Scanner | None) -> bool:
@@ -125,10 +125,10 @@ class EmergencyWatch:
         """Whether a connection is given up, or is so within a moment."""
         until = time.monotonic() + LEAVING
         while self._scanner is scanner and time.monotonic() < until:
-            time.sleep(LOOK)
+            time.sleep(POLL_INTERVAL)
         return self._scanner is not scanner
 
-    def _switch_off(self, scanner: fabry_perot.Scanner | None, press: Press) -> tuple[str, str]:
+    def _switch_off(self, scanner: fabry_perot.Scanner | None, press: StopPress) -> tuple[str, str]:
         """Turn the laser off; returns its state, and the scanner's reply or the reason why it could not be asked."""
         who = f"{press.who}: {press.reason}" if press.reason else press.who
         answer: fabry_perot.StopAnswer | None = None

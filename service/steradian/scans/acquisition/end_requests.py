@@ -9,7 +9,7 @@ from typing import Final
 
 import fabry_perot
 from steradian.core.exceptions import ScanFailed
-from steradian.scans.acquisition.control import ENDING, Control, Wish
+from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl
 
 LOOK: Final = 0.1
 """Seconds between two looks at what is wished."""
@@ -26,22 +26,22 @@ class GivenUp(ScanFailed):
         What was wished.
     """
 
-    def __init__(self, wish: Wish) -> None:
+    def __init__(self, wish: Command) -> None:
         self.wish = wish
         super().__init__(f"the scan was given up on request ({wish}) before the scanner had answered")
 
 
-def ending_wish(control: Control) -> Wish | None:
+def ending_wish(control: SessionControl) -> Command | None:
     """Return the wish that ends the session, if there is one."""
     try:
-        wish = control.wish()
+        wish = control.command()
     except Exception:  # what speaks against the scan is raised where it is asked for in order
         return None
-    return wish if wish in ENDING else None
+    return wish if wish in TERMINAL_COMMANDS else None
 
 
 @contextmanager
-def hearing(scanner: fabry_perot.Scanner, control: Control) -> Iterator[None]:
+def hearing(scanner: fabry_perot.Scanner, control: SessionControl) -> Iterator[None]:
     """Close the connection when a wish to end the scan is not acted upon within :data:`GRACE` seconds.
 
     For the time in which the scanner is prepared: the laser is off or goes off with the connection, and the file holds
@@ -52,7 +52,7 @@ def hearing(scanner: fabry_perot.Scanner, control: Control) -> Iterator[None]:
     GivenUp
         When the connection was closed for a wish.
     """
-    over, closed_for = threading.Event(), list[Wish]()
+    over, closed_for = threading.Event(), list[Command]()
 
     def listen() -> None:
         waited = 0.0

@@ -13,13 +13,13 @@ from steradian.core.exceptions import Conflict, ScanFailed
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition.excitation import tune_excitation
 from steradian.scans.file.create import tuning_map_hash
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.verify import CheckReport
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.writer import ScanFileWriter
 
-SHOTS = 16
+REFERENCE_SHOTS = 16
 """Shots averaged when the reference point is measured again."""
-WEAK = 4.0
+MIN_SNR = 4.0
 """Below this ratio of power to noise an A-line proves nothing."""
 
 
@@ -52,7 +52,7 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Check:
     """One comparison.
 
     Attributes
@@ -79,16 +79,16 @@ class Finding:
         return f"{self.what} was {self.then} and is {self.now}{allowed}"
 
 
-def require(findings: list[Finding]) -> None:
+def require_all(findings: list[Check]) -> None:
     """Raise :class:`ResumeRefused` with every difference, if there is one."""
     differences = [str(finding) for finding in findings if not finding.agrees]
     if differences:
         raise ResumeRefused("the scan cannot be resumed: " + "; ".join(differences))
 
 
-def compare_identity(store: AlineStore, plan: ScanPlan | None, capabilities: fabry_perot.Capabilities) -> list[Finding]:
+def check_identity(store: ScanFileWriter, plan: ScanPlan | None, capabilities: fabry_perot.Capabilities) -> list[Check]:
     """Compare plan, tuning map and scanner with those that the file was made for."""
-    with open_to_read(store.path) as file:
+    with open_for_reading(store.path) as file:
         plan_id, serial = str(file["plan"].attrs["id"]), str(file.attrs["scanner"])
         tuning, simulated = str(file.attrs.get("tuning_map", "")), bool(file.attrs["simulated"])
     pairs = [("the scanner", serial, capabilities.serial)]
@@ -96,10 +96,10 @@ def compare_identity(store: AlineStore, plan: ScanPlan | None, capabilities: fab
     if plan is not None:
         pairs.append(("the plan", plan_id, plan.id))
         pairs.append(("the tuning map", tuning or tuning_map_hash(plan), tuning_map_hash(plan)))
-    return [Finding(what, then, now, "", then == now) for what, then, now in pairs]
+    return [Check(what, then, now, "", then == now) for what, then, now in pairs]
 
 
-def note_tuning(scanner: fabry_perot.Scanner, store: AlineStore) -> None:
+def record_tuning(scanner: fabry_perot.Scanner, store: ScanFileWriter) -> None:
     """Sweep the bias wavelength at the first point of a new scan and record the curve."""
     if scanner.capabilities.tuning_time:
         point = int(store.course.visit[0])
@@ -107,7 +107,7 @@ def note_tuning(scanner: fabry_perot.Scanner, store: AlineStore) -> None:
         store.set_reference(point, curve.bias, curve.sensitivity, curve.reflectivity)
 
 
-def compare_tuning(scanner: fabry_perot.Scanner, store: AlineStore, tolerance: Tolerance) -> list[Finding]:
+def compare_tuning(scanner: fabry_perot.Scanner, store: ScanFileWriter, tolerance: Tolerance) -> list[Check]:
     """Sweep again where the scan began and compare; nothing when that was not done then."""
     noted = store.reference()
     if noted is None or not scanner.capabilities.tuning_time:
@@ -116,14 +116,14 @@ def compare_tuning(scanner: fabry_perot.Scanner, store: AlineStore, tolerance: T
     curve = _sweep(scanner, store, point)
     ratio = curve.sensitivity / sensitivity
     return [
-        Finding(
+        Check(
             f"the bias wavelength at point {point}",
             f"{1e9 * bias:.4f} nm",
             f"{1e9 * curve.bias:.4f} nm",
             f"±{1e9 * tolerance.bias:g} nm",
             abs(curve.bias - bias) <= tolerance.bias,
         ),
-        Finding(
+        Check(
             f"the film's sensitivity at point {point}",
             "1",
             f"{ratio:.3g} of that",
@@ -133,15 +133,15 @@ def compare_tuning(scanner: fabry_perot.Scanner, store: AlineStore, tolerance: T
     ]
 
 
-def compare_reference(
-    scanner: fabry_perot.Scanner, store: AlineStore, report: CheckReport, tolerance: Tolerance
-) -> list[Finding]:
+def check_reference_point(
+    scanner: fabry_perot.Scanner, store: ScanFileWriter, report: CheckReport, tolerance: Tolerance
+) -> list[Check]:
     """Measure the point of the strongest stored A-line again and compare; nothing when all are too weak."""
     usable = np.where(store.column("quality") == 0, report.strength, 0)
     usable[np.arange(len(usable)) % store.course.beams > 0] = 0  # the first beam alone measures it again
     row = int(usable.argmax())
     then = store.read_row(row).astype(np.float64)
-    if not usable[row] or _power_over_noise(then) < WEAK:
+    if not usable[row] or _power_over_noise(then) < MIN_SNR:
         return []
     again = _measure(scanner, store, row)
     before = _pressure(then, float(store.column("scale")[row]), float(store.column("energy")[row]))
@@ -152,14 +152,14 @@ def compare_reference(
     where = f"the reference A-line at point {row % store.course.points}"
     low, high = 1 / tolerance.gain, tolerance.gain
     return [
-        Finding(
+        Check(
             where,
             "itself",
             f"correlated with it by {correlation:.3f}",
             f"at least {tolerance.correlation:g}",
             correlation >= tolerance.correlation,
         ),
-        Finding(where, "1", f"{gain:.3g} times as strong", f"{low:.3g} to {high:.3g}", low <= gain <= high),
+        Check(where, "1", f"{gain:.3g} times as strong", f"{low:.3g} to {high:.3g}", low <= gain <= high),
     ]
 
 
@@ -167,16 +167,16 @@ def _kind(simulated: bool) -> str:
     return "simulated" if simulated else "real"
 
 
-def _sweep(scanner: fabry_perot.Scanner, store: AlineStore, point: int) -> fabry_perot.TuningCurve:
+def _sweep(scanner: fabry_perot.Scanner, store: ScanFileWriter, point: int) -> fabry_perot.TuningCurve:
     x, y = store.course.positions[point].tolist()
     return scanner.tune(x, y)
 
 
-def _measure(scanner: fabry_perot.Scanner, store: AlineStore, row: int) -> fabry_perot.ALine:
+def _measure(scanner: fabry_perot.Scanner, store: ScanFileWriter, row: int) -> fabry_perot.ALine:
     """Re-measure the point of one row, into memory; its shots count as fired for the scan."""
     course = store.course
     tune_excitation(scanner, course.excitation[row // course.points])
-    shots, tag = min(SHOTS, scanner.capabilities.averages[1]), 1 + secrets.randbelow(0xFFFFFFFE)
+    shots, tag = min(REFERENCE_SHOTS, scanner.capabilities.averages[1]), 1 + secrets.randbelow(0xFFFFFFFE)
     course.upload(scanner, np.array([row]), tag, averages=shots, alone=True)
     scanner.start(scanner.arm())
     found: list[fabry_perot.ALine] = []
@@ -185,7 +185,7 @@ def _measure(scanner: fabry_perot.Scanner, store: AlineStore, row: int) -> fabry
         scanner.acknowledge(batch[-1])
     if not found:
         raise ScanFailed("the scanner did not measure the reference point")
-    store.set_fired(store.fired + scanner.report().fired)
+    store.record_shot_count(store.fired + scanner.report().fired)
     return found[0]
 
 

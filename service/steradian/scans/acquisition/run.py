@@ -12,30 +12,30 @@ import numpy as np
 
 import fabry_perot
 from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import ENDING, Control, End, Wish
+from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome
 from steradian.scans.acquisition.end_requests import GivenUp, ending_wish, hearing
 from steradian.scans.acquisition.excitation import check_excitation
 from steradian.scans.acquisition.resume_checks import (
-    Finding,
+    Check,
     Tolerance,
-    compare_identity,
-    compare_reference,
+    check_identity,
+    check_reference_point,
     compare_tuning,
-    note_tuning,
-    require,
+    record_tuning,
+    require_all,
 )
 from steradian.scans.acquisition.session import DEFAULT, ScanSession
-from steradian.scans.file.create import check_disk, create_scan_file, scan_file_bytes
-from steradian.scans.file.program import Course
-from steradian.scans.file.verify import CheckReport, check_scan_file
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.create import check_free_space, create_scan_file, scan_file_bytes
+from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.verify import CheckReport, verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter
 
 _log = logging.getLogger(__name__)
-PATTERN = 1e-7
+BEAM_PATTERN_TOLERANCE = 1e-7
 """Beams are where a plan says to so many metres."""
-BAD = 0xF
+RETRY_FLAGS = 0xF
 """Quality flags of an A-line worth measuring again: saturated, mistuned, misfire, partial average."""
 
 
@@ -63,9 +63,9 @@ class ScanSummary:
     points: int
     fired: int
     stored: int
-    end: End = End.COMPLETE
+    end: SessionOutcome = SessionOutcome.COMPLETE
     rescued: int = 0
-    findings: tuple[Finding, ...] = field(default=())
+    findings: tuple[Check, ...] = field(default=())
 
 
 def run_scan(
@@ -75,9 +75,9 @@ def run_scan(
     *,
     scan_id: str = "",
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-    control: Control | None = None,
-    recovery: fabry_perot.Recovery = DEFAULT,
+    cancelled: CancelCheck | None = None,
+    control: SessionControl | None = None,
+    recovery: fabry_perot.RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
     """Measure every point of a plan and keep the A-lines in a scan file.
 
@@ -114,11 +114,11 @@ def run_scan(
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
     path.parent.mkdir(parents=True, exist_ok=True)
-    if (warning := check_disk(path.parent, scan_file_bytes(plan))) is not None:
+    if (warning := check_free_space(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
-    starter = control or Control(progress, cancelled)
+    starter = control or SessionControl(progress, cancelled)
     try:
-        with _scanner(scanner_url, recovery, starter) as scanner:
+        with _connected_scanner(scanner_url, recovery, starter) as scanner:
             model = scanner.capabilities
             check_scanner(plan, model)
             create_scan_file(
@@ -131,13 +131,13 @@ def run_scan(
                 pulse_energy=model.pulse_energy,
                 film=model.film,
             )
-            with AlineStore(path) as store:
+            with ScanFileWriter(path) as store:
                 with hearing(scanner, starter):
-                    note_tuning(scanner, store)
-                end = ScanSession(scanner, store, starter, recovery.within).measure(store.missing)
+                    record_tuning(scanner, store)
+                end = ScanSession(scanner, store, starter, recovery.within).acquire(store.missing)
                 return _summary(store, end, asked=control is not None)
     except GivenUp as error:
-        return _given_up(path, Course.of_plan(plan).count, error.wish, asked=control is not None)
+        return _given_up(path, ScanProgram.of_plan(plan).count, error.wish, asked=control is not None)
 
 
 def resume_scan(
@@ -148,9 +148,9 @@ def resume_scan(
     retry: int = 0,
     tolerance: Tolerance | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
-    control: Control | None = None,
-    recovery: fabry_perot.Recovery = DEFAULT,
+    cancelled: CancelCheck | None = None,
+    control: SessionControl | None = None,
+    recovery: fabry_perot.RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
     """Resume an interrupted or partial scan in the same file, with the missing points.
 
@@ -166,7 +166,7 @@ def resume_scan(
     plan
         Must be the file's, if it is given.
     retry
-        Quality flags (:data:`BAD`: any): stored A-lines with one of them are measured again, too.
+        Quality flags (:data:`RETRY_FLAGS`: any): stored A-lines with one of them are measured again, too.
     tolerance
         What may have changed.
 
@@ -180,40 +180,44 @@ def resume_scan(
         As of :func:`run_scan`.
     """
     allowed = tolerance or Tolerance()
-    report = check_scan_file(path, progress=progress)
-    starter = control or Control(progress, cancelled)
+    report = verify_scan_file(path, progress=progress)
+    starter = control or SessionControl(progress, cancelled)
     asked = control is not None
     try:
-        with _scanner(scanner_url, recovery, starter) as scanner, AlineStore(path) as store:
-            findings = compare_identity(store, plan, scanner.capabilities)
-            require(findings)
+        with _connected_scanner(scanner_url, recovery, starter) as scanner, ScanFileWriter(path) as store:
+            findings = check_identity(store, plan, scanner.capabilities)
+            require_all(findings)
             session = ScanSession(scanner, store, starter, recovery.within)
-            rescued = session.rescue()
+            rescued = session.drain_previous_upload()
             wanted = store.missing | store.flagged(retry)
             if not wanted.any():
-                return _summary(store, End.COMPLETE, rescued, findings)
+                return _summary(store, SessionOutcome.COMPLETE, rescued, findings)
             with hearing(scanner, starter):
-                if (wish := starter.wish()) not in ENDING:
+                if (wish := starter.command()) not in TERMINAL_COMMANDS:
                     findings += compare_tuning(scanner, store, allowed)
-                    require(findings)
-                    wish = starter.wish()
-                if wish in ENDING:  # not a shot more, and what the disk did not take is still in the scanner
+                    require_all(findings)
+                    wish = starter.command()
+                if wish in TERMINAL_COMMANDS:  # not a shot more, and what the disk did not take is still in the scanner
                     return _summary(store, _end_of(wish), rescued, findings, asked=asked)
                 findings += _compare_reference(scanner, store, report, allowed, starter)
-            require(findings)
-            end = session.measure(wanted)
+            require_all(findings)
+            end = session.acquire(wanted)
             return _summary(store, end, rescued, findings, asked=asked)
     except GivenUp as error:
         return _given_up(path, report.rows, error.wish, asked=asked)
 
 
 def _compare_reference(
-    scanner: fabry_perot.Scanner, store: AlineStore, report: CheckReport, allowed: Tolerance, starter: Control
-) -> list[Finding]:
+    scanner: fabry_perot.Scanner,
+    store: ScanFileWriter,
+    report: CheckReport,
+    allowed: Tolerance,
+    starter: SessionControl,
+) -> list[Check]:
     """Measure the reference point again, which fires, and compare it."""
     starter.may_fire(True)
     try:
-        return compare_reference(scanner, store, report, allowed)
+        return check_reference_point(scanner, store, report, allowed)
     finally:
         starter.may_fire(False)
 
@@ -222,7 +226,7 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
     """Raise an error for requirements of a plan that the scanner does not meet, before a file is created."""
     check_pattern(plan.beams, capabilities)
     capabilities.check(
-        plan.places,
+        plan.beam_positions,
         samples=plan.samples,
         sampling_interval=plan.sampling_interval,
         pulse_rate=plan.pulse_rate,
@@ -239,20 +243,22 @@ def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_pero
     theirs = capabilities.beam_offsets
     if len(beams) > len(theirs):
         raise InvalidInput("beams", f"{len(beams)} of them", f"at most {len(theirs)}, which this scanner has")
-    if beams and not np.allclose(beams, theirs[: len(beams)], rtol=0, atol=PATTERN):
+    if beams and not np.allclose(beams, theirs[: len(beams)], rtol=0, atol=BEAM_PATTERN_TOLERANCE):
         worst = int(np.abs(np.subtract(beams, theirs[: len(beams)])).max(axis=1).argmax())
         (x, y), (u, v) = beams[worst], theirs[worst]
         raise InvalidInput(f"beams[{worst}]", f"({x:g}, {y:g}) m", f"({u:g}, {v:g}) m, where this scanner's is")
 
 
 @contextmanager
-def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iterator[fabry_perot.Scanner]:
+def _connected_scanner(
+    url: str, recovery: fabry_perot.RecoveryPolicy, starter: SessionControl
+) -> Iterator[fabry_perot.Scanner]:
     """Connect to the scanner, guarded until the laser is off, and translate its errors."""
     scanner: fabry_perot.Scanner | None = None
     try:
         with ExitStack() as stack:
             scanner = fabry_perot.connect(url, recovery=recovery, cancelled=lambda: ending_wish(starter) is not None)
-            stack.enter_context(starter.guarding(scanner))
+            stack.enter_context(starter.monitor(scanner))
             stack.enter_context(scanner)
             require_no_fault(scanner)
             yield scanner
@@ -260,11 +266,11 @@ def _scanner(url: str, recovery: fabry_perot.Recovery, starter: Control) -> Iter
         raise InvalidInput(error.field, error.value, error.allowed) from error
     except fabry_perot.ScannerError as error:
         wish = ending_wish(starter)
-        if wish is Wish.ABORT or (wish is not None and scanner is None):
+        if wish is Command.ABORT or (wish is not None and scanner is None):
             raise GivenUp(wish) from error
         if scanner is not None:
             require_no_fault(scanner, error)
-        if isinstance(error, fabry_perot.LeaseLapsed | fabry_perot.DeviceRestarted | fabry_perot.ScanAborted):
+        if isinstance(error, fabry_perot.LeaseExpired | fabry_perot.DeviceRestarted | fabry_perot.ScanAborted):
             raise ScanInterrupted(f"{error}; resume the scan when the laser may fire again") from error
         raise ScanFailed(str(error)) from error
 
@@ -277,14 +283,14 @@ def require_no_fault(scanner: fabry_perot.Scanner, cause: Exception | None = Non
         raise FaultLatched(code, f"{fault}; {fault.remedy}, then clear the fault") from cause
 
 
-def _end_of(wish: Wish) -> End:
-    return End.ABORTED if wish is Wish.ABORT else End.STOPPED
+def _end_of(wish: Command) -> SessionOutcome:
+    return SessionOutcome.ABORTED if wish is Command.ABORT else SessionOutcome.STOPPED
 
 
-def _given_up(path: Path, points: int, wish: Wish, *, asked: bool) -> ScanSummary:
+def _given_up(path: Path, points: int, wish: Command, *, asked: bool) -> ScanSummary:
     """Sum up a session that ended before the scanner had answered; its file may not have been made."""
     if path.exists():
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             return _summary(store, _end_of(wish), asked=asked)
     if not asked:
         raise Cancelled("the scan was stopped before it began; nothing is written")
@@ -292,8 +298,13 @@ def _given_up(path: Path, points: int, wish: Wish, *, asked: bool) -> ScanSummar
 
 
 def _summary(
-    store: AlineStore, end: End, rescued: int = 0, findings: list[Finding] | None = None, *, asked: bool = True
+    store: ScanFileWriter,
+    end: SessionOutcome,
+    rescued: int = 0,
+    findings: list[Check] | None = None,
+    *,
+    asked: bool = True,
 ) -> ScanSummary:
-    if end is not End.COMPLETE and not asked:
+    if end is not SessionOutcome.COMPLETE and not asked:
         raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
     return ScanSummary(store.path, store.count, store.fired, store.stored, end, rescued, tuple(findings or ()))

@@ -19,7 +19,7 @@ _CONNECTIONS: Final = {"connected": "connected", "disconnected": "disconnected",
 def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
     """Return the last status of a connected scanner; ``None`` if it has sent none."""
     try:
-        heard = in_words(scanner.status, scanner.silence)
+        heard = in_words(scanner.status, scanner.seconds_since_heard)
     except fabry_perot.ScannerError:
         return None
     if heard.age > LOST:

@@ -22,31 +22,31 @@ import fabry_perot
 from fabry_perot.clock import RealClock
 from fabry_perot.wire.states import HoldCause
 from steradian.core.exceptions import ScanInterrupted
-from steradian.scans.acquisition.control import ENDING, Control, End, Phase, Wish
+from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.end_requests import hearing
 from steradian.scans.acquisition.excitation import tune_excitation
-from steradian.scans.file.create import is_full
-from steradian.scans.file.program import Course, Segment
-from steradian.scans.file.writer import AlineStore, Upload
+from steradian.scans.file.create import is_disk_full_error
+from steradian.scans.file.program import ProgramSegment, ScanProgram
+from steradian.scans.file.writer import ScanFileWriter, UploadRecord
 
 _log = logging.getLogger(__name__)
-DEFAULT = fabry_perot.Recovery()
-LOOK = 0.1
+DEFAULT = fabry_perot.RecoveryPolicy()
+POLL_INTERVAL = 0.1
 """Seconds between two looks at what is wished, while nothing is fired."""
-SILENCE = 3.0
+STALE_AFTER = 3.0
 """Seconds without a word from a scanner after which its scan does not count as running."""
-TRIES = 30
+MAX_TRIES = 30
 """A request whose link is lost is made so often before the scan is given up."""
 INSISTENCE, ARMING = 12.0, 3.0
 """Seconds after which no further try is made: of a scan that runs, and of one that has not fired yet."""
-AGAIN = 1.0
+RETRY_INTERVAL = 1.0
 """Seconds between two attempts to write to a full disk."""
 _STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
 """Why a scanner stands that was not stopped by us."""
-Answer = TypeVar("Answer")
-URGENT = frozenset({Wish.LEAVE, Wish.ABORT})
+ResultT = TypeVar("ResultT")
+URGENT = frozenset({Command.SHUTDOWN, Command.ABORT})
 """Wishes for which a request is not made again."""
-_STANDING = frozenset({"paused", "safe_hold", "ready"})
+_HALTED_PHASES = frozenset({"paused", "safe_hold", "ready"})
 """States of a scanner that fires again only when told to."""
 
 
@@ -66,22 +66,26 @@ class ScanSession:
     """
 
     def __init__(
-        self, scanner: fabry_perot.Scanner, store: AlineStore, control: Control, within: float = DEFAULT.within
+        self,
+        scanner: fabry_perot.Scanner,
+        store: ScanFileWriter,
+        control: SessionControl,
+        within: float = DEFAULT.within,
     ) -> None:
         self._scanner, self._store, self._control = scanner, store, control
-        self._course: Course = store.course
+        self._course: ScanProgram = store.course
         self._rows: NDArray[np.int64] = np.zeros(0, np.int64)
         self._taken: deque[Sequence[fabry_perot.ALine]] = deque()
         """Batches that are not stored yet, in order: the scanner still holds them, but sends each once."""
         self._fired_before = self._shots_before = 0
-        self._phase: Phase | None = None
+        self._phase: SessionPhase | None = None
         self._within = within
         self._fires = False
         """Whether the laser is to fire, were it not for something that passes."""
         self._rested = 0.0
         """Seconds for which it has not, if that was too long."""
 
-    def rescue(self) -> int:
+    def drain_previous_upload(self) -> int:
         """Store A-lines of the previous upload that the scanner still holds, without firing; returns their number.
 
         After this process was killed the scanner holds A-lines that were fired and never acknowledged.
@@ -100,7 +104,7 @@ class ScanSession:
         self._count(last.fired + self._laser_shots() - last.laser_shots)
         return self._store.stored - before
 
-    def measure(self, wanted: NDArray[np.bool_]) -> End:
+    def acquire(self, wanted: NDArray[np.bool_]) -> SessionOutcome:
         """Measure the ``wanted`` rows (F·M,) in the order of interrogation.
 
         Raises
@@ -108,35 +112,35 @@ class ScanSession:
         fabry_perot.ScannerError
             When the scanner or its link gave up; every acknowledged A-line is stored.
         """
-        end = End.COMPLETE
-        for segment in self._course.segments(wanted):
-            wish = self._control.wish()
-            if wish in ENDING:
+        end = SessionOutcome.COMPLETE
+        for segment in self._course.iter_segments(wanted):
+            wish = self._control.command()
+            if wish in TERMINAL_COMMANDS:
                 return self._leave(wish)
             end = self._measure(segment)
-            if end is not End.COMPLETE:
+            if end is not SessionOutcome.COMPLETE:
                 return end
-        self._enter(Phase.COMPLETING)
+        self._enter(SessionPhase.COMPLETING)
         return end
 
-    def _measure(self, segment: Segment) -> End:
-        if self._phase not in {Phase.RUNNING, Phase.RESCUING}:
-            self._enter(Phase.ARMING)
+    def _measure(self, segment: ProgramSegment) -> SessionOutcome:
+        if self._phase not in {SessionPhase.RUNNING, SessionPhase.RESCUING}:
+            self._enter(SessionPhase.ARMING)
         tag = 1 + secrets.randbelow(0xFFFFFFFE)
         with hearing(self._scanner, self._control):
             tune_excitation(self._scanner, segment.excitation)
             try:
-                upload = Upload(segment.rows, tag, self._store.fired, self._laser_shots(ENDING))
+                upload = UploadRecord(segment.rows, tag, self._store.fired, self._laser_shots(TERMINAL_COMMANDS))
             except fabry_perot.LinkError:
-                if (wish := self._control.wish()) not in ENDING:
+                if (wish := self._control.command()) not in TERMINAL_COMMANDS:
                     raise
-                self._leave(Wish.ABORT)
-                return End.ABORTED if wish is Wish.ABORT else End.STOPPED
-        if not self._store_patiently(lambda: self._store.note_upload(upload)):
-            return self._leave(self._control.wish())
+                self._leave(Command.ABORT)
+                return SessionOutcome.ABORTED if wish is Command.ABORT else SessionOutcome.STOPPED
+        if not self._store_patiently(lambda: self._store.record_upload(upload)):
+            return self._leave(self._control.command())
         with hearing(self._scanner, self._control):
             self._course.upload(self._scanner, segment.rows, tag)
-        if (wish := self._control.wish()) in ENDING:
+        if (wish := self._control.command()) in TERMINAL_COMMANDS:
             return self._leave(wish)
         self._rows = segment.rows
         self._taken.clear()
@@ -146,7 +150,7 @@ class ScanSession:
                 return self._leave(early)
             while (end := self._take()) is None:
                 pass
-            if end is End.ABORTED:
+            if end is SessionOutcome.ABORTED:
                 self._note_fired()
                 return end
             self._report_fired()
@@ -157,12 +161,14 @@ class ScanSession:
             self._may_fire(False)
         return end
 
-    def _start(self) -> Wish | None:
+    def _start(self) -> Command | None:
         """Start the scanner; returns the wish to end that came before it."""
         self._may_fire(True)
         with hearing(self._scanner, self._control):
             token = self._scanner.arm()
-            if (wish := self._control.wish()) in ENDING:  # wished before ARM; an abort after it spends the token
+            if (
+                wish := self._control.command()
+            ) in TERMINAL_COMMANDS:  # wished before ARM; an abort after it spends the token
                 return wish
             self._scanner.start(token)
         return None
@@ -171,86 +177,86 @@ class ScanSession:
         self._fires = allowed
         self._control.may_fire(allowed)
 
-    def _after_a_lapse(self, lapse: fabry_perot.LeaseLapsed) -> End | None:
+    def _after_a_lapse(self, lapse: fabry_perot.LeaseExpired) -> SessionOutcome | None:
         """Keep the laser off after a lapse, unless a requested pause ends now; execute other commands."""
-        wish = self._control.wish()
-        if wish is Wish.PAUSE:
+        wish = self._control.command()
+        if wish is Command.PAUSE:
             wish = self._pause()
-            if wish is Wish.RUN:
+            if wish is Command.RUN:
                 return None
-        if wish in ENDING:
+        if wish in TERMINAL_COMMANDS:
             return self._leave(wish)
         raise lapse
 
-    def _laser_shots(self, ending: frozenset[Wish] = URGENT) -> int:
+    def _laser_shots(self, ending: frozenset[Command] = URGENT) -> int:
         """Return the laser's own counter, which lasts longer than the scanner's boots."""
         return int(self._insist(self._scanner.statistics, ending)["laser_shots"])
 
-    def _take(self) -> End | None:
+    def _take(self) -> SessionOutcome | None:
         """Store received A-lines; returns the outcome, or ``None`` if the session continues."""
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
-                    return self._leave(self._control.wish())
+                    return self._leave(self._control.command())
                 if self._rested:
                     self._drain()
                     raise ScanInterrupted(
                         f"the laser rested {self._rested:.0f} s for a full disk; what it fired is stored, resume when"
                         " it may fire again"
                     )
-                recovering = self._scanner.recovering or self._scanner.silence > SILENCE
+                recovering = self._scanner.is_recovering or self._scanner.seconds_since_heard > STALE_AFTER
                 if recovering:
-                    self._enter(Phase.RECOVERING)
-                elif self._phase is Phase.RECOVERING or batch:
-                    self._enter(Phase.RUNNING)
-                wish = self._control.wish()
-                if wish is Wish.PAUSE and not recovering:
+                    self._enter(SessionPhase.RECOVERING)
+                elif self._phase is SessionPhase.RECOVERING or batch:
+                    self._enter(SessionPhase.RUNNING)
+                wish = self._control.command()
+                if wish is Command.PAUSE and not recovering:
                     wish = self._pause()
-                if wish in ENDING and not (wish is Wish.STOP and recovering):
+                if wish in TERMINAL_COMMANDS and not (wish is Command.STOP and recovering):
                     return self._leave(wish)
-        except fabry_perot.LeaseLapsed as lapse:
+        except fabry_perot.LeaseExpired as lapse:
             return self._after_a_lapse(lapse)
         except fabry_perot.ScanAborted:
-            if self._control.wish() is not Wish.ABORT:
+            if self._control.command() is not Command.ABORT:
                 raise
-            return self._leave(Wish.ABORT)
-        return End.COMPLETE
+            return self._leave(Command.ABORT)
+        return SessionOutcome.COMPLETE
 
-    def _pause(self) -> Wish:
+    def _pause(self) -> Command:
         """Stop firing, store fired shots, and wait for another command, which is returned."""
-        self._enter(Phase.PAUSING)
+        self._enter(SessionPhase.PAUSING)
         self._halt()
-        self._enter(Phase.PAUSED)
+        self._enter(SessionPhase.PAUSED)
         self._note_fired()
-        while (wish := self._control.wish()) is Wish.PAUSE:
-            self._control.wait(LOOK)
-        if wish is Wish.RUN:
-            self._enter(Phase.ARMING)
+        while (wish := self._control.command()) is Command.PAUSE:
+            self._control.wait(POLL_INTERVAL)
+        if wish is Command.RUN:
+            self._enter(SessionPhase.ARMING)
             self._may_fire(True)
             self._go_on()
         return wish
 
-    def _leave(self, wish: Wish) -> End:
+    def _leave(self, wish: Command) -> SessionOutcome:
         """End before the end."""
-        if wish is Wish.STOP:
-            self._enter(Phase.STOPPING)
+        if wish is Command.STOP:
+            self._enter(SessionPhase.STOPPING)
             self._halt()
-            return End.STOPPED
-        self._enter(Phase.ABORTING)
+            return SessionOutcome.STOPPED
+        self._enter(SessionPhase.ABORTING)
         self._fires = False
-        if wish is Wish.ABORT:
+        if wish is Command.ABORT:
             answer = self._scanner.stop_laser("the scan's own abort")  # not left before the scanner says that it is off
             if answer.laser != "off":
                 _log.warning("the abort is not confirmed, the laser goes off by itself: %s", answer.detail)
-            return End.ABORTED
+            return SessionOutcome.ABORTED
         try:
             self._scanner.abort("laser-off")
         except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
             _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
-            return End.ABORTED
-        self._control.laser_is_off()
+            return SessionOutcome.ABORTED
+        self._control.on_laser_off()
         self._drain()
-        return End.STOPPED
+        return SessionOutcome.STOPPED
 
     def _halt(self) -> None:
         """Stop firing and store the shots already fired."""
@@ -263,7 +269,7 @@ class ScanSession:
         """Stop firing."""
         try:
             self._insist(self._scanner.pause)
-        except fabry_perot.Refused:  # it stands already: done, or the lease has lapsed
+        except fabry_perot.RequestRejected:  # it stands already: done, or the lease has lapsed
             return
 
     def _drain(self) -> None:
@@ -274,9 +280,9 @@ class ScanSession:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
                     return
-                if not self._scanner.holds:
+                if not self._scanner.has_pending_data:
                     return
-        except (fabry_perot.LeaseLapsed, fabry_perot.ScanAborted):
+        except (fabry_perot.LeaseExpired, fabry_perot.ScanAborted):
             return
 
     def _keep(self, batch: Sequence[fabry_perot.ALine] = ()) -> bool:
@@ -287,7 +293,7 @@ class ScanSession:
         """
         if batch:
             if self._phase is None:
-                self._enter(Phase.RESCUING)
+                self._enter(SessionPhase.RESCUING)
             self._taken.append(batch)
         while self._taken:
             first = self._taken[0]
@@ -307,19 +313,19 @@ class ScanSession:
                 write()
                 break
             except OSError as error:
-                if not is_full(error):
+                if not is_disk_full_error(error):
                     raise
             if not blocked:
                 since = clock.now()
                 self._rest()
             blocked = True
-            self._control.blocked(f"the disk of {self._store.path} is full")
-            if self._control.wish() in ENDING:
+            self._control.on_storage_blocked(f"the disk of {self._store.path} is full")
+            if self._control.command() in TERMINAL_COMMANDS:
                 return False
-            self._control.wait(AGAIN)
+            self._control.wait(RETRY_INTERVAL)
         if blocked:
-            self._control.blocked(None)
-            if self._fires and self._control.wish() is Wish.RUN:
+            self._control.on_storage_blocked(None)
+            if self._fires and self._control.command() is Command.RUN:
                 rested = (clock.now() - since) * 1e-6
                 if rested > self._within or not self._go_on(by_itself=True):
                     self._fires, self._rested = False, rested
@@ -331,37 +337,43 @@ class ScanSession:
         Returns whether that was allowed: ``by_itself`` nobody has decided so, and the scanner's own rule holds, which
         is asked again just before the laser starts.
         """
-        if self._scanner.state in _STANDING and self._scanner.status.cause not in _STOPPED:
+        if self._scanner.state in _HALTED_PHASES and self._scanner.status.cause not in _STOPPED:
             try:
                 self._insist(partial(self._scanner.resume, by_itself=by_itself, unless=self._is_to_end))
-            except fabry_perot.LeaseLapsed as error:
+            except fabry_perot.LeaseExpired as error:
                 _log.warning("the scan was not taken up again: %s", error)
                 return False
             except fabry_perot.ScanAborted as error:
                 if not self._is_to_end():
                     raise
                 _log.info("the scan was not taken up again: %s", error)
-            except fabry_perot.Refused as error:  # its state has changed meanwhile; what it is now, the next look tells
+            except (
+                fabry_perot.RequestRejected
+            ) as error:  # its state has changed meanwhile; what it is now, the next look tells
                 _log.info("the scan was not taken up again: %s", error)
         return True
 
     def _is_to_end(self) -> bool:
-        return self._control.wish() in ENDING
+        return self._control.command() in TERMINAL_COMMANDS
 
-    def _insist(self, request: Callable[[], Answer], ending: frozenset[Wish] = URGENT) -> Answer:
+    def _insist(self, request: Callable[[], ResultT], ending: frozenset[Command] = URGENT) -> ResultT:
         """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there.
 
         Before a shot was fired that is not tried for long.
         """
-        arming, clock = self._phase in (None, Phase.ARMING), RealClock()
+        arming, clock = self._phase in (None, SessionPhase.ARMING), RealClock()
         deadline = clock.now() + int(1e6 * (ARMING if arming else INSISTENCE))
-        for left in reversed(range(TRIES)):
+        for left in reversed(range(MAX_TRIES)):
             try:
                 return request()
-            except (fabry_perot.LinkLost, fabry_perot.NoAnswer):
-                if not left or clock.now() > deadline or self._control.wish() in (ENDING if arming else ending):
+            except (fabry_perot.LinkLost, fabry_perot.ResponseTimeout):
+                if (
+                    not left
+                    or clock.now() > deadline
+                    or self._control.command() in (TERMINAL_COMMANDS if arming else ending)
+                ):
                     raise
-            self._control.wait(LOOK)
+            self._control.wait(POLL_INTERVAL)
         raise AssertionError
 
     def _report_fired(self) -> None:
@@ -374,16 +386,16 @@ class ScanSession:
 
     def _note_fired(self) -> None:
         """Record the scanner's shot count; after a reboot it restarts at 0, until the report at the end."""
-        if self._phase not in {None, Phase.RESCUING}:  # the shots of the session before count otherwise
+        if self._phase not in {None, SessionPhase.RESCUING}:  # the shots of the session before count otherwise
             self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
 
     def _count(self, fired: int) -> None:
         """Note shots; a scanner that has forgotten some cannot take them back."""
         fired = max(fired, self._store.stored // self._course.beams * self._course.averages)
         if fired > self._store.fired:
-            self._store.set_fired(fired)
+            self._store.record_shot_count(fired)
 
-    def _enter(self, phase: Phase) -> None:
+    def _enter(self, phase: SessionPhase) -> None:
         if phase is not self._phase:
             self._phase = phase
-            self._control.enter(phase)
+            self._control.on_phase(phase)

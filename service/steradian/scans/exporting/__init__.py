@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.scans.exporting.ipasc import write_ipasc
 from steradian.scans.exporting.sgl import write_sgl
 from steradian.scans.file import schema
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.locking import open_for_reading
 
 __all__ = ["ENDINGS", "ScanFormat", "export_scan"]
 
@@ -27,7 +27,7 @@ def export_scan(
     frame: int | None = None,
     notes: list[str] | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> Path:
     """Write a scan file in another format.
 
@@ -68,12 +68,17 @@ def export_scan(
     draft = destination.with_name(f".{destination.name}.exporting")
     try:
         try:
-            file = open_to_read(scan)
+            file = open_for_reading(scan)
         except OSError as error:
             raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
         with file:
-            if file.attrs.get("format") != schema.FORMAT or file.attrs.get("schema_version") not in schema.READABLE:
-                raise DamagedFile(f"{scan} is no scan file of schema version {', '.join(map(str, schema.READABLE))}")
+            if (
+                file.attrs.get("format") != schema.FORMAT
+                or file.attrs.get("schema_version") not in schema.SUPPORTED_VERSIONS
+            ):
+                raise DamagedFile(
+                    f"{scan} is no scan file of schema version {', '.join(map(str, schema.SUPPORTED_VERSIONS))}"
+                )
             if format == "sgl":
                 told = write_sgl(file, draft, destination.name, frame, progress, cancelled)
                 if notes is not None:

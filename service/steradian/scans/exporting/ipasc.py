@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.rows import ShotTable
 from steradian.scans.importing import ipasc
 from steradian.scans.time_alignment import align, common_grid
 
@@ -32,7 +32,7 @@ EVERY = 2000
 """Detectors between two looks at ``cancelled``."""
 
 
-def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancelled: CancelCheck | None) -> None:
     """Write an open scan file as IPASC.
 
     Raises
@@ -43,17 +43,17 @@ def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancell
         When ``cancelled`` said so.
     """
     with h5py.File(draft, "w") as made:
-        _Export(scan, made, progress, cancelled).write()
+        _Exporter(scan, made, progress, cancelled).write()
 
 
-class _Export:
+class _Exporter:
     """One export, from an open scan file into an open IPASC file."""
 
     def __init__(
-        self, scan: h5py.File, made: h5py.File, progress: Progress | None, cancelled: IsCancelled | None
+        self, scan: h5py.File, made: h5py.File, progress: Progress | None, cancelled: CancelCheck | None
     ) -> None:
         self._scan, self._made, self._progress, self._cancelled = scan, made, progress, cancelled
-        self._samples, self._table = scan["alines/samples"], RowTable.of_file(scan)
+        self._samples, self._table = scan["alines/samples"], ShotTable.of_file(scan)
         self._points = len(scan["mask/weights"])
         self._frames = self._samples.shape[0] // self._points
         light = scan["plan/frame_excitation"][()] if "plan/frame_excitation" in scan else np.zeros(self._frames)
@@ -88,7 +88,7 @@ class _Export:
         for frame in range(self._frames):
             for start, block in self._blocks(frame, "checked A-lines"):
                 rows = slice(frame * self._points + start, frame * self._points + start + len(block))
-                good[rows] &= self._table.take(rows).intact(block)
+                good[rows] &= self._table.take(rows).verify_rows(block)
         return good.reshape(self._frames, self._points)
 
     def _series(self, kept: NDArray[np.int64], shape: tuple[int, ...], delays: NDArray[np.float64]) -> None:

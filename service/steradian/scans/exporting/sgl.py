@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
-from steradian.imaging.geometry.sensor_areas import find_lattice
+from steradian.core.progress import CancelCheck, Progress
+from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
 from steradian.scans.file.origin import read_origin
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.rows import ShotTable
 from steradian.scans.importing import sgl
 from steradian.scans.importing.sgl_name import read_name
 
@@ -48,7 +48,7 @@ def write_sgl(
     name: str,
     frame: int | None,
     progress: Progress | None,
-    cancelled: IsCancelled | None,
+    cancelled: CancelCheck | None,
 ) -> list[str]:
     """Write one frame of an open scan file; returns notes on data that the format cannot store.
 
@@ -77,7 +77,7 @@ def write_sgl(
     frames = len(scan["alines/status"]) // len(grid.places)
     chosen = _frame(frame, frames)
     rows = slice(chosen * len(grid.places), (chosen + 1) * len(grid.places))
-    table = RowTable.of_file(scan, rows)
+    table = ShotTable.of_file(scan, rows)
     if not table.stored.all():
         missing = int((~table.stored).sum())
         raise InvalidInput("scan", f"{missing} of {len(table.stored)} points missing", "every point of the grid")
@@ -101,7 +101,7 @@ def _grid(scan: h5py.File) -> _Grid:
     else:
         along = 1 if said.get("axes") == ["y"] else 0
         return _line(positions[:, 0], along=along, centre=_centre(said, 1))
-    lattice = find_lattice(positions)
+    lattice = detect_sensor_grid(positions)
     if lattice is None:
         raise InvalidInput("scan", f"{len(positions)} points that fill no grid", "a grid or a line of even steps")
     places = np.rint((positions - lattice.first) / lattice.pitch).astype(np.int64)
@@ -115,7 +115,7 @@ def _centre(said: dict[str, Any], axes: int) -> NDArray[np.float64]:
 
 
 def _line(points: NDArray[np.float64], *, along: int, centre: NDArray[np.float64], other: float = 0.0) -> _Grid:
-    lattice = find_lattice(points[:, None])
+    lattice = detect_sensor_grid(points[:, None])
     if lattice is None:
         raise InvalidInput("scan", f"{len(points)} points on a line", "two or more in even steps")
     places = np.rint((points - lattice.first[0]) / lattice.pitch[0]).astype(np.int64)
@@ -140,7 +140,7 @@ def _frame(frame: int | None, frames: int) -> int:
     return frame or 0
 
 
-def _notes_on_time(scan: h5py.File, table: RowTable, name: str) -> list[str]:
+def _notes_on_time(scan: h5py.File, table: ShotTable, name: str) -> list[str]:
     """Check the time zero, which only a name of an .sgl file can state."""
     starts = np.asarray(table["time_zero_s"], np.float64)
     interval = float(scan["plan"].attrs["sampling_interval_s"])
@@ -161,7 +161,7 @@ def _notes_on_time(scan: h5py.File, table: RowTable, name: str) -> list[str]:
     return []
 
 
-def _numbers(scan: h5py.File, grid: _Grid, frame: int, table: RowTable) -> tuple[bytes, bytes]:
+def _numbers(scan: h5py.File, grid: _Grid, frame: int, table: ShotTable) -> tuple[bytes, bytes]:
     """Header and trailer: those of the file that the scan came from, where they fit it, else new ones."""
     samples = scan["alines/samples"].shape[1]
     interval = float(scan["plan"].attrs["sampling_interval_s"])
@@ -199,11 +199,11 @@ def _fits(kept: NDArray[Any], wanted: list[float], grid: _Grid) -> bool:
 def _samples(
     scan: h5py.File,
     rows: slice,
-    table: RowTable,
+    table: ShotTable,
     places: NDArray[np.int64],
     file: Any,
     progress: Progress | None,
-    cancelled: IsCancelled | None,
+    cancelled: CancelCheck | None,
 ) -> None:
     """Write the samples, time slowest, a block of A-lines at a time into a map of the file."""
     samples, points = scan["alines/samples"], len(places)
@@ -218,8 +218,8 @@ def _samples(
         if cancelled and cancelled():
             raise Cancelled(f"the export was stopped at {start} of {points} A-lines")
         block, part = samples[rows.start + start : rows.start + stop], table.take(slice(start, stop))
-        if not part.intact(block).all():
-            wrong = start + int(np.flatnonzero(~part.intact(block))[0])
+        if not part.verify_rows(block).all():
+            wrong = start + int(np.flatnonzero(~part.verify_rows(block))[0])
             raise DamagedFile(f"A-line {wrong} of {scan.filename} does not match its checksum")
         scale = np.asarray(part["scale"], np.float32)[:, None]
         made[:, places[start:stop]] = (block * scale).astype(np.float32).T

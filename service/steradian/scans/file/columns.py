@@ -14,13 +14,13 @@ from fabry_perot import ALineBatch
 from steradian.core.exceptions import InvalidInput
 from steradian.scans.file import schema
 
-TABLE = tuple(name for name in schema.COLUMNS if name not in ("crc32c", "status"))
+METADATA_COLUMNS = tuple(name for name in schema.COLUMNS if name not in ("crc32c", "status"))
 """Columns that come with the A-lines."""
-ATTRIBUTE = {name: name for name in TABLE} | {"time_zero_s": "time_zero_offset_s"}
+ATTRIBUTE_BY_COLUMN = {name: name for name in METADATA_COLUMNS} | {"time_zero_s": "time_zero_offset_s"}
 """What an A-line calls them."""
 
 
-class StorableAline(Protocol):
+class AlineLike(Protocol):
     """Protocol of an A-line accepted by the store (``fabry_perot.ALine`` satisfies it).
 
     ``point`` counts in visit order.
@@ -53,7 +53,7 @@ class StorableAline(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class AlineColumns:
     """A-lines by columns.
 
     Attributes
@@ -65,7 +65,7 @@ class Columns:
     checksums
         CRC-32C of these; the scanner's own where it came with them.
     values
-        The columns of :data:`TABLE`, (n,) each.
+        The columns of :data:`METADATA_COLUMNS`, (n,) each.
     """
 
     points: NDArray[np.int64]
@@ -74,7 +74,7 @@ class Columns:
     values: Mapping[str, NDArray[Any] | list[Any]]
 
 
-def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any]) -> Columns:
+def to_columns(alines: Iterable[AlineLike], samples: int, kind: np.dtype[Any]) -> AlineColumns:
     """Convert A-lines of ``samples`` samples to columns; raises :class:`InvalidInput` for others.
 
     What comes as a batch of the driver's has its columns, and checksums that were made in the scanner, already.
@@ -83,8 +83,8 @@ def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any
         pieces = alines.sample_bytes
         if pieces and len(pieces[0]) != samples * kind.itemsize:
             raise InvalidInput("samples", f"A-lines of {len(pieces[0]) // kind.itemsize} samples", f"{samples} samples")
-        values: dict[str, Any] = {name: alines.column(ATTRIBUTE[name]) for name in TABLE}
-        return Columns(alines.column("point"), pieces, alines.column("crc32c"), values)
+        values: dict[str, Any] = {name: alines.column(ATTRIBUTE_BY_COLUMN[name]) for name in METADATA_COLUMNS}
+        return AlineColumns(alines.column("point"), pieces, alines.column("crc32c"), values)
     each = list(alines)
     for aline in each:
         if aline.samples.shape != (samples,):
@@ -92,5 +92,5 @@ def columns_of(alines: Iterable[StorableAline], samples: int, kind: np.dtype[Any
     pieces = [np.ascontiguousarray(aline.samples, kind).tobytes() for aline in each]
     checksums = [google_crc32c.value(piece) for piece in pieces]
     points = np.array([aline.point for aline in each], np.int64)
-    table = {name: [getattr(aline, ATTRIBUTE[name]) for aline in each] for name in TABLE}
-    return Columns(points, pieces, checksums, table)
+    table = {name: [getattr(aline, ATTRIBUTE_BY_COLUMN[name]) for aline in each] for name in METADATA_COLUMNS}
+    return AlineColumns(points, pieces, checksums, table)

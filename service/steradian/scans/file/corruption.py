@@ -9,7 +9,7 @@ from typing import Final
 
 from steradian.core.exceptions import DamagedFile, SteradianError
 
-BROKEN: Final = (KeyError, IndexError, RuntimeError, ValueError, TypeError, AttributeError, OverflowError)
+HDF5_ERRORS: Final = (KeyError, IndexError, RuntimeError, ValueError, TypeError, AttributeError, OverflowError)
 """Beside ``OSError``; a dataset may have turned into a type or a group, and a text that is none is a ``ValueError``.
 
 ``InvalidInput`` is a ``ValueError``, too: where a block refuses anything, ``SteradianError`` is let through before.
@@ -17,7 +17,7 @@ BROKEN: Final = (KeyError, IndexError, RuntimeError, ValueError, TypeError, Attr
 
 
 @contextmanager
-def reading(path: Path | str, kind: str) -> Iterator[None]:
+def reraise_as_damaged(path: Path | str, kind: str) -> Iterator[None]:
     """Context manager that converts errors of reading a file of a ``kind`` into :class:`DamagedFile`.
 
     Refusals pass through.
@@ -26,5 +26,5 @@ def reading(path: Path | str, kind: str) -> Iterator[None]:
         yield
     except SteradianError:
         raise
-    except (OSError, *BROKEN) as error:
+    except (OSError, *HDF5_ERRORS) as error:
         raise DamagedFile(f"{path} cannot be read as a {kind}: {error}") from error

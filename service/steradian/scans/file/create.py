@@ -21,11 +21,11 @@ from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Conflict, DiskFull
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
-from steradian.scans.file.program import Course
+from steradian.scans.file.program import ScanProgram
 
-MARGIN = 1.2
+FREE_SPACE_MARGIN = 1.2
 """Free space below this many times a scan's need is worth a warning."""
-_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
+DISK_FULL_ERRNOS = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 def create_scan_file(
@@ -83,7 +83,7 @@ def create_scan_file(
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
     path.parent.mkdir(parents=True, exist_ok=True)
-    check_disk(path.parent, scan_file_bytes(plan, sample_kind))
+    check_free_space(path.parent, scan_file_bytes(plan, sample_kind))
     draft = path.with_name(path.name + ".new")
     try:
         with h5py.File(draft, "w") as file:
@@ -97,12 +97,12 @@ def create_scan_file(
             if pulse_energy:
                 file["alines/energy"].attrs[schema.NOMINAL] = pulse_energy
         with draft.open("r+b") as raw:
-            _reserve_disk(raw.fileno(), draft.stat().st_size)
+            _preallocate(raw.fileno(), draft.stat().st_size)
             os.fsync(raw.fileno())
         draft.replace(path)
         sync_folder(path.parent)
     except OSError as error:
-        if is_full(error):
+        if is_disk_full_error(error):
             need = scan_file_bytes(plan, sample_kind) / 1e6
             raise DiskFull(f"{path} needs {need:.1f} MB and the disk is full") from error
         raise
@@ -119,7 +119,7 @@ def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES)
     return padded * plan.samples * sample_kind.itemsize + plan.aline_count * columns + geometry + 65_536
 
 
-def check_disk(folder: Path, need: int) -> str | None:
+def check_free_space(folder: Path, need: int) -> str | None:
     """Compare the bytes needed by a scan with the free bytes of ``folder``.
 
     Returns a warning when little space is left.
@@ -132,14 +132,14 @@ def check_disk(folder: Path, need: int) -> str | None:
     free = shutil.disk_usage(folder).free
     if free < need:
         raise DiskFull(f"the scan needs {need / 1e6:.1f} MB, the disk of {folder} has {free / 1e6:.1f} MB free")
-    if free < MARGIN * need:
+    if free < FREE_SPACE_MARGIN * need:
         return f"the scan needs {need / 1e6:.1f} MB of the {free / 1e6:.1f} MB free on the disk of {folder}"
     return None
 
 
-def is_full(error: OSError) -> bool:
+def is_disk_full_error(error: OSError) -> bool:
     """Whether a write failed because the disk or the user's quota is full."""
-    return error.errno in _FULL
+    return error.errno in DISK_FULL_ERRNOS
 
 
 def tuning_map_hash(plan: ScanPlan) -> str:
@@ -222,7 +222,7 @@ def _write_plan(
             "document": plan.model_dump_json(exclude={"mask", "wavelengths"}),
         }
     )
-    group.create_dataset("visit", data=Course.of_plan(plan).visit if visit is None else visit)
+    group.create_dataset("visit", data=ScanProgram.of_plan(plan).visit if visit is None else visit)
     if plan.wavelengths is not None:
         group.create_dataset("wavelengths", data=plan.wavelengths).attrs["units"] = "m"
         group.create_dataset("bias", data=plan.bias if bias is None else bias).attrs["units"] = "m"
@@ -243,20 +243,22 @@ def _chunk_rows(count: int, samples: int, sample_kind: np.dtype[Any]) -> int:
 
 def _allocate(file: h5py.File, count: int, samples: int, sample_kind: np.dtype[Any]) -> None:
     group = file.create_group("alines")
-    _reserve(group, "samples", (count, samples), sample_kind, (_chunk_rows(count, samples, sample_kind), samples))
+    _create_preallocated(
+        group, "samples", (count, samples), sample_kind, (_chunk_rows(count, samples, sample_kind), samples)
+    )
     group["samples"].attrs.update({"axes": "frame × point, time", "units": "counts; times scale for the pressure unit"})
     for name, kind in schema.COLUMNS.items():
-        _reserve(group, name, (count,), kind, None)
+        _create_preallocated(group, name, (count,), kind, None)
         if name in schema.UNITS:
             group[name].attrs["units"] = schema.UNITS[name]
     group = file.create_group("run")
-    _reserve(group, "queue", (count,), schema.UPLOAD, None)
-    _reserve(group, "upload", (schema.UPLOAD_FIELDS,), schema.UPLOAD, None)
-    _reserve(group, "reference", (4,), schema.REFERENCE, None)
-    _reserve(file, "fired", (), schema.FIRED, None)
+    _create_preallocated(group, "queue", (count,), schema.UPLOAD, None)
+    _create_preallocated(group, "upload", (schema.UPLOAD_FIELDS,), schema.UPLOAD, None)
+    _create_preallocated(group, "reference", (4,), schema.REFERENCE, None)
+    _create_preallocated(file, "fired", (), schema.FIRED, None)
 
 
-def _reserve(
+def _create_preallocated(
     group: h5py.Group, name: str, shape: tuple[int, ...], kind: np.dtype[Any], chunk: tuple[int, ...] | None
 ) -> None:
     """Create a dataset whose bytes have their place in the file at once (zeros, from the reserved space)."""
@@ -268,7 +270,7 @@ def _reserve(
     h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(kind), space, made)
 
 
-def _reserve_disk(file: int, size: int) -> None:
+def _preallocate(file: int, size: int) -> None:
     """Turn the file's holes into reserved space, so that a full disk shows now and not in the middle of a scan.
 
     What is reserved is written once, too: else each batch of a scan would change the file system's own notes of which

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steradian.scans.file import schema
 
 
-def newest_row(file: h5py.File) -> int | None:
+def latest_row(file: h5py.File) -> int | None:
     """Return the row that was stored last, also while a scan is written; ``None`` where none is.
 
     A-lines are stored in the order in which their rows were given to the scanner: it is the last one up to which all of
@@ -25,7 +25,7 @@ def newest_row(file: h5py.File) -> int | None:
     stored = file["alines/status"][:] == schema.STORED
     if not stored.any():
         return None
-    given = _given(file)
+    given = _uploaded_rows(file)
     missing = np.flatnonzero(~stored[given])
     done = int(missing[0]) if len(missing) else len(given)
     if done:
@@ -33,7 +33,7 @@ def newest_row(file: h5py.File) -> int | None:
     return int(np.where(stored, np.asarray(file["alines/shot"], np.int64), -1).argmax())
 
 
-def _given(file: h5py.File) -> NDArray[np.int64]:
+def _uploaded_rows(file: h5py.File) -> NDArray[np.int64]:
     """Return the rows last given to the scanner, in order; none where that is not known for sure."""
     nothing = np.zeros(0, np.int64)
     if "run" not in file:

@@ -19,7 +19,7 @@ def lock(handle: int, path: Path) -> None:
     """Hold a file for writing until it is closed; the system lets go of it when the process dies.
 
     The lock belongs to the open file and not to the process, and it is of another kind than the HDF5 library's: readers
-    are not disturbed. On NFS both kinds are one, see :func:`open_to_read`. Where there are no such locks, nothing is
+    are not disturbed. On NFS both kinds are one, see :func:`open_for_reading`. Where there are no such locks, nothing is
     held.
 
     Raises
@@ -41,7 +41,7 @@ def lock(handle: int, path: Path) -> None:
             raise
 
 
-def open_to_read(path: Path) -> h5py.File:
+def open_for_reading(path: Path) -> h5py.File:
     """Open a scan file for reading, also while another process writes to it.
 
     The HDF5 library locks what it opens, and NFS makes of its lock one of the same kind as the writer's, which keeps

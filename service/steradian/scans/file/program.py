@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class ProgramSegment:
     """Rows of a scan file that are measured in one go.
 
     Attributes
@@ -33,7 +33,7 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class ScanProgram:
     """Points and parameters of a scan; row r of its file is point ``r % M`` of the mask in frame ``r // M``.
 
     Attributes
@@ -117,7 +117,7 @@ class Course:
         frames = np.arange(len(self.excitation), dtype=np.int64)[:, None] * self.points
         return (frames + self.visit).reshape(-1)
 
-    def segments(self, wanted: NDArray[np.bool_]) -> Iterator[Segment]:
+    def iter_segments(self, wanted: NDArray[np.bool_]) -> Iterator[ProgramSegment]:
         """Yield the rows that are ``wanted`` (F·M,) in the order of interrogation, cut where the laser is retuned.
 
         All rows of a place are measured again where one is wanted: its beams share their shots.
@@ -128,7 +128,7 @@ class Course:
         cuts = np.flatnonzero(np.diff(excitation)) + 1
         for piece in np.split(rows, cuts):
             if len(piece):
-                yield Segment(self.excitation[int(piece[0]) // self.points], piece)
+                yield ProgramSegment(self.excitation[int(piece[0]) // self.points], piece)
 
     def upload(
         self,
@@ -154,13 +154,13 @@ class Course:
             pulse_rate=self.pulse_rate,
             averages=self.averages if averages is None else averages,
             wavelength=0.0 if self.wavelengths is None else self.wavelengths[points],
-            gated=self.gated(rows),
+            gated=self.gated_points(rows),
             resume=resume,
             tag=tag,
             beams=beams,
         )
 
-    def gated(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def gated_points(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which of the ``rows`` (K,), measured in this order, wait for the gate."""
         frame = rows // self.points
         begins: NDArray[np.bool_] = np.diff(frame, prepend=-1) != 0

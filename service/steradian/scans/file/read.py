@@ -14,14 +14,14 @@ from steradian.core.exceptions import DamagedFile
 from steradian.masks.lattice import imported_modes
 from steradian.scans.file import schema
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
-from steradian.scans.file.corruption import reading
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.origin import notes_of, read_origin
-from steradian.scans.file.program import Course
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.sensitivity import sensitivity_of
 from steradian.scans.frames import Frame, frame_number
-from steradian.scans.recording import Recording, Shots
+from steradian.scans.recording import Recording, ShotMetadata
 
 
 def list_frames(path: Path) -> tuple[Frame, ...]:
@@ -32,9 +32,9 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
     DamagedFile
         When the file is truncated, of another kind or newer.
     """
-    with reading(path, "scan"), open_to_read(path) as file:
+    with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
         _check_kind(path, file)
-        course = Course.of_file(file)
+        course = ScanProgram.of_file(file)
         stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
         fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
     times = [frame[those] for frame, those in zip(fired, stored, strict=True)]
@@ -64,7 +64,7 @@ def read_scan(path: Path, frame: int | list[int] | None = 0) -> Recording:
     DamagedFile
         When the file is truncated, of another kind or newer, or holds no A-line.
     """
-    with reading(path, "scan"), open_to_read(path) as file:
+    with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
         _check_kind(path, file)
         return _read(path, file, frame)
 
@@ -73,8 +73,8 @@ def _check_kind(path: Path, file: h5py.File) -> None:
     kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if kind != schema.FORMAT:
         raise DamagedFile(f"{path} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}")
-    if version not in schema.READABLE:
-        allowed = ", ".join(str(number) for number in schema.READABLE)
+    if version not in schema.SUPPORTED_VERSIONS:
+        allowed = ", ".join(str(number) for number in schema.SUPPORTED_VERSIONS)
         raise DamagedFile(f"{path} has schema version {version}; this program reads {allowed}")
 
 
@@ -86,7 +86,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
     parts = [_rows_of(file, number, points) for number in numbers]
     stored, traces = (np.concatenate([part[n] for part in parts]) for n in (0, 1))
     rows = np.concatenate([part[0] + number * points for part, number in zip(parts, numbers, strict=True)])
-    table = RowTable.joined([part[2] for part in parts])
+    table = ShotTable.joined([part[2] for part in parts])
     if not len(stored):
         raise DamagedFile(f"{path} holds no A-line yet")
     aperture, arrangement = float(mask.attrs["aperture_m"]), arrangement_of(mask)
@@ -125,19 +125,19 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
     )
 
 
-def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64], NDArray[Any], RowTable]:
+def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64], NDArray[Any], ShotTable]:
     """Return the stored, intact rows of a frame: (n,) their points, (n, N_t) samples, columns."""
     rows = slice(frame * points, (frame + 1) * points)
-    table = RowTable.of_file(file, rows)
+    table = ShotTable.of_file(file, rows)
     stored = np.flatnonzero(table.stored)
     traces, table = np.asarray(file["alines/samples"][rows])[stored], table.take(stored)
-    whole = table.intact(traces)  # a power cut may leave a row that was never acknowledged half written
+    whole = table.verify_rows(traces)  # a power cut may leave a row that was never acknowledged half written
     return stored[whole], traces[whole], table.take(whole)
 
 
-def shots_of(table: RowTable) -> Shots:
+def shots_of(table: ShotTable) -> ShotMetadata:
     """Return the per-A-line metadata of a scan file's rows."""
-    return Shots(
+    return ShotMetadata(
         energy=table["energy"].astype(np.float64),
         time_zero=table["time_zero_s"].astype(np.float64),
         quality=table["quality"],

@@ -20,7 +20,7 @@ from steradian.scans.file import schema
 
 
 @dataclass(frozen=True, eq=False)
-class RowTable:
+class ShotTable:
     """Columns of some rows of a scan file.
 
     Attributes
@@ -57,7 +57,7 @@ class RowTable:
         return cls(version, {**columns, **lacking})
 
     @classmethod
-    def joined(cls, tables: Sequence[RowTable]) -> Self:
+    def joined(cls, tables: Sequence[ShotTable]) -> Self:
         """Return the rows of one file's tables, one table after the other."""
         names = tables[0].columns
         return cls(tables[0].version, {name: np.concatenate([each[name] for each in tables]) for name in names})
@@ -73,24 +73,26 @@ class RowTable:
         return stored
 
     @property
-    def proves_columns(self) -> bool:
+    def checksums_cover_columns(self) -> bool:
         """Whether the checksums cover the columns."""
-        return self.version >= schema.PROVEN_SINCE
+        return self.version >= schema.ROW_CHECKSUM_SINCE
 
-    def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> RowTable:
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> ShotTable:
         """Return some of these rows."""
-        return RowTable(self.version, {name: values[index] for name, values in self.columns.items()})
+        return ShotTable(self.version, {name: values[index] for name, values in self.columns.items()})
 
-    def intact(self, samples: NDArray[Any]) -> NDArray[np.bool_]:
+    def verify_rows(self, samples: NDArray[Any]) -> NDArray[np.bool_]:
         """(n,) which rows, with their samples (n, N_t), match their checksum as stored ones."""
         if not len(samples):
             return np.zeros(0, np.bool_)
         checksums = [google_crc32c.value(row.tobytes()) for row in samples]
-        proven: NDArray[np.bool_] = row_checksums(self.version, checksums, pack(self.columns)) == self.columns["crc32c"]
+        proven: NDArray[np.bool_] = (
+            row_checksums(self.version, checksums, pack_rows(self.columns)) == self.columns["crc32c"]
+        )
         return proven
 
 
-def pack(columns: Mapping[str, Any]) -> NDArray[np.void]:
+def pack_rows(columns: Mapping[str, Any]) -> NDArray[np.void]:
     """(n,) rows of structure :data:`schema.ROW` as stored ones have them, but for their checksums."""
     packed = np.zeros(len(columns["shot"]), schema.ROW)
     for name in schema.COLUMNS:
@@ -104,12 +106,15 @@ def row_checksums(
     version: int, samples: Sequence[int] | NDArray[np.uint32], packed: NDArray[np.void]
 ) -> NDArray[np.uint32]:
     """Return the rows' checksums (n,) from those of their samples and their packed columns."""
-    if version < schema.PROVEN_SINCE:
+    if version < schema.ROW_CHECKSUM_SINCE:
         return np.asarray(samples, np.uint32)
     data, size, extend = packed.tobytes(), packed.itemsize, google_crc32c.extend
     starts = range(0, len(data), size)
     checksums = samples.tolist() if isinstance(samples, np.ndarray) else samples
     return np.array(
-        [extend(crc, data[start + schema.OWN : start + size]) for crc, start in zip(checksums, starts, strict=True)],
+        [
+            extend(crc, data[start + schema.FILE_FORMAT_MARKER : start + size])
+            for crc, start in zip(checksums, starts, strict=True)
+        ],
         np.uint32,
     )

@@ -42,7 +42,7 @@ import numpy as np
 
 FORMAT = "steradian-scan"
 VERSION = 3
-READABLE = (1, 2, 3)
+SUPPORTED_VERSIONS = (1, 2, 3)
 """Versions that this program reads."""
 CHUNK_BYTES = 1 << 18
 
@@ -63,13 +63,13 @@ COLUMNS: dict[str, np.dtype[np.generic]] = {
     "status": np.dtype("<u1"),
 }
 """One value per A-line each; ``crc32c`` comes first, ``status`` is written last."""
-PROVEN_SINCE = 3
+ROW_CHECKSUM_SINCE = 3
 """First version whose checksums cover the columns."""
 ROW = np.dtype(list(COLUMNS.items()))
 """A row of the table, packed; its checksum comes first and covers all that follows it."""
-OWN = COLUMNS["crc32c"].itemsize
+FILE_FORMAT_MARKER = COLUMNS["crc32c"].itemsize
 """Bytes of a row that are its checksum."""
-_LATER = {"averages": 3, "time_zero_s": 3, "dc_v": 3, "gain_db": 3}
+_ADDED_LATER = {"averages": 3, "time_zero_s": 3, "dc_v": 3, "gain_db": 3}
 """Version that brought a column."""
 
 SAMPLES = np.dtype("<i2")
@@ -96,4 +96,4 @@ UNITS = {
 
 def columns_of(version: int) -> dict[str, np.dtype[np.generic]]:
     """Return the columns that a file of this version has."""
-    return {name: kind for name, kind in COLUMNS.items() if _LATER.get(name, 0) <= version}
+    return {name: kind for name, kind in COLUMNS.items() if _ADDED_LATER.get(name, 0) <= version}

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans import Fringe
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.rows import ShotTable
 
-LEAST = 0.1
+MIN_SENSITIVITY = 0.1
 """A plan gives up no more than nine tenths; what is far beside its best wavelength is noise, and is not blown up."""
 
 
-def sensitivity_of(file: h5py.File, table: RowTable, points: NDArray[np.int64]) -> NDArray[np.float64]:
+def sensitivity_of(file: h5py.File, table: ShotTable, points: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the share (n,) of the best sensitivity that A-lines were read with, by the plan's fringe.
 
     1 where the file names no best wavelength, or the scanner did not say which one it had set.
@@ -34,5 +34,5 @@ def sensitivity_of(file: h5py.File, table: RowTable, points: NDArray[np.int64]) 
         return np.ones(len(points))
     best = np.asarray(plan["wavelengths"], np.float64)[points]
     fringe = Fringe.create(**json.loads(plan.attrs["document"]).get("fringe", {}))
-    left = np.maximum(1 - fringe.loss(used - best), LEAST)
+    left = np.maximum(1 - fringe.sensitivity_loss(used - best), MIN_SENSITIVITY)
     return np.where(used > 0, left, 1.0)

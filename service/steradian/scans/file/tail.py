@@ -16,18 +16,18 @@ from steradian.core.exceptions import InvalidInput
 from steradian.masks.lattice import imported_modes
 from steradian.scans.file import schema
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
-from steradian.scans.file.corruption import reading
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.read import _check_kind, list_frames, shots_of
-from steradian.scans.file.rows import RowTable
+from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.sensitivity import sensitivity_of
-from steradian.scans.recording import Recording, Shots
+from steradian.scans.recording import Recording, ShotMetadata
 
 _GAP = 16  # rows not wanted that are rather read than skipped
 
 
 @dataclass(frozen=True)
-class NewAlines:
+class AlineBatch:
     """A-lines stored since the last look.
 
     Attributes
@@ -48,11 +48,11 @@ class NewAlines:
     points: NDArray[np.int64]
     traces: NDArray[np.float32]
     replaced: bool
-    shots: Shots
+    shots: ShotMetadata
     energy_known: bool
 
 
-class ScanFollower:
+class ScanTail:
     """Reader of the rows added to a scan file since the previous read.
 
     Parameters
@@ -78,7 +78,7 @@ class ScanFollower:
 
     def __init__(self, path: Path, frame: int = 0) -> None:
         self.path = path
-        with reading(path, "scan"), open_to_read(path) as file:
+        with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
             _check_kind(path, file)
             points = len(file["mask/weights"])
             frames = len(file["alines/status"]) // points
@@ -90,7 +90,7 @@ class ScanFollower:
         self._checksums = np.zeros(self.whole.planned, np.uint32)
         self._energy_known = False
 
-    def take(self, most: int | None = None) -> NewAlines:
+    def read_new(self, most: int | None = None) -> AlineBatch:
         """Read the A-lines stored since the last call.
 
         A row that does not match its checksum (it is being written again this moment) is left for the next call.
@@ -105,33 +105,33 @@ class ScanFollower:
         DamagedFile
             When the file cannot be read any more.
         """
-        with reading(self.path, "scan"), open_to_read(self.path) as file:
+        with reraise_as_damaged(self.path, "scan"), open_for_reading(self.path) as file:
             return self._take(file, most)
 
-    def forget(self) -> None:
+    def rewind(self) -> None:
         """Take all A-lines again at the next call."""
         self._seen[:] = False
 
-    def _take(self, file: h5py.File, most: int | None) -> NewAlines:
+    def _take(self, file: h5py.File, most: int | None) -> AlineBatch:
         rows = slice(self._first, self._first + self.whole.planned)
-        table = RowTable.of_file(file, rows)
+        table = ShotTable.of_file(file, rows)
         stored, checksums = table.stored, table["crc32c"]
         changed = ~stored | (checksums != self._checksums)
         known, before = bool(table["energy"][stored].any()), self._energy_known
         replaced = bool((self._seen & (changed | (known != before))).any())
         self._energy_known = known
         if replaced:
-            self.forget()
+            self.rewind()
         points = np.flatnonzero(stored & ~self._seen)[:most]
         samples = _read_rows(file["alines/samples"], self._first + points)
         table = table.take(points)
-        whole = table.intact(samples)
+        whole = table.verify_rows(samples)
         points, samples, table = points[whole], samples[whole], table.take(whole)
         self._seen[points] = True
         self._checksums[points] = checksums[points]
         traces = np.multiply(samples, table["scale"][:, None], dtype=np.float32)
         shots = replace(shots_of(table), sensitivity=sensitivity_of(file, table, points))
-        return NewAlines(points, traces, replaced, shots, known)
+        return AlineBatch(points, traces, replaced, shots, known)
 
 
 def has_alines(path: Path, frame: int = 0) -> bool:
@@ -142,7 +142,7 @@ def has_alines(path: Path, frame: int = 0) -> bool:
     return not 0 <= frame < len(frames) or frames[frame].stored > 0
 
 
-class Quiet:
+class IdleDetector:
     """Detector of the end of a scan written by another process.
 
     All A-lines are stored, or none was added for a given time.
@@ -172,14 +172,14 @@ class Quiet:
         """Return the numbers of stored and of planned A-lines; -1 of 0 while there is not yet a file."""
         if not self._path.is_file():
             return -1, 0
-        with reading(self._path, "scan"), open_to_read(self._path) as file:
+        with reraise_as_damaged(self._path, "scan"), open_for_reading(self._path) as file:
             status = np.asarray(file["alines/status"])
             return int((status == schema.STORED).sum()), len(status)
 
 
 def _planned(file: h5py.File, rows: slice) -> Recording:
     """All planned points of a frame, as if each had been measured and had seen nothing."""
-    table = RowTable.of_file(file, rows)
+    table = ShotTable.of_file(file, rows)
     begun = table["time_zero_s"][table.stored]
     mask, plan = file["mask"], file["plan"]
     positions = np.asarray(mask["positions"], np.float64)

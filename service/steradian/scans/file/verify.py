@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.core.progress import Progress
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import reading
+from steradian.scans.file.corruption import reraise_as_damaged
 from steradian.scans.file.create import geometry_checksum
-from steradian.scans.file.locking import open_to_read
-from steradian.scans.file.rows import RowTable
-from steradian.scans.file.writer import AlineStore
+from steradian.scans.file.locking import open_for_reading
+from steradian.scans.file.rows import ShotTable
+from steradian.scans.file.writer import ScanFileWriter
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +50,12 @@ class CheckReport:
     strength: NDArray[np.float32] = field(repr=False)
 
     @property
-    def is_sound(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether there was nothing to correct."""
         return not len(self.damaged) and not len(self.unlisted)
 
 
-def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
+def verify_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
     """Verify a scan file that is not being written; corrects the table of stored A-lines, never an A-line.
 
     A damaged A-line becomes a missing one, which a resumed scan measures again; one that the table does not list is
@@ -80,14 +80,14 @@ def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | Non
     """
     if not path.is_file():
         raise NotFound("file", str(path))
-    with reading(path, "scan"), open_to_read(path) as file:
+    with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
         _check_frame(path, file)
-        table = RowTable.of_file(file)
+        table = ShotTable.of_file(file)
         whole, strength = _verify(file, table, progress)
     listed = table.stored
     damaged, unlisted = np.flatnonzero(listed & ~whole), np.flatnonzero(~listed & whole)
     if repair and (len(damaged) or len(unlisted)):
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             store.set_status(damaged, schema.MISSING)
             store.set_status(unlisted, schema.STORED)
     return CheckReport(path, len(listed), int(whole.sum()), damaged, unlisted, repair, strength)
@@ -96,21 +96,21 @@ def check_scan_file(path: Path, *, repair: bool = True, progress: Progress | Non
 def _check_frame(path: Path, file: h5py.File) -> None:
     """Check all but the A-lines."""
     kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
-    if kind != schema.FORMAT or version not in schema.READABLE:
+    if kind != schema.FORMAT or version not in schema.SUPPORTED_VERSIONS:
         raise DamagedFile(f"{path} is no scan file that this program reads: format {kind!r}, version {version}")
     if "geometry_crc32c" in file.attrs and int(file.attrs["geometry_crc32c"]) != geometry_checksum(file):
         raise DamagedFile(f"{path}: positions, weights or order of the points do not match their checksum")
 
 
 def _verify(
-    file: h5py.File, table: RowTable, progress: Progress | None
+    file: h5py.File, table: ShotTable, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
     """Return which rows (F·M,) are intact, and the strengths of their A-lines; reads one chunk of the file at a time.
 
     Where the checksum does not cover the columns, nothing proves those of a row that the table does not list.
     """
     samples, checksums = file["alines/samples"], table["crc32c"]
-    candidates = (checksums != 0) if table.proves_columns else table.stored
+    candidates = (checksums != 0) if table.checksums_cover_columns else table.stored
     count, step = len(checksums), samples.chunks[0] if samples.chunks else 64
     whole, strength = np.zeros(count, np.bool_), np.zeros(count, np.float32)
     for first in range(0, count, step):
@@ -118,7 +118,7 @@ def _verify(
         if not candidates[part].any():
             continue
         rows = np.asarray(samples[part])
-        whole[part] = candidates[part] & table.take(part).intact(rows)
+        whole[part] = candidates[part] & table.take(part).verify_rows(rows)
         strength[part] = rows.std(axis=1, dtype=np.float32)
         if progress is not None:
             progress("checking A-lines", min(first + step, count), count)

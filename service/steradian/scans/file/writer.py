@@ -22,22 +22,22 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.file import schema
-from steradian.scans.file.columns import StorableAline, columns_of
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.create import create_scan_file, is_full
-from steradian.scans.file.locking import lock, open_to_read
-from steradian.scans.file.program import Course
-from steradian.scans.file.rows import pack, row_checksums
+from steradian.scans.file.columns import AlineLike, to_columns
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.create import create_scan_file, is_disk_full_error
+from steradian.scans.file.locking import lock, open_for_reading
+from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.rows import pack_rows, row_checksums
 
-__all__ = ["AlineStore", "StorableAline", "create_scan_file"]
+__all__ = ["AlineLike", "ScanFileWriter", "create_scan_file"]
 _Rows: TypeAlias = NDArray[np.void] | Mapping[str, NDArray[Any]]
 """Columns of some rows by their names."""
-SPAN = 1 << 16
+MAX_GAP = 1 << 16
 """A batch writes a column in one piece, values between its rows with it, up to so many bytes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Upload:
+class UploadRecord:
     """Upload record: the points that a session sent to the scanner.
 
     Attributes
@@ -58,7 +58,7 @@ class Upload:
     laser_shots: int
 
 
-class AlineStore:
+class ScanFileWriter:
     """Durable appends into a scan file; one writer at a time.
 
     Parameters
@@ -80,9 +80,9 @@ class AlineStore:
         self._handle = self._file.fileno()
         try:
             lock(self._handle, path)
-            with open_to_read(path) as file:
+            with open_for_reading(path) as file:
                 self._locate(file)
-        except (OSError, *BROKEN) as error:
+        except (OSError, *HDF5_ERRORS) as error:
             self._file.close()
             raise DamagedFile(f"{path} cannot be read as a scan: {error}") from error
         except BaseException:
@@ -93,7 +93,7 @@ class AlineStore:
         """Locate the file's datasets and read which rows are stored."""
         alines = file["alines"]
         samples = alines["samples"]
-        self.course = Course.of_file(file)
+        self.course = ScanProgram.of_file(file)
         self.count, self.samples = samples.shape
         self.kind: np.dtype[Any] = np.dtype(samples.dtype)
         if self.kind not in schema.SAMPLE_KINDS:
@@ -131,7 +131,7 @@ class AlineStore:
         flagged: NDArray[np.bool_] = self._stored & ((self._columns["quality"] & np.uint32(bits)) != 0)
         return flagged
 
-    def append(self, alines: Iterable[StorableAline], rows: NDArray[np.int64] | None = None) -> None:
+    def append(self, alines: Iterable[AlineLike], rows: NDArray[np.int64] | None = None) -> None:
         """Store A-lines and return when they are on the disk; only then may they be acknowledged.
 
         Parameters
@@ -151,7 +151,7 @@ class AlineStore:
             made again.
         """
         given = self._order if rows is None else rows
-        columns = columns_of(alines, self.samples, self.kind)
+        columns = to_columns(alines, self.samples, self.kind)
         points = columns.points
         if not len(points):
             return
@@ -159,7 +159,7 @@ class AlineStore:
         if beyond.size:
             raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
         places = given[points]
-        new = pack(columns.values)
+        new = pack_rows(columns.values)
         new["crc32c"] = row_checksums(self.version, columns.checksums, new)
         before = {name: values[places] for name, values in self._columns.items()}
         self._stored[places] = False
@@ -173,16 +173,16 @@ class AlineStore:
             raise
         self._stored[places] = True
 
-    def set_fired(self, shots: int) -> None:
+    def record_shot_count(self, shots: int) -> None:
         """Note how many shots the scanner says it has fired; on a full disk that waits for the next time."""
         self.fired = shots
         try:
             self._overwrite(self._fired_offset, np.asarray(shots, schema.FIRED).tobytes())
         except OSError as error:
-            if not is_full(error):
+            if not is_disk_full_error(error):
                 raise
 
-    def note_upload(self, upload: Upload) -> None:
+    def record_upload(self, upload: UploadRecord) -> None:
         """Record durably the upload that the scanner is about to receive; files of version 1 cannot."""
         if not self._run:
             return
@@ -193,7 +193,7 @@ class AlineStore:
         self._overwrite(self._run["upload"], np.array([*head, crc], schema.UPLOAD).tobytes())
         sync_data(self._handle)
 
-    def last_upload(self) -> Upload | None:
+    def last_upload(self) -> UploadRecord | None:
         """Return the last upload, if it is known for certain."""
         if not self._run:
             return None
@@ -204,7 +204,7 @@ class AlineStore:
         rows = self._read(self._run["queue"], count, schema.UPLOAD)
         if google_crc32c.value(rows.tobytes() + head[:-1].tobytes()) != crc:
             return None
-        return Upload(rows.astype(np.int64), tag, fired, laser_shots)
+        return UploadRecord(rows.astype(np.int64), tag, fired, laser_shots)
 
     def set_reference(self, point: int, bias: float, sensitivity: float, reflectivity: float) -> None:
         """Note how the film was tuned at a point when the scan began."""
@@ -241,7 +241,7 @@ class AlineStore:
         """Flush and close; the file is valid without it."""
         if not self._file.closed:
             try:
-                self.set_fired(self.fired)
+                self.record_shot_count(self.fired)
                 os.fsync(self._handle)
             finally:
                 self._handle = -1  # the number may soon be another file's
@@ -270,7 +270,7 @@ class AlineStore:
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
             offset, size = self._offsets[name], values.itemsize
-            if (last - first) * size <= SPAN:
+            if (last - first) * size <= MAX_GAP:
                 self._overwrite(offset + first * size, values[first:last].tobytes())
                 continue
             for place in places.tolist():

@@ -13,9 +13,9 @@ from typing import Any
 
 from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Cancelled, Conflict, NotFound
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.scans.importing import own
-from steradian.scans.importing.opening import is_own, open_source
+from steradian.scans.importing.opening import is_scan_file, open_recording_source
 from steradian.scans.importing.writing import write_scan
 
 __all__ = ["ImportSummary", "import_scan"]
@@ -39,13 +39,13 @@ def import_scan(
     description: Path | None = None,
     options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
 ) -> ImportSummary:
     """Make a scan file from a recording of another kind.
 
     A-lines pass in blocks of a few tens of megabytes. Integers of at most 16 bits are kept as they are, other numbers
     as float32. The file appears under its name only when it is whole. A file from a stranger is better read in a
-    process of its own, by :func:`steradian.scans.importing.guarded.import_guarded`.
+    process of its own, by :func:`steradian.scans.importing.guarded.import_in_sandbox`.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def import_scan(
     draft.unlink(missing_ok=True)
     notes: tuple[str, ...] = ()
     try:
-        if is_own(source):
-            points, samples = own.rewrite_scan(source, draft, progress=progress, cancelled=cancelled)
+        if is_scan_file(source):
+            points, samples = own.sanitise_scan(source, draft, progress=progress, cancelled=cancelled)
             kind = own.FORMAT
         else:
 
@@ -94,7 +94,7 @@ def import_scan(
                 if progress:
                     progress(stage, done, total)
 
-            with open_source(source, description, destination.parent, note, options) as opened:
+            with open_recording_source(source, description, destination.parent, note, options) as opened:
                 kind, points, samples = opened.format, opened.table.points * opened.table.frames, opened.table.samples
                 write_scan(opened, draft, progress=progress, cancelled=cancelled)
                 notes = tuple(opened.notes)

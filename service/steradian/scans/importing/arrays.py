@@ -27,12 +27,12 @@ from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave_p import order_of_p, order_of_square, require_line
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import RawTable, Table, mapped, scratch, spill
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import RawTraceBlocks, TraceBlocks, mapped, spill_to_disk, temporary_file
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
 TRACES = (*names.TRACES, "p")
-MOST_MEMBERS = 1000
+MAX_MEMBERS = 1000
 MOST_AXES = 4
 """Frame, x, y and time."""
 HEADER_BYTES = 1 << 16
@@ -41,7 +41,7 @@ PIECE = 1 << 22
 
 
 @contextmanager
-def open_npy(path: Path, said: Description) -> Iterator[Source]:
+def open_npy(path: Path, said: Description) -> Iterator[RecordingSource]:
     """Open an .npy file of A-lines.
 
     Raises
@@ -57,7 +57,7 @@ def open_npy(path: Path, said: Description) -> Iterator[Source]:
         if len(shape) == 2 and shape[0] == shape[1] and said.order is None:
             order = order_of_square(mapped(file, start, kind, shape, fortran=fortran), order)
         table, lateral = table_in(file, start, kind, shape, order, fortran=fortran)
-        yield make_source("npy", table, Stated(), said, path.name, lateral)
+        yield make_source("npy", table, Metadata(), said, path.name, lateral)
 
 
 def read_npy(path: Path) -> NDArray[Any]:
@@ -77,7 +77,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 
 @contextmanager
-def open_npz(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
+def open_npz(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
     """Open an .npz archive with the A-lines as one array; other arrays may replace a description.
 
     Raises
@@ -86,13 +86,13 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
         When it is damaged or refused, or lacks what is needed.
     """
     try:
-        with zipfile.ZipFile(path) as archive, scratch(folder) as spare:
+        with zipfile.ZipFile(path) as archive, temporary_file(folder) as spare:
             held = _members(path, archive)
             name = said.array or next((name for name in TRACES if name in held), None)
             if name is None or name not in held:
                 raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
             table, lateral, kwave = _member_table(archive, held, name, said, spare)
-            stated = _stated_in(archive, held, said, lateral, simulated=kwave)
+            stated = _metadata_of(archive, held, said, lateral, simulated=kwave)
             by_pitch = kwave and not any(each in held for each in names.POSITIONS)
             if (
                 by_pitch
@@ -159,7 +159,7 @@ def table_in(
     order: tuple[str, ...],
     *,
     fortran: bool = False,
-) -> tuple[Table, tuple[int, ...]]:
+) -> tuple[TraceBlocks, tuple[int, ...]]:
     """Make a table of numbers that lie one after the other in a file; returns the sensors' own axes, too."""
     time = order.index("time")
     usual = order in (("point", "time"), ("time", "point"), ("x", "y", "time"), ("time", "x", "y"), ("x", "time"))
@@ -167,15 +167,15 @@ def table_in(
         lateral = tuple(side for axis, side in enumerate(shape) if axis != time)
         if prod(lateral) > MOST_POINTS:
             raise InvalidInput("points", prod(lateral), f"at most {MOST_POINTS}; is the order of the axes right?")
-        return RawTable(file, offset, kind, prod(lateral), shape[time], (time == 0) != fortran), lateral
+        return RawTraceBlocks(file, offset, kind, prod(lateral), shape[time], (time == 0) != fortran), lateral
     table = table_of(mapped(file, offset, kind, shape, fortran=fortran), order)
     return table, table.lateral
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     found = archive.infolist()
-    if len(found) > MOST_MEMBERS:
-        raise DamagedFile(f"{path.name} has {len(found)} members; allowed: at most {MOST_MEMBERS}")
+    if len(found) > MAX_MEMBERS:
+        raise DamagedFile(f"{path.name} has {len(found)} members; allowed: at most {MAX_MEMBERS}")
     for member in found:
         if member.flag_bits & 1:
             raise DamagedFile(f"{path.name}: {member.filename} is encrypted")
@@ -197,7 +197,7 @@ def _member_table(
     name: str,
     said: Description,
     spare: IO[bytes],
-) -> tuple[Table, tuple[int, ...], bool]:
+) -> tuple[TraceBlocks, tuple[int, ...], bool]:
     """Give the A-lines of a member, the sensors' own axes, and whether the member is k-Wave's ``p``."""
     member, is_p = held[name], name == "p"
     with archive.open(member) as file:
@@ -205,7 +205,7 @@ def _member_table(
         if is_p and len(shape) not in (2, 3):
             raise DamagedFile(f"{_name(archive)}: p has shape {shape}; expected (time, y, z) or (time, y)")
         count = prod(shape)
-        spill(_pieces(file, kind), spare, count, 1, time_first=False)
+        spill_to_disk(_chunks(file, kind), spare, count, 1, time_first=False)
     known = next((_shape(archive, held[each])[0] for each in names.POSITIONS if each in held), 0)
     guessed = is_p and said.order is None
     is_square = len(shape) == 2 and shape[0] == shape[1] and said.order is None
@@ -223,7 +223,7 @@ def _name(archive: zipfile.ZipFile) -> str:
     return Path(archive.filename or "").name
 
 
-def _pieces(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+def _chunks(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
     rest = b""
     while data := file.read(PIECE):
         data = rest + data
@@ -232,14 +232,14 @@ def _pieces(file: IO[bytes], kind: np.dtype[Any]) -> Iterator[NDArray[Any]]:
         yield np.frombuffer(data[:whole], kind)
 
 
-def _stated_in(
+def _metadata_of(
     archive: zipfile.ZipFile,
     held: dict[str, zipfile.ZipInfo],
     said: Description,
     lateral: tuple[int, ...] | None,
     *,
     simulated: bool,
-) -> Stated:
+) -> Metadata:
     def find(wanted: tuple[str, ...]) -> zipfile.ZipInfo | None:
         return next((held[name] for name in wanted if name in held), None)
 
@@ -266,7 +266,7 @@ def _stated_in(
     pitches = [next((step for name in wanted if (step := number(name))), None) for wanted in steps]
     if points is None and lateral is not None and (pitch := pitches[0]) is not None:
         points = grid_points(lateral, (pitch, pitches[1] or pitch)[: len(lateral)])
-    return Stated(
+    return Metadata(
         points=points,
         weights=None if (weights := small(*names.WEIGHTS)) is None else weights.astype(np.float64).reshape(-1),
         aperture=number(*names.APERTURE),

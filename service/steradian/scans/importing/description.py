@@ -27,13 +27,13 @@ from pydantic import Field, model_validator
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.core.units import SOUND_SPEED
-from steradian.core.validation import FloatArray, Value, quantity
+from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.scans.importing.axes import parse_axes
 from steradian.scans.importing.geometry import MOST_POINTS
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
 TIMES = {"s": 1.0, "us": 1e-6, "ns": 1e-9}
-MOST_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 
 
 class GridDescription(Value):
@@ -54,14 +54,14 @@ class GridDescription(Value):
 class Description(Value):
     """Description of a recording, beside its samples; a file's own metadata fill in omitted fields."""
 
-    sampling_interval: float | None = quantity("times", "Time between samples", gt=0, default=None)
-    time_zero: float | None = quantity("times", "From the laser pulse to the first sample", default=None)
-    time_zero_samples: float | None = quantity(
+    sampling_interval: float | None = quantity_field("times", "Time between samples", gt=0, default=None)
+    time_zero: float | None = quantity_field("times", "From the laser pulse to the first sample", default=None)
+    time_zero_samples: float | None = quantity_field(
         "samples",
         "The same in samples, negative where the record begins before the pulse; added to time_zero",
         default=None,
     )
-    sound_speed: float | None = quantity("m/s", "Speed of sound", default=None, **SOUND_SPEED.limits)
+    sound_speed: float | None = quantity_field("m/s", "Speed of sound", default=None, **SOUND_SPEED.limits)
     positions: FloatArray | str | None = Field(
         default=None,
         description="(M, 1 to 3) positions (lengths), or the name of a .csv or .npy file of them or of a k-Wave input "
@@ -72,8 +72,10 @@ class Description(Value):
     weights: FloatArray | None = Field(
         default=None, description="(M,) areas of the sensors, of any scale; scaled to what these sense"
     )
-    aperture: float | None = quantity("lengths", "Side of the square aperture around the origin", gt=0, default=None)
-    depth: float | None = quantity("lengths", "Distance of the point of interest", gt=0, default=None)
+    aperture: float | None = quantity_field(
+        "lengths", "Side of the square aperture around the origin", gt=0, default=None
+    )
+    depth: float | None = quantity_field("lengths", "Distance of the point of interest", gt=0, default=None)
     lengths: Literal["m", "mm", "um"] = "m"
     times: Literal["s", "us", "ns"] = "s"
     axes: str | None = Field(
@@ -88,9 +90,9 @@ class Description(Value):
         "(k-wave-python since 0.6)",
     )
     array: str | None = Field(default=None, description="Name of the A-lines in a file of several arrays")
-    scale: float = quantity("1", "Pressure per unit of the array", gt=0, default=1.0)
-    wavelength: int | None = quantity("index", "Which wavelength of an IPASC file; none: all", ge=0, default=None)
-    frame: int | None = quantity("index", "Which frame of an IPASC file; none: all", ge=0, default=None)
+    scale: float = quantity_field("1", "Pressure per unit of the array", gt=0, default=1.0)
+    wavelength: int | None = quantity_field("index", "Which wavelength of an IPASC file; none: all", ge=0, default=None)
+    frame: int | None = quantity_field("index", "Which frame of an IPASC file; none: all", ge=0, default=None)
     scanner: str = Field(default="", description="What measured it", max_length=200)
     file_name: str = Field(default="", description="Name that an .sgl file had, which says more", max_length=300)
     simulated: bool | None = None
@@ -167,8 +169,8 @@ def read_description(path: Path | None, options: Mapping[str, Any] | None = None
 def _fields(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise NotFound("file", path.name)
-    if path.stat().st_size > MOST_BYTES:
-        raise DamagedFile(f"{path.name} has {path.stat().st_size} bytes; allowed: at most {MOST_BYTES}")
+    if path.stat().st_size > MAX_BYTES:
+        raise DamagedFile(f"{path.name} has {path.stat().st_size} bytes; allowed: at most {MAX_BYTES}")
     try:
         fields = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:

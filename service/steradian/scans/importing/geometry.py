@@ -9,29 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging.geometry.sensor_areas import find_lattice
+from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 from steradian.masks import Mask, custom_mask
 from steradian.masks.lattice import FILLED, lattice_modes
 from steradian.masks.points import area_of_weights
 from steradian.scans.file.coordinate_frame import centre_of
 from steradian.scans.importing.remarks import remark
 
-FLAT = 1e-4
+PLANARITY_TOLERANCE = 1e-4
 """An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""
 SCATTER, SCATTER_SHARE = 10e-6, 0.01
 """Measured positions on a plane may spread so far along its normal, in m and as a share of the extent."""
-ROUNDING = 1e-5
+ROUNDING_TOLERANCE = 1e-5
 """Sensors this little outside the aperture, as a share of its half, are at its rim: float32 files round."""
 MOST_POINTS = 1 << 20
 ARC_FROM, ARC_TO, ARC_SHARE, ARC_CHORD = 8, 20_000, 0.9, 3.0
 """How many sensors may be an arc, the share of them that are corners of their hull, its chord in median sides."""
 DIRECTION_TOLERANCE, SIDEWAYS = 0.05, 0.5
 """How far a direction's length may be from 1; the cosine between it and the normal below which it lies in the plane."""
-NAMES = "xyz"
+AXIS_NAMES = "xyz"
 
 
 @dataclass(frozen=True)
-class Sensors:
+class SensorPlacement:
     """Sensor positions as the reconstruction wants them.
 
     Parameters
@@ -74,14 +74,14 @@ class Sensors:
         return mask.replace(arrangement=mask.arrangement | {"source": source} | self.origin)
 
 
-def place_sensors(
+def fit_sensor_plane(
     given: NDArray[np.floating[Any]],
     *,
     aperture: float | None = None,
     bounds: NDArray[np.float64] | None = None,
     weights: NDArray[np.float64] | None = None,
     sensed_area: float | None = None,
-) -> Sensors:
+) -> SensorPlacement:
     """Fit a plane to imported sensor positions and centre them.
 
     ``bounds`` that are square, hold every sensor and are as wide as ``aperture``, if that is known, are the aperture.
@@ -115,8 +115,8 @@ def place_sensors(
         raise InvalidInput("positions", "not all finite", "finite numbers (m)")
     lateral = _lateral_axes(points)
     chosen, box = points[:, lateral], None if bounds is None else bounds[lateral]
-    _refuse_arc(chosen, [NAMES[axis] for axis in lateral])
-    lattice = find_lattice(chosen, filled=FILLED)
+    _refuse_arc(chosen, [AXIS_NAMES[axis] for axis in lateral])
+    lattice = detect_sensor_grid(chosen, filled=FILLED)
     bounded = box is not None and _is_square_around(box, chosen)
     if box is not None and bounded and (aperture is None or np.isclose(np.ptp(box[0]), aperture, rtol=1e-6)):
         centre, side = box.mean(axis=1), aperture or float(np.ptp(box, axis=1)[0])
@@ -132,28 +132,28 @@ def place_sensors(
             raise InvalidInput("aperture", "missing", "> 0, at most 1 (m); all sensors lie at one place")
         centre, side = (low + high) / 2, extent * (1 + 1 / max(1.0, len(points) ** (1 / len(lateral)) - 1))
     placed, half = chosen - centre, side / 2
-    if np.abs(placed).max() <= half * (1 + ROUNDING):
+    if np.abs(placed).max() <= half * (1 + ROUNDING_TOLERANCE):
         placed = np.clip(placed, -half, half)
-    return Sensors(
+    return SensorPlacement(
         positions=np.ascontiguousarray(placed),
         aperture=side,
         grid=lattice_modes(placed, side),
         weights=weights,
         sensed_area=area_of_weights(sensed_area, side, len(lateral)),
-        origin={"axes": [NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},
+        origin={"axes": [AXIS_NAMES[axis] for axis in lateral], "centre_m": centre.tolist()},
     )
 
 
 def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
     spread, dropped = np.ptp(points, axis=0), False
-    wide = [axis for axis in range(points.shape[1]) if spread[axis] > FLAT * spread.max()]
+    wide = [axis for axis in range(points.shape[1]) if spread[axis] > PLANARITY_TOLERANCE * spread.max()]
     while len(wide) == 3 or (dropped and len(wide) > 1):
         least = min(wide, key=lambda axis: spread[axis])
         if spread[least] > min(SCATTER, SCATTER_SHARE * spread.max()):
             break
         wide, dropped = [axis for axis in wide if axis != least], True
         remark(
-            f"positions spread by {1e6 * spread[least]:.3g} µm along {NAMES[least]}, taken as flat (allowed: "
+            f"positions spread by {1e6 * spread[least]:.3g} µm along {AXIS_NAMES[least]}, taken as flat (allowed: "
             f"{1e6 * SCATTER:g} µm and {SCATTER_SHARE:.0%} of the extent)"
         )
     if len(wide) == 3:
@@ -205,18 +205,18 @@ def refuse_sideways(points: NDArray[np.float64], directions: NDArray[np.float64]
         (K, 3) of some of the sensors; those that are no unit vectors say nothing.
     """
     spread = np.ptp(points, axis=0)
-    wide = [axis for axis in range(3) if spread[axis] > FLAT * spread.max()]
+    wide = [axis for axis in range(3) if spread[axis] > PLANARITY_TOLERANCE * spread.max()]
     length = np.linalg.norm(directions, axis=1)
     stated = directions[np.abs(length - 1) < DIRECTION_TOLERANCE]
     if len(wide) != 2 or len(stated) < 2:
         return
     depth = next(axis for axis in range(3) if axis not in wide)
     if np.median(np.abs(stated[:, depth])) < SIDEWAYS:
-        names = " and ".join(NAMES[axis] for axis in wide)
+        names = " and ".join(AXIS_NAMES[axis] for axis in wide)
         raise InvalidInput(
             "positions",
             f"sensors in the plane of {names} that look along it",
-            f"sensors that look along {NAMES[depth]}, the plane's normal; arcs and rings cannot be reconstructed",
+            f"sensors that look along {AXIS_NAMES[depth]}, the plane's normal; arcs and rings cannot be reconstructed",
         )
 
 

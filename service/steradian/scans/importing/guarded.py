@@ -23,37 +23,37 @@ from typing import IO, Any, Literal
 
 from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
-from steradian.core.progress import IsCancelled, Progress
-from steradian.core.sandbox import die_first, poor_environment, shut_in
+from steradian.core.progress import CancelCheck, Progress
+from steradian.core.sandbox import minimal_environment, restrict_filesystem, set_oom_score
 from steradian.scans.importing import ImportSummary, import_scan
 from steradian.scans.importing.description import read_description
-from steradian.scans.importing.looking import Look, look_into
-from steradian.scans.importing.source import Lack
+from steradian.scans.importing.looking import RecordingSummary, inspect_recording
+from steradian.scans.importing.source import MissingField
 
 MEMORY = 4 << 30
 """Bytes of address space that an import may take beyond what its libraries do."""
 SECONDS, SECONDS_PER_MIB = 180.0, 2.0
 """Time on a processor that an import may take, and more of it for each MiB of the file."""
-LOOK = 20.0
+POLL_INTERVAL = 20.0
 """The same for a look into a file."""
-SPARE = 100 << 20
+SPARE_BYTES = 100 << 20
 """Bytes of the disk that an import leaves free."""
 OPEN_FILES = 64
-LAST = 1000
+LOG_TAIL = 1000
 """The highest score by which the kernel chooses whom to end when memory runs out."""
 COMMAND = (sys.executable, "-P", "-m", "steradian.scans.importing.guarded")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _PLAIN = {kind.code: kind for kind in (Conflict, DamagedFile, DiskFull, Cancelled)}
 
 
-def import_guarded(
+def import_in_sandbox(
     source: Path,
     destination: Path,
     *,
     description: Path | None = None,
     options: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
-    cancelled: IsCancelled | None = None,
+    cancelled: CancelCheck | None = None,
     seconds: float = SECONDS,
 ) -> ImportSummary:
     """Do :func:`~steradian.scans.importing.import_scan` in a process with limited memory and time.
@@ -92,8 +92,10 @@ def import_guarded(
     return ImportSummary(destination, made["format"], made["points"], made["samples"], tuple(made["notes"]))
 
 
-def look_guarded(source: Path, folder: Path, *, description: Path | None = None, seconds: float = LOOK) -> Look:
-    """Do :func:`~steradian.scans.importing.looking.look_into` in a process with limited memory and time.
+def inspect_in_sandbox(
+    source: Path, folder: Path, *, description: Path | None = None, seconds: float = POLL_INTERVAL
+) -> RecordingSummary:
+    """Do :func:`~steradian.scans.importing.looking.inspect_recording` in a process with limited memory and time.
 
     Parameters
     ----------
@@ -109,10 +111,10 @@ def look_guarded(source: Path, folder: Path, *, description: Path | None = None,
     DamagedFile
         Also when the process reached a limit or died.
     SteradianError
-        What :func:`~steradian.scans.importing.looking.look_into` raises.
+        What :func:`~steradian.scans.importing.looking.inspect_recording` raises.
     """
     result = _in_child("look", source, folder / "none", description, None, None, seconds)
-    return Look(**result | {"missing": [Lack(**one) for one in result["missing"]]})
+    return RecordingSummary(**result | {"missing": [MissingField(**one) for one in result["missing"]]})
 
 
 def _in_child(
@@ -121,20 +123,20 @@ def _in_child(
     destination: Path,
     description: Path | None,
     progress: Progress | None,
-    cancelled: IsCancelled | None,
+    cancelled: CancelCheck | None,
     seconds: float,
     options: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     allowed = seconds + SECONDS_PER_MIB * source.stat().st_size / (1 << 20)
     paths = [None if path is None else str(path.absolute()) for path in (source, destination, description)]
-    free = max(0, shutil.disk_usage(destination.parent).free - SPARE)
+    free = max(0, shutil.disk_usage(destination.parent).free - SPARE_BYTES)
     request = {"task": task, "paths": paths, "seconds": allowed, "bytes": free, "options": dict(options or {})}
     with subprocess.Popen(
         COMMAND,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         cwd=destination.parent,
-        env=poor_environment(os.environ, destination.parent) | dict.fromkeys(THREADS, "1"),
+        env=minimal_environment(os.environ, destination.parent) | dict.fromkeys(THREADS, "1"),
     ) as child:
         try:
             assert child.stdin is not None  # noqa: S101 - asked for above
@@ -151,10 +153,10 @@ def _in_child(
         return result
     if "error" in said:
         raise _error(said["error"])
-    raise DamagedFile(f"{source.name} cannot be read: its reader ended {_ending(child.returncode)}")
+    raise DamagedFile(f"{source.name} cannot be read: its reader ended {_exit_description(child.returncode)}")
 
 
-def _listen(lines: IO[bytes], progress: Progress | None, cancelled: IsCancelled | None) -> dict[str, Any]:
+def _listen(lines: IO[bytes], progress: Progress | None, cancelled: CancelCheck | None) -> dict[str, Any]:
     """Pass on progress; returns the last message, empty when the process ended without one."""
     for line in lines:
         said: dict[str, Any] = json.loads(line)
@@ -177,7 +179,7 @@ def _error(said: dict[str, Any]) -> SteradianError:
             return _PLAIN.get(said["code"], SteradianError)(said["message"])
 
 
-def _ending(status: int) -> str:
+def _exit_description(status: int) -> str:
     if status == -getattr(signal, "SIGXCPU", 0):
         return "at its limit of time"
     return f"by signal {signal.Signals(-status).name}" if status < 0 else f"with exit code {status}"
@@ -190,8 +192,8 @@ def main() -> None:
     source, destination, description = (None if path is None else Path(path) for path in request["paths"])
     assert source is not None  # noqa: S101 - only a description may be missing
     assert destination is not None  # noqa: S101
-    die_first(LAST)
-    if not shut_in(_needed(source, description), destination.parent):
+    set_oom_score(LOG_TAIL)
+    if not restrict_filesystem(_needed(source, description), destination.parent):
         sys.stderr.write("no Landlock here: the reader of this file sees what its user may see\n")
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     said = os.fdopen(os.dup(1), "w")
@@ -207,7 +209,7 @@ def main() -> None:
     limit_process(MEMORY, request["seconds"], request["bytes"])
     try:
         if request["task"] == "look":
-            found = dataclasses.asdict(look_into(source, description, destination.parent))
+            found = dataclasses.asdict(inspect_recording(source, description, destination.parent))
         else:
             made = import_scan(
                 source, destination, description=description, options=request["options"], progress=report

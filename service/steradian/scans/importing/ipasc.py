@@ -23,8 +23,8 @@ from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import refuse_sideways
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import Hdf5Table
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import Hdf5TraceBlocks
 
 FORMAT = "ipasc"
 NANOMETRES = (200.0, 3000.0)
@@ -48,7 +48,7 @@ TIME_ZERO, WEIGHTS, DEPTH, APERTURE, SIMULATED, ENERGY, QUALITY = (
 
 
 @contextmanager
-def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> Iterator[Source]:
+def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> Iterator[RecordingSource]:
     """Open an IPASC file, all frames of one wavelength after the other; of several, the description may choose one.
 
     Raises
@@ -65,7 +65,7 @@ def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> I
         yield make_source(FORMAT, table, stated, said, path.name)
 
 
-def _table(series: h5py.Dataset, said: Description) -> Hdf5Table:
+def _table(series: h5py.Dataset, said: Description) -> Hdf5TraceBlocks:
     if series.ndim not in (2, 3, 4):
         raise DamagedFile(f"{SERIES} has the shape {series.shape}; expected (detectors, samples, wavelengths, frames)")
     choices = []
@@ -75,17 +75,17 @@ def _table(series: h5py.Dataset, said: Description) -> Hdf5Table:
         if chosen is not None and chosen >= count:
             raise InvalidInput(name, chosen, f"0 to {count - 1}; the file holds {count}")
         choices.append(range(count) if chosen is None else (chosen,))
-    return Hdf5Table(series, tuple(product(*choices)))
+    return Hdf5TraceBlocks(series, tuple(product(*choices)))
 
 
-def _stated(file: h5py.File, points: NDArray[np.float64], excitation: tuple[float, ...]) -> Stated:
+def _stated(file: h5py.File, points: NDArray[np.float64], excitation: tuple[float, ...]) -> Metadata:
     rate = untrusted.number(file, f"{ACQUISITION}/ad_sampling_rate")
     if rate is None or not rate > 0:
         raise DamagedFile(f"{untrusted.name_of(file)} has no positive sampling rate ({ACQUISITION}/ad_sampling_rate)")
     weights = None
     if f"{ACQUISITION}/{WEIGHTS}" in file:
         weights = untrusted.array(file, f"{ACQUISITION}/{WEIGHTS}").astype(np.float64).reshape(-1)
-    return Stated(
+    return Metadata(
         points=points,
         bounds=_field_of_view(file),
         weights=weights,

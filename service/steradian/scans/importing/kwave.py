@@ -21,8 +21,8 @@ from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import scratch, slabs, spill
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import iter_slabs, spill_to_disk, temporary_file
 
 FORMAT = "k-wave"
 GRID = ("Nx", "Ny", "Nz", "Nt")
@@ -31,7 +31,9 @@ INDEX, CORNERS = "sensor_mask_index", "sensor_mask_corners"
 
 
 @contextmanager
-def open_kwave(path: Path, said: Description, companion: Path | None, folder: Path | None = None) -> Iterator[Source]:
+def open_kwave(
+    path: Path, said: Description, companion: Path | None, folder: Path | None = None
+) -> Iterator[RecordingSource]:
     """Open an output file of kspaceFirstOrder.
 
     Parameters
@@ -50,13 +52,13 @@ def open_kwave(path: Path, said: Description, companion: Path | None, folder: Pa
     DamagedFile, InvalidInput
         When it is damaged or refused, or lacks what is needed.
     """
-    with untrusted.open_untrusted(path) as file, scratch(folder) as spare:
+    with untrusted.open_untrusted(path) as file, temporary_file(folder) as spare:
         pressure = untrusted.dataset(file, _pressure_name(file), most_bytes=untrusted.TRACE_BYTES)
         samples = pressure.shape[0] if pressure.ndim == 4 else pressure.shape[1] if pressure.ndim == 3 else 0
         points = pressure.size // max(samples, 1)
         if not samples or (pressure.ndim == 3 and pressure.shape[0] != 1) or points > MOST_POINTS:
             raise DamagedFile(f"{path.name}: p has the shape {pressure.shape}; expected (1, time, sensor)")
-        table = spill(_steps(pressure), spare, points, samples, time_first=True)
+        table = spill_to_disk(_steps(pressure), spare, points, samples, time_first=True)
         stated = _stated(file, samples)
         if companion is not None:
             with untrusted.open_untrusted(companion) as given:
@@ -101,7 +103,7 @@ def _pressure_name(file: h5py.File) -> str:
 
 def _steps(pressure: h5py.Dataset) -> Iterator[NDArray[Any]]:
     if pressure.ndim == 4:
-        yield from slabs(pressure)
+        yield from iter_slabs(pressure)
         return
     width = pressure.shape[2] * pressure.dtype.itemsize
     rows = max(1, (16 << 20) // width)
@@ -109,7 +111,7 @@ def _steps(pressure: h5py.Dataset) -> Iterator[NDArray[Any]]:
         yield pressure[0, start : start + rows]
 
 
-def _stated(file: h5py.File, samples: int) -> Stated:
+def _stated(file: h5py.File, samples: int) -> Metadata:
     counts = tuple(int(untrusted.number(file, name) or 0) for name in GRID[:3])
     if not all(1 <= count <= 1 << 16 for count in counts):
         raise DamagedFile(f"{untrusted.name_of(file)} has a grid of {counts}; expected 1 to 65536 on each axis")
@@ -117,7 +119,7 @@ def _stated(file: h5py.File, samples: int) -> Stated:
     interval = untrusted.number(file, "dt")
     total = int(untrusted.number(file, "Nt") or samples)
     skipped = max(0, total - samples)  # recording may begin late; it always runs to the end
-    return Stated(
+    return Metadata(
         points=_sensor_points(file, counts, steps),  # type: ignore[arg-type]
         sampling_interval=interval,
         sound_speed=_sound_speed(file),

@@ -10,8 +10,8 @@ from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.evidence import first_break, longest_delay, time_axis
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Stated
-from steradian.scans.importing.tables import RawTable, Table, mapped
+from steradian.scans.importing.source import Metadata
+from steradian.scans.importing.tables import RawTraceBlocks, TraceBlocks, mapped
 
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
@@ -46,9 +46,9 @@ def order_of_square(values: NDArray[Any], usual: tuple[str, ...]) -> tuple[str, 
     return usual[::-1]
 
 
-def require_line(table: Table, stated: Stated, said: Description, pitch: float) -> None:
+def require_line(table: TraceBlocks, stated: Metadata, said: Description, pitch: float) -> None:
     """Refuse sensors that would be a line for want of positions, where neighbouring A-lines say they are none."""
-    if not isinstance(table, RawTable) or table.points < 3:
+    if not isinstance(table, RawTraceBlocks) or table.points < 3:
         return
     shape = (table.samples, table.points) if table.time_first else (table.points, table.samples)
     values = mapped(table.file, table.offset, table.dtype, shape)

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from steradian.core.units import SOUND_SPEED
 from steradian.plans import ScanPlan
 from steradian.scans.importing import own
-from steradian.scans.importing.opening import is_own, open_source
-from steradian.scans.importing.source import Lack, Source, noting_lacks
-from steradian.scans.importing.tables import Table
+from steradian.scans.importing.opening import is_scan_file, open_recording_source
+from steradian.scans.importing.source import MissingField, RecordingSource, collecting_missing_fields
+from steradian.scans.importing.tables import TraceBlocks
 
 TRACES, POSITIONS, SAMPLES = 5, 4000, 4096
 """At most so many A-lines and positions are shown, and samples of each A-line."""
 
 
 @dataclass(frozen=True)
-class Look:
+class RecordingSummary:
     """Interpretation of a recording; ``None`` for fields that it does not state.
 
     Parameters
@@ -54,37 +54,37 @@ class Look:
     positions: list[list[float]] | None
     rows: list[int]
     traces: list[list[float]]
-    missing: list[Lack]
+    missing: list[MissingField]
     notes: list[str] = field(default_factory=list)
 
 
-def look_into(source: Path, description: Path | None = None, folder: Path | None = None) -> Look:
+def inspect_recording(source: Path, description: Path | None = None, folder: Path | None = None) -> RecordingSummary:
     """Read the metadata of a recording, as an import would interpret them.
 
     Parameters
     ----------
     source, description, folder
-        As in :func:`~steradian.scans.importing.opening.open_source`.
+        As in :func:`~steradian.scans.importing.opening.open_recording_source`.
 
     Raises
     ------
     NotFound, DamagedFile, InvalidInput
         As an import, but not for what is missing.
     """
-    if is_own(source):
-        with own.opened_scan(source) as (plan, table, time_zero):
+    if is_scan_file(source):
+        with own.open_scan(source) as (plan, table, time_zero):
             return _own(plan, table, time_zero)
-    with noting_lacks() as lacks, open_source(source, description, folder) as opened:
+    with collecting_missing_fields() as lacks, open_recording_source(source, description, folder) as opened:
         return _look(opened, lacks)
 
 
-def _look(source: Source, lacks: list[Lack]) -> Look:
+def _look(source: RecordingSource, lacks: list[MissingField]) -> RecordingSummary:
     unknown = {lack.field for lack in lacks}
     if source.sound_speed is None:
-        lacks.append(Lack("sound_speed", f"{SOUND_SPEED}; the file states none"))
+        lacks.append(MissingField("sound_speed", f"{SOUND_SPEED}; the file states none"))
     placed = "positions" not in unknown
     rows, traces = _some(source.table)
-    return Look(
+    return RecordingSummary(
         format=source.format,
         points=source.table.points,
         frames=source.table.frames,
@@ -103,9 +103,9 @@ def _look(source: Source, lacks: list[Lack]) -> Look:
     )
 
 
-def _own(plan: ScanPlan, table: Table, time_zero: float) -> Look:
+def _own(plan: ScanPlan, table: TraceBlocks, time_zero: float) -> RecordingSummary:
     rows, traces = _some(table)
-    return Look(
+    return RecordingSummary(
         format=own.FORMAT,
         points=plan.mask.count,
         frames=plan.frames,
@@ -123,7 +123,7 @@ def _own(plan: ScanPlan, table: Table, time_zero: float) -> Look:
     )
 
 
-def _some(table: Table) -> tuple[list[int], list[list[float]]]:
+def _some(table: TraceBlocks) -> tuple[list[int], list[list[float]]]:
     """Take a few A-lines of the first block, which is read alone: a file may be large."""
     start, block = next(iter(table.blocks()))
     rows = np.unique(np.linspace(0, len(block) - 1, TRACES).round().astype(int))

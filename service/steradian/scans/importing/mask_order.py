@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.evidence import likeness
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.tables import Table
+from steradian.scans.importing.tables import TraceBlocks
 
 Order = Literal["matlab", "python"]
 WORDS = {"matlab": "MATLAB's (first axis fastest)", "python": "Python's (last axis fastest)"}
@@ -39,7 +39,7 @@ def ordered(points: NDArray[np.float64], order: Order) -> NDArray[np.float64]:
 
 
 def settle_order(
-    table: Table, points: NDArray[np.float64], said: Order | None, usual: Order, delay: int, *, python: bool
+    table: TraceBlocks, points: NDArray[np.float64], said: Order | None, usual: Order, delay: int, *, python: bool
 ) -> NDArray[np.float64]:
     """Return the mask's points (M, A) in the order of the table's rows.
 
@@ -90,7 +90,7 @@ def settle_order(
     return choices[usual]
 
 
-def _alike(table: Table, points: NDArray[np.float64], delay: int) -> float:
+def _alike(table: TraceBlocks, points: NDArray[np.float64], delay: int) -> float:
     """Mean correlation of the A-lines of neighbouring points, where row m of the table belongs to point m."""
     from scipy.spatial import KDTree
 

@@ -28,8 +28,15 @@ from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave import mask_points
 from steradian.scans.importing.mask_order import Order, settle_order, written_by_python
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import Hdf5Table, Table, mapped, scratch, slabs, spill
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import (
+    Hdf5TraceBlocks,
+    TraceBlocks,
+    iter_slabs,
+    mapped,
+    spill_to_disk,
+    temporary_file,
+)
 
 FORMAT = "matlab"
 EMPTY = "MATLAB_empty"
@@ -37,7 +44,7 @@ EMPTY = "MATLAB_empty"
 
 
 @contextmanager
-def open_matlab(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
+def open_matlab(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
     """Open a MATLAB 7.3 or Octave HDF5 file.
 
     Raises
@@ -45,19 +52,19 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
     DamagedFile, InvalidInput
         When it is damaged or refused, or lacks what is needed.
     """
-    with untrusted.open_untrusted(path) as file, scratch(folder) as spare:
+    with untrusted.open_untrusted(path) as file, temporary_file(folder) as spare:
         yield _source(file, said, spare, path, by_matlab=_by_matlab(path))
 
 
 @contextmanager
-def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
+def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
     """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
     wanted = wanted_names(said)
-    with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, scratch(folder) as spare:
+    with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, temporary_file(folder) as spare:
         yield _source(file, said, spare, path, by_matlab=True)
 
 
-def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_matlab: bool) -> Source:
+def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_matlab: bool) -> RecordingSource:
     called = path.name
     wanted = wanted_names(said)
     name = _find(file, wanted)
@@ -79,8 +86,8 @@ def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_ma
 
 
 def _in_order(
-    file: h5py.File, table: Table, stated: Stated, said: Description, path: Path, *, reversed_axes: bool
-) -> Stated:
+    file: h5py.File, table: TraceBlocks, stated: Metadata, said: Description, path: Path, *, reversed_axes: bool
+) -> Metadata:
     """Put the points of a binary mask into the order of the A-lines."""
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval or 0.0
     speed = said.sound_speed or stated.sound_speed or 1500.0
@@ -121,7 +128,11 @@ def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
         nested = f"{name.replace('/', '/value/')}/value"  # Octave's
         for place in (name, nested, f"{name}/p", f"{name}/value/p/value"):
             found = file.get(place)
-            if isinstance(found, h5py.Dataset) and found.size != 0 and not untrusted.figure(file, place, EMPTY):
+            if (
+                isinstance(found, h5py.Dataset)
+                and found.size != 0
+                and not untrusted.float_attribute(file, place, EMPTY)
+            ):
                 return place
     return None
 
@@ -183,27 +194,27 @@ def _order_of_three(traces: h5py.Dataset, *, reversed_axes: bool) -> tuple[str, 
     return order
 
 
-def _table(traces: h5py.Dataset, order: tuple[str, ...], spare: Any) -> Table:
+def _table(traces: h5py.Dataset, order: tuple[str, ...], spare: Any) -> TraceBlocks:
     """Put the A-lines in order, x slowest."""
     points = prod(count for count, name in zip(traces.shape, order, strict=True) if name in ("point", "x", "y"))
     if points > MOST_POINTS:
         raise InvalidInput("sensor_data", f"{points} sensors", f"at most {MOST_POINTS}")
     if order == ("point", "time"):
-        return Hdf5Table(traces)
+        return Hdf5TraceBlocks(traces)
     if order in (("time", "point"), ("time", "x", "y"), ("time", "y", "x")):
         turn = order == ("time", "y", "x")
-        pieces = (slab.swapaxes(1, 2) if turn else slab for slab in slabs(traces))
-        return spill(pieces, spare, points, traces.shape[0], time_first=True)
-    spilt = spill(slabs(traces), spare, traces.size, 1, time_first=False)
+        pieces = (slab.swapaxes(1, 2) if turn else slab for slab in iter_slabs(traces))
+        return spill_to_disk(pieces, spare, points, traces.shape[0], time_first=True)
+    spilt = spill_to_disk(iter_slabs(traces), spare, traces.size, 1, time_first=False)
     return table_of(mapped(spare, 0, spilt.dtype, traces.shape), order)
 
 
-def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float64] | None) -> Stated:
+def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float64] | None) -> Metadata:
     interval, rate, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.RATE, names.SPEED))
     if interval is None and rate:
         interval = 1 / rate
     weights, energies = _find(file, names.WEIGHTS), _find(file, names.ENERGIES)
-    return Stated(
+    return Metadata(
         points=points,
         weights=None if weights is None else untrusted.array(file, weights).astype(np.float64).reshape(-1),
         depth=_number(file, names.DEPTH),
@@ -262,7 +273,7 @@ def _coordinates(values: NDArray[Any], *, first: str) -> NDArray[np.float64]:
 def _places(mask: h5py.Dataset) -> NDArray[np.int64]:
     """Places of the nonzero voxels, counted with MATLAB's first axis fastest, a slab at a time."""
     found, before, total = [], 0, 0
-    for slab in slabs(mask):
+    for slab in iter_slabs(mask):
         here = np.flatnonzero(slab)
         total += len(here)
         if total > MOST_POINTS:
@@ -279,7 +290,7 @@ def _steps(file: h5py.File, axes: int) -> tuple[float, ...]:
     return (first, *(_number(file, each) or first for each in list(zip(names.STEPS, names.KGRID, strict=True))[1:axes]))
 
 
-def _on_grid(file: h5py.File, stated: Stated, counts: tuple[int, ...]) -> Stated:
+def _on_grid(file: h5py.File, stated: Metadata, counts: tuple[int, ...]) -> Metadata:
     if _number(file, (names.STEPS[0], names.KGRID[0])) is None:
         return stated
     return replace(stated, points=grid_points(counts, _steps(file, 2)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.tables import Block, Table
+from steradian.scans.importing.tables import Block, TraceBlocks
 
 FloatArray = NDArray[np.float64]
 AT_ONCE = 1 << 16
@@ -19,7 +19,7 @@ SHOWN = 5
 """So many constant A-lines are named."""
 
 
-def noticed(table: Table) -> Iterator[Block]:
+def noticed(table: TraceBlocks) -> Iterator[Block]:
     """Yield a table's blocks unchanged, and add remarks on their anomalies at the end."""
     count = lines = 0
     total = varied = 0.0

@@ -17,20 +17,20 @@ from steradian.scans.file import schema
 from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, sgl, untrusted
 from steradian.scans.importing.description import Description, read_description
 from steradian.scans.importing.remarks import collecting_remarks
-from steradian.scans.importing.source import Source
+from steradian.scans.importing.source import RecordingSource
 from steradian.scans.importing.text import is_text_table, open_csv, text_rows
 
 HDF5, ZIP, NPY, MATLAB = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"\x93NUMPY", b"MATLAB 7.3"
 
 
 @contextmanager
-def open_source(
+def open_recording_source(
     path: Path,
     description: Path | None = None,
     folder: Path | None = None,
     note: Progress | None = None,
     options: Mapping[str, Any] | None = None,
-) -> Iterator[Source]:
+) -> Iterator[RecordingSource]:
     """Open a foreign recording for reading in blocks.
 
     Parameters
@@ -60,7 +60,7 @@ def open_source(
         yield source
 
 
-def is_own(path: Path) -> bool:
+def is_scan_file(path: Path) -> bool:
     """Whether a file is a scan file of this program, by its format attribute; only HDF5 files can be one.
 
     Raises
@@ -68,16 +68,16 @@ def is_own(path: Path) -> bool:
     DamagedFile
         When it begins as HDF5 but cannot be opened.
     """
-    if not _magic(path).startswith(HDF5):
+    if not _magic_bytes(path).startswith(HDF5):
         return False
-    with untrusted.peek(path) as file:
+    with untrusted.open_root_only(path) as file:
         return _format(file) == schema.FORMAT
 
 
 def _opened(
     path: Path, said: Description, companion: Path | None, folder: Path | None, note: Progress | None
-) -> AbstractContextManager[Source]:
-    magic = _magic(path)
+) -> AbstractContextManager[RecordingSource]:
+    magic = _magic_bytes(path)
     if magic.startswith((HDF5, MATLAB)):
         return _opened_hdf5(path, said, companion, folder, note)
     if magic.startswith(mat5.MAGIC):
@@ -97,8 +97,8 @@ def _opened(
 
 def _opened_hdf5(
     path: Path, said: Description, companion: Path | None, folder: Path | None, note: Progress | None
-) -> AbstractContextManager[Source]:
-    with untrusted.peek(path) as file:
+) -> AbstractContextManager[RecordingSource]:
+    with untrusted.open_root_only(path) as file:
         names = set(untrusted.top_names(file))
         kind = _format(file)
     if ipasc.SERIES in names:
@@ -120,7 +120,7 @@ def _format(file: h5py.File) -> str | None:
     return str(file.attrs["format"])
 
 
-def _magic(path: Path) -> bytes:
+def _magic_bytes(path: Path) -> bytes:
     if not path.is_file():
         raise NotFound("file", path.name)
     with path.open("rb") as file:
@@ -132,7 +132,7 @@ def _with_positions(said: Description, description: Path | None) -> tuple[Descri
     if not isinstance(said.positions, str) or description is None:
         return said, None
     path = description.parent / said.positions
-    kind = _magic(path)
+    kind = _magic_bytes(path)
     if path.stat().st_size > untrusted.SMALL_BYTES:
         raise DamagedFile(f"{path.name} has {path.stat().st_size} bytes; allowed: {untrusted.SMALL_BYTES}")
     if kind.startswith(HDF5):

@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.core.units import TIME_ZERO
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
-from steradian.scans.file.columns import ATTRIBUTE
+from steradian.scans.file.columns import ATTRIBUTE_BY_COLUMN
 from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.origin import MOST_CHARACTERS, SOURCE, parse_origin
-from steradian.scans.file.rows import RowTable
-from steradian.scans.file.writer import AlineStore, Upload, create_scan_file
+from steradian.scans.file.rows import ShotTable
+from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.planned import read_plan
-from steradian.scans.importing.tables import Hdf5Table
-from steradian.scans.importing.writing import MOST_SIZE, ImportedAline, pieces, require_sizes
+from steradian.scans.importing.tables import Hdf5TraceBlocks
+from steradian.scans.importing.writing import MAX_VALUE, ImportedAline, check_values, split_block
 
 FORMAT = "steradian"
 GROUPS = {"mask", "plan", "alines", "run"}
@@ -40,7 +40,7 @@ DATASETS = {
 }
 """All that a scan file may hold."""
 LIMITS = {
-    "scale": (0.0, MOST_SIZE),
+    "scale": (0.0, MAX_VALUE),
     "energy": (0.0, 1e6),
     "wavelength_m": (0.0, 1e-4),
     "fire_time_s": (0.0, 1e12),
@@ -61,14 +61,14 @@ class _Scan:
     plan: ScanPlan
     visit: NDArray[np.int64]
     bias: NDArray[np.float64] | None
-    table: Hdf5Table
-    rows: RowTable
+    table: Hdf5TraceBlocks
+    rows: ShotTable
     stored: NDArray[np.bool_]
     fired: int
 
 
-def rewrite_scan(
-    source: Path, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None
+def sanitise_scan(
+    source: Path, path: Path, *, progress: Progress | None, cancelled: CancelCheck | None
 ) -> tuple[int, int]:
     """Write a scan file from the content of another; returns the numbers of stored A-lines and samples of each.
 
@@ -93,7 +93,7 @@ def rewrite_scan(
             scan_id=_name(file, "scan_id"),
             scanner=_name(file, "scanner"),
             scanner_model=_name(file, "scanner_model"),
-            simulated=bool(untrusted.figure(file, "/", "simulated")),
+            simulated=bool(untrusted.float_attribute(file, "/", "simulated")),
             sample_kind=scan.table.dtype,
             time_zero=_time_zero(file),
             created=_name(file, "created") or None,
@@ -102,10 +102,10 @@ def rewrite_scan(
             pulse_energy=_pulse_energy(file),
             film=_name(file, "film"),
         )
-        with AlineStore(path) as store:
+        with ScanFileWriter(path) as store:
             _write(scan, store, progress, cancelled)
-            _take_over(file, scan, store)
-            store.set_fired(scan.fired)
+            _copy_resume_state(file, scan, store)
+            store.record_shot_count(scan.fired)
         if origin := parse_origin(untrusted.text(file, "/", SOURCE, most=MOST_CHARACTERS)):
             with h5py.File(path, "r+") as made:
                 made.attrs[SOURCE] = json.dumps(origin)
@@ -113,8 +113,8 @@ def rewrite_scan(
 
 
 @contextmanager
-def opened_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5Table, float]]:
-    """Open a scan file to look into: its plan, its A-lines and its time zero (s); raises as :func:`rewrite_scan`."""
+def open_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5TraceBlocks, float]]:
+    """Open a scan file to look into: its plan, its A-lines and its time zero (s); raises as :func:`sanitise_scan`."""
     with untrusted.open_untrusted(source) as file:
         scan = _read(file)
         yield scan.plan, scan.table, _time_zero(file)
@@ -122,9 +122,9 @@ def opened_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5Table, float]]:
 
 def _read(file: h5py.File) -> _Scan:
     name = untrusted.name_of(file)
-    version = untrusted.figure(file, "/", "schema_version")
-    if version not in schema.READABLE:
-        raise DamagedFile(f"{name} has schema version {version}; this program reads {schema.READABLE}")
+    version = untrusted.float_attribute(file, "/", "schema_version")
+    if version not in schema.SUPPORTED_VERSIONS:
+        raise DamagedFile(f"{name} has schema version {version}; this program reads {schema.SUPPORTED_VERSIONS}")
     _refuse_unknown(file)
     plan = read_plan(file)
     samples = untrusted.dataset(file, "alines/samples", most_bytes=untrusted.TRACE_BYTES)
@@ -150,10 +150,10 @@ def _read(file: h5py.File) -> _Scan:
     if not np.array_equal(beams, np.reshape(plan.beams, (-1, 2))):
         raise DamagedFile(f"{name}: plan/beams is not what the plan says")
     visit, bias = _visit(file, plan), _bias(file, plan)
-    if untrusted.figure(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
+    if untrusted.float_attribute(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
-    rows = RowTable.of_columns(int(version), columns, plan.averages, _time_zero(file))
-    return _Scan(plan, visit, bias, Hdf5Table(samples), rows, stored, _fired(file))
+    rows = ShotTable.of_columns(int(version), columns, plan.averages, _time_zero(file))
+    return _Scan(plan, visit, bias, Hdf5TraceBlocks(samples), rows, stored, _fired(file))
 
 
 def _refuse_unknown(file: h5py.File) -> None:
@@ -201,12 +201,12 @@ def _fired(file: h5py.File) -> int:
 
 
 def _time_zero(file: h5py.File) -> float:
-    value = untrusted.figure(file, "plan", "time_zero_s") or 0.0
+    value = untrusted.float_attribute(file, "plan", "time_zero_s") or 0.0
     return TIME_ZERO.check("time_zero_s", value)
 
 
 def _pulse_energy(file: h5py.File) -> float:
-    value = untrusted.figure(file, "alines/energy", schema.NOMINAL) or 0.0
+    value = untrusted.float_attribute(file, "alines/energy", schema.NOMINAL) or 0.0
     if not 0 <= value <= 1e3:
         raise InvalidInput(schema.NOMINAL, value, "0 to 1e3 (J)")
     return value
@@ -217,15 +217,15 @@ def _name(file: h5py.File, attribute: str) -> str:
     return "".join(each for each in untrusted.text(file, "/", attribute, most=NAME) or "" if each.isprintable())
 
 
-def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+def _write(scan: _Scan, store: ScanFileWriter, progress: Progress | None, cancelled: CancelCheck | None) -> None:
     rows, total = np.arange(scan.plan.aline_count), scan.plan.aline_count
     for start, block in scan.table.blocks():
         if cancelled and cancelled():
             raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
-        for first, piece in pieces(start, block):
+        for first, piece in split_block(start, block):
             kept = rows[first : first + len(piece)]
             kept = kept[scan.stored[kept]]
-            require_sizes(piece[kept - first], scan.rows["scale"][kept], kept)
+            check_values(piece[kept - first], scan.rows["scale"][kept], kept)
             store.append(_alines(scan, first, piece), rows)
         if progress:
             progress("A-lines", min(start + len(block), total), total)
@@ -234,12 +234,12 @@ def _write(scan: _Scan, store: AlineStore, progress: Progress | None, cancelled:
 def _alines(scan: _Scan, first: int, block: NDArray[Any]) -> Iterator[ImportedAline]:
     """Give the stored A-lines of some rows, each proven by its checksum."""
     rows = np.flatnonzero(scan.stored[first : first + len(block)])
-    proven = scan.rows.take(first + rows).intact(block[rows])
+    proven = scan.rows.take(first + rows).verify_rows(block[rows])
     if not proven.all():
         raise DamagedFile(f"A-line {first + rows[~proven][0]} does not match its checksum")
     for within in rows.tolist():
         row = first + within
-        said = {attribute: scan.rows[name][row].item() for name, attribute in ATTRIBUTE.items()}
+        said = {attribute: scan.rows[name][row].item() for name, attribute in ATTRIBUTE_BY_COLUMN.items()}
         yield ImportedAline(row, block[within], **said)
 
 
@@ -250,7 +250,7 @@ def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_],
         raise InvalidInput(f"alines/{column}[{row}]", values[row], f"{least:g} to {most:g}")
 
 
-def _take_over(file: h5py.File, scan: _Scan, store: AlineStore) -> None:
+def _copy_resume_state(file: h5py.File, scan: _Scan, store: ScanFileWriter) -> None:
     """Copy the data needed to resume the scan: the last upload, if it is certain, and the reference."""
     if not {"run/queue", "run/upload", "run/reference"}.issubset(_names(file)):
         return  # version 1
@@ -264,7 +264,7 @@ def _take_over(file: h5py.File, scan: _Scan, store: AlineStore) -> None:
     if 0 < count <= len(queue) and google_crc32c.value(rows.tobytes() + head[:-1].tobytes()) == crc:
         if rows.min() < 0 or rows.max() >= len(queue) or min(tag, fired, laser_shots) < 0:
             raise DamagedFile(f"{untrusted.name_of(file)}: run/queue names rows that are not there")
-        store.note_upload(Upload(rows.astype(np.int64), tag, fired, laser_shots))
+        store.record_upload(UploadRecord(rows.astype(np.int64), tag, fired, laser_shots))
     point = told[0]
     if not np.isfinite(told).all() or not 0 <= point < scan.plan.mask.count or point % 1:
         raise DamagedFile(f"{untrusted.name_of(file)}: run/reference is not a point and three finite numbers")

@@ -52,13 +52,13 @@ def read_plan(file: h5py.File) -> ScanPlan:
 def read_mask(file: h5py.File) -> Mask:
     """Read the mask from an open scan file; raises like :func:`read_plan`."""
     arrangement = _json(file, "mask", untrusted.text(file, "mask", "arrangement", most=untrusted.MOST_TEXT))
-    offset = untrusted.figures(file, "mask", "offset_m", 2)
+    offset = untrusted.float_array_attribute(file, "mask", "offset_m", 2)
     mask = Mask.create(
         aperture=_needed(file, "mask", "aperture_m"),
         positions=untrusted.array(file, "mask/positions"),
         weights=untrusted.array(file, "mask/weights"),
         outline=untrusted.array(file, "mask/outline") if "mask/outline" in file else None,
-        depth=untrusted.figure(file, "mask", "depth_m"),
+        depth=untrusted.float_attribute(file, "mask", "depth_m"),
         arrangement=arrangement,
         offset=offset or (0.0, 0.0),
     )
@@ -80,7 +80,7 @@ def _of_attributes(file: h5py.File, stated: dict[str, float]) -> dict[str, Any]:
 
 
 def _needed(file: h5py.File, place: str, name: str) -> float:
-    value = untrusted.figure(file, place, name)
+    value = untrusted.float_attribute(file, place, name)
     if value is None:
         raise DamagedFile(f"{untrusted.name_of(file)} has no attribute {name} of {place}")
     return value

@@ -25,8 +25,8 @@ from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.sgl_name import NameSays, read_name
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import RawTable
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import RawTraceBlocks
 
 FORMAT, SUFFIX = "sgl", ".sgl"
 KIND = np.dtype(">f4")
@@ -106,7 +106,7 @@ def is_sgl(path: Path, name: str = "") -> bool:
 
 
 @contextmanager
-def open_sgl(path: Path, said: Description) -> Iterator[Source]:
+def open_sgl(path: Path, said: Description) -> Iterator[RecordingSource]:
     """Open an .sgl file.
 
     Raises
@@ -121,7 +121,7 @@ def open_sgl(path: Path, said: Description) -> Iterator[Source]:
     layout = read_layout(path, named)
     with path.open("rb") as file:
         offset = KIND.itemsize * len(HEADER)
-        table = RawTable(file, offset, KIND, layout.points, layout.samples, time_first=True)
+        table = RawTraceBlocks(file, offset, KIND, layout.points, layout.samples, time_first=True)
         stated = _stated(layout, named, said)
         yield make_source(FORMAT, table, stated, said, name)
 
@@ -196,7 +196,7 @@ def _require_one_plane(name: str, held: int, total: int, shape: str, named: Name
         )
 
 
-def _stated(layout: Layout, named: NameSays, said: Description) -> Stated:
+def _stated(layout: Layout, named: NameSays, said: Description) -> Metadata:
     _compare(layout, named)
     if named.patterns:
         remark("the name speaks of Hadamard patterns; the samples are taken as those of single points")
@@ -205,7 +205,7 @@ def _stated(layout: Layout, named: NameSays, said: Description) -> Stated:
     if said.time_zero is None and named.time_zero:
         first = f"{named.time_zero} samples {'after' if named.time_zero > 0 else 'before'}".replace("-", "")
         remark(f"time zero from the file's name, t0[{named.time_zero}]: the first sample was taken {first} the pulse")
-    return Stated(
+    return Metadata(
         points=_points(layout),
         sampling_interval=layout.interval,
         sound_speed=SPEED,

@@ -14,33 +14,33 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import SAMPLING_INTERVAL, TIME_ZERO
 from steradian.scans.importing.description import Description, grid_points
-from steradian.scans.importing.geometry import Sensors, place_sensors
+from steradian.scans.importing.geometry import SensorPlacement, fit_sensor_plane
 from steradian.scans.importing.noticing import noticed
 from steradian.scans.importing.pulse_energies import relative_energies
 from steradian.scans.importing.remarks import remark, remarks
-from steradian.scans.importing.tables import Table
+from steradian.scans.importing.tables import TraceBlocks
 from steradian.scans.importing.units import require_extent, unit_hint, unit_of_times
-from steradian.scans.recording import Recording, Shots
+from steradian.scans.recording import Recording, ShotMetadata
 
 _T = TypeVar("_T")
 UNITLESS = ("npz", "matlab")  # formats whose numbers may be in any unit
 
 
 @dataclass(frozen=True)
-class Lack:
+class MissingField:
     """Field that is missing from both file and description, with its allowed values."""
 
     field: str
     allowed: str
 
 
-_noted: ContextVar[list[Lack] | None] = ContextVar("noted", default=None)
+_noted: ContextVar[list[MissingField] | None] = ContextVar("noted", default=None)
 
 
 @contextmanager
-def noting_lacks() -> Iterator[list[Lack]]:
+def collecting_missing_fields() -> Iterator[list[MissingField]]:
     """Context manager in which :func:`make_source` records missing fields and continues with placeholder values."""
-    lacks: list[Lack] = []
+    lacks: list[MissingField] = []
     token = _noted.set(lacks)
     try:
         yield lacks
@@ -48,17 +48,17 @@ def noting_lacks() -> Iterator[list[Lack]]:
         _noted.reset(token)
 
 
-def _lacking(field: str, allowed: str, instead: _T) -> _T:
+def _missing(field: str, allowed: str, instead: _T) -> _T:
     """Reject a missing field; or record it and return a placeholder."""
     lacks = _noted.get()
     if lacks is None:
         raise InvalidInput(field, "missing", allowed)
-    lacks.append(Lack(field, allowed))
+    lacks.append(MissingField(field, allowed))
     return instead
 
 
 @dataclass(frozen=True)
-class Stated:
+class Metadata:
     """Metadata of a file in SI units; ``None`` for fields that it does not state."""
 
     points: NDArray[np.floating[Any]] | None = None
@@ -85,7 +85,7 @@ class Stated:
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordingSource:
     """A recording that can be read in blocks.
 
     Parameters
@@ -115,8 +115,8 @@ class Source:
     """
 
     format: str
-    table: Table
-    sensors: Sensors
+    table: TraceBlocks
+    sensors: SensorPlacement
     sampling_interval: float
     sound_speed: float | None
     time_zero: float
@@ -159,18 +159,23 @@ class Source:
             shots=self._shots(),
         )
 
-    def _shots(self) -> Shots | None:
+    def _shots(self) -> ShotMetadata | None:
         """Return per-A-line differences of the first frame, if there are any."""
         if self.time_zeros is None and self.energies is None:
             return None
         points = self.table.points
-        shots = Shots.usual(np.full(points, self.time_zero) if self.time_zeros is None else self.time_zeros)
+        shots = ShotMetadata.default(np.full(points, self.time_zero) if self.time_zeros is None else self.time_zeros)
         return shots if self.energies is None else replace(shots, energy=self.energies[:points])
 
 
 def make_source(
-    kind: str, table: Table, stated: Stated, said: Description, name: str, lateral: tuple[int, ...] | None = None
-) -> Source:
+    kind: str,
+    table: TraceBlocks,
+    stated: Metadata,
+    said: Description,
+    name: str,
+    lateral: tuple[int, ...] | None = None,
+) -> RecordingSource:
     """Combine the metadata of a file with its description, which takes precedence.
 
     Parameters
@@ -194,7 +199,7 @@ def make_source(
         raise InvalidInput("positions", f"{len(points)} positions", allowed)
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval
     if interval is None:
-        interval = _lacking("sampling_interval", "> 0 (s), which the file does not state", 1e-8)
+        interval = _missing("sampling_interval", "> 0 (s), which the file does not state", 1e-8)
     if interval not in SAMPLING_INTERVAL:
         given = f"{said.sampling_interval:g} {said.times}" if said.sampling_interval else f"{interval:g} s"
         hint = unit_hint(
@@ -205,12 +210,12 @@ def make_source(
     weights = said.weights if said.weights is not None else stated.weights
     aperture = said.metres(said.aperture) or stated.aperture
     area = None if said.weights is not None or weights is None else float(weights.sum())
-    sensors = place_sensors(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
+    sensors = fit_sensor_plane(points, aperture=aperture, bounds=stated.bounds, weights=weights, sensed_area=area)
     delay = said.seconds(said.time_zero)
     if said.time_zero_samples is not None:
         delay = (delay or 0.0) + said.time_zero_samples * interval
     earliest, each = _time_zeros(stated.time_zero if delay is None else delay, said, table.points)
-    return Source(
+    return RecordingSource(
         format=kind,
         table=table,
         sensors=sensors,
@@ -231,7 +236,7 @@ def make_source(
     )
 
 
-def _in_units(stated: Stated, said: Description) -> Stated:
+def _in_units(stated: Metadata, said: Description) -> Metadata:
     """Convert a file's own lengths and times where the description gives their unit."""
     length = 1.0 if said.has_lengths else said.length_unit
     time = 1.0 if said.has_times else said.time_unit
@@ -271,7 +276,7 @@ def _time_zeros(
 
 
 def _described_points(
-    said: Description, stated: Stated, lateral: tuple[int, ...] | None, count: int
+    said: Description, stated: Metadata, lateral: tuple[int, ...] | None, count: int
 ) -> NDArray[np.floating[Any]]:
     if said.grid is not None:
         counts, interval = said.grid.count or lateral, said.grid.interval
@@ -282,5 +287,5 @@ def _described_points(
         return np.asarray(said.positions, np.float64).reshape(len(said.positions), -1) * said.length_unit
     if stated.points is None:
         allowed = "positions or a grid of the sensors, in a description (JSON)"
-        return _lacking("positions", allowed, np.linspace(-0.01, 0.01, count)[:, None])
+        return _missing("positions", allowed, np.linspace(-0.01, 0.01, count)[:, None])
     return stated.points

@@ -25,7 +25,7 @@ Block = tuple[int, NDArray[Any]]
 """Row of the first A-line, and A-lines (B, N_t)."""
 
 
-class Table(Protocol):
+class TraceBlocks(Protocol):
     """A-lines that can be read in blocks; row f·M + m belongs to frame f and point m."""
 
     @property
@@ -40,7 +40,7 @@ class Table(Protocol):
 
 
 @dataclass(frozen=True)
-class RawTable:
+class RawTraceBlocks:
     """Numbers one after the other in a file, either order of axes.
 
     Parameters
@@ -91,7 +91,7 @@ class RawTable:
 
 
 @dataclass(frozen=True)
-class Hdf5Table:
+class Hdf5TraceBlocks:
     """A dataset (M, N_t, …) of an HDF5 file; each set of further indices is a frame."""
 
     dataset: h5py.Dataset
@@ -130,12 +130,14 @@ class Hdf5Table:
                 yield frame * self.points + start, block
 
 
-def scratch(folder: Path | None) -> IO[bytes]:
+def temporary_file(folder: Path | None) -> IO[bytes]:
     """Open a nameless file that vanishes when it is closed, however that happens."""
     return tempfile.TemporaryFile(dir=folder, prefix=".import-")
 
 
-def spill(pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples: int, *, time_first: bool) -> RawTable:
+def spill_to_disk(
+    pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples: int, *, time_first: bool
+) -> RawTraceBlocks:
     """Write pieces of a table, in the order of its file, into a scratch file.
 
     Parameters
@@ -143,7 +145,7 @@ def spill(pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples:
     pieces
         Arrays of one kind; together points × samples numbers.
     file
-        From :func:`scratch`.
+        From :func:`temporary_file`.
     points, samples, time_first
         Shape and order of the whole.
 
@@ -162,7 +164,7 @@ def spill(pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples:
     if kind is None or total != points * samples:
         raise DamagedFile(f"the A-lines end after {total} numbers; expected {points} × {samples}")
     file.flush()
-    return RawTable(file, 0, kind, points, samples, time_first)
+    return RawTraceBlocks(file, 0, kind, points, samples, time_first)
 
 
 def mapped(
@@ -181,7 +183,7 @@ def mapped(
         raise DamagedFile(f"the A-lines cannot be read in this order of axes: {error}") from error
 
 
-def slabs(dataset: h5py.Dataset) -> Iterator[NDArray[Any]]:
+def iter_slabs(dataset: h5py.Dataset) -> Iterator[NDArray[Any]]:
     """Read a dataset along its first axis, a few megabytes at a time and in whole chunks."""
     row = max(1, int(np.prod(dataset.shape[1:])) * dataset.dtype.itemsize)
     step = max(1, BLOCK_BYTES // row)

@@ -22,8 +22,8 @@ from steradian.scans.importing.arrays import order_in, table_in
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.kwave_p import order_of_square
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Source, Stated, make_source
-from steradian.scans.importing.tables import mapped, scratch
+from steradian.scans.importing.source import Metadata, RecordingSource, make_source
+from steradian.scans.importing.tables import mapped, temporary_file
 
 LINE_BYTES = 16 << 20
 SHOWN = 40
@@ -52,7 +52,7 @@ def is_text_table(path: Path) -> bool:
 
 
 @contextmanager
-def open_csv(path: Path, said: Description, folder: Path | None = None) -> Iterator[Source]:
+def open_csv(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
     """Open a text file with an A-line a row, or a time step a row where the description says so.
 
     Raises
@@ -60,7 +60,7 @@ def open_csv(path: Path, said: Description, folder: Path | None = None) -> Itera
     DamagedFile, InvalidInput
         When it is damaged or refused, or lacks what is needed.
     """
-    with scratch(folder) as spare, path.open("rb") as file:
+    with temporary_file(folder) as spare, path.open("rb") as file:
         rows = columns = 0
         for row in text_rows(file, path):
             if columns and len(row) != columns:
@@ -74,7 +74,7 @@ def open_csv(path: Path, said: Description, folder: Path | None = None) -> Itera
         if rows == columns and said.order is None:
             order = order_of_square(mapped(spare, 0, np.dtype(np.float64), (rows, columns)), order)
         table, lateral = table_in(spare, 0, np.dtype(np.float64), (rows, columns), order)
-        yield make_source("csv", table, Stated(), said, path.name, lateral)
+        yield make_source("csv", table, Metadata(), said, path.name, lateral)
 
 
 def text_rows(file: IO[bytes], path: Path) -> Iterator[NDArray[np.float64]]:

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
-from steradian.scans.file.corruption import BROKEN
-from steradian.scans.file.locking import open_to_read
+from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.locking import open_for_reading
 
-MOST_LINKS = 5_000_000
+MAX_LINKS = 5_000_000
 MOST_DEPTH = 32
 """Groups inside groups; the HDF5 library itself visits them by recursion, and thousands of them end its process."""
 MOST_TEXT = 1 << 20
@@ -58,7 +58,7 @@ def open_untrusted(path: Path) -> Iterator[h5py.File]:
 
 
 @contextmanager
-def peek(path: Path) -> Iterator[h5py.File]:
+def open_root_only(path: Path) -> Iterator[h5py.File]:
     """Open an HDF5 file to look at its root's attributes and names, nothing else: its links are not checked.
 
     Raises
@@ -93,7 +93,7 @@ def dataset(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> h5p
         if not isinstance(found, h5py.Dataset):
             raise DamagedFile(f"{name_of(file)} has no dataset {name!r}")
         reason = _kind(found) or _place(found) or _shape(found, most_bytes) or _chunks(found)
-        reason = reason or _proportion(found) or _inflation(found)
+        reason = reason or _check_aspect(found) or _inflation(found)
     if reason:
         raise DamagedFile(f"{name_of(file)}: {name} {reason}")
     return found
@@ -157,13 +157,13 @@ def text(file: h5py.File, place: str, name: str, *, most: int = MOST_TEXT) -> st
     return value
 
 
-def figure(file: h5py.File, place: str, name: str) -> float | None:
-    """Read an attribute that is one finite number; see :func:`figures`."""
-    found = figures(file, place, name, None)
+def float_attribute(file: h5py.File, place: str, name: str) -> float | None:
+    """Read an attribute that is one finite number; see :func:`float_array_attribute`."""
+    found = float_array_attribute(file, place, name, None)
     return None if found is None else found[0]
 
 
-def figures(file: h5py.File, place: str, name: str, count: int | None) -> tuple[float, ...] | None:
+def float_array_attribute(file: h5py.File, place: str, name: str, count: int | None) -> tuple[float, ...] | None:
     """Read an attribute of ``count`` finite numbers (``None``: a single one); ``None`` if it does not exist.
 
     Raises
@@ -193,9 +193,9 @@ def _attribute_kind(file: h5py.File, place: str, name: str, shape: tuple[int, ..
 
 def _open(path: Path) -> h5py.File:
     try:
-        return open_to_read(path)
-    except (OSError, *BROKEN) as error:
-        raise DamagedFile(f"{path.name} cannot be read as HDF5: {_said(error, path)}") from error
+        return open_for_reading(path)
+    except (OSError, *HDF5_ERRORS) as error:
+        raise DamagedFile(f"{path.name} cannot be read as HDF5: {_library_message(error, path)}") from error
 
 
 @contextmanager
@@ -205,15 +205,15 @@ def _damage(path: Path) -> Iterator[None]:
         yield
     except SteradianError:
         raise
-    except BROKEN as error:
-        raise DamagedFile(f"{path.name} cannot be read: {_said(error, path)}") from error
+    except HDF5_ERRORS as error:
+        raise DamagedFile(f"{path.name} cannot be read: {_library_message(error, path)}") from error
     except OSError as error:
         if error.errno is not None:  # a full disk, say
             raise
-        raise DamagedFile(f"{path.name} cannot be read: {_said(error, path)}") from error
+        raise DamagedFile(f"{path.name} cannot be read: {_library_message(error, path)}") from error
 
 
-def _said(error: Exception, path: Path) -> str:
+def _library_message(error: Exception, path: Path) -> str:
     """Words of the HDF5 library, which names files with their folders."""
     return str(error).replace(str(path), path.name)
 
@@ -228,12 +228,12 @@ def _check_links(file: h5py.File) -> None:
 
         def note(name: bytes, info: Any, found: list[tuple[bytes, int]] = found) -> bool | None:
             found.append((name, info.type))
-            return True if len(found) > MOST_LINKS else None
+            return True if len(found) > MAX_LINKS else None
 
         group.links.iterate(note, info=True)
         count += len(found)
         for name, link in found:
-            reason = _link(link) or _reach(count, depth)
+            reason = _link(link) or _walk(count, depth)
             if reason:
                 place = f"{path}{name.decode(errors='replace')}"
                 raise DamagedFile(f"{name_of(file)}: {place} {reason}")
@@ -250,9 +250,9 @@ def _link(kind: int) -> str:
     return f"is {LINK_KINDS.get(kind, 'a link of a kind of its own')}; an imported file must hold its own data"
 
 
-def _reach(count: int, depth: int) -> str:
-    if count > MOST_LINKS:
-        return f"is beyond the {MOST_LINKS} objects that a file may hold"
+def _walk(count: int, depth: int) -> str:
+    if count > MAX_LINKS:
+        return f"is beyond the {MAX_LINKS} objects that a file may hold"
     return f"lies more than {MOST_DEPTH} groups deep" if depth > MOST_DEPTH else ""
 
 
@@ -289,7 +289,7 @@ def _shape(found: h5py.Dataset, most_bytes: int) -> str:
     return ""
 
 
-def _proportion(found: h5py.Dataset) -> str:
+def _check_aspect(found: h5py.Dataset) -> str:
     size, stored = found.size * found.dtype.itemsize, int(found.id.get_storage_size())
     if size > max(RATIO_FROM, RATIO * stored):
         return f"would be {size:.2g} bytes from {stored} in the file; allowed: {RATIO} times as many"

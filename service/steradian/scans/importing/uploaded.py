@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-def laid_out(
+def stage_upload(
     folder: Path, description: Mapping[str, Any] | None, upload: Path, companion: Path | None = None
 ) -> tuple[Path, Path | None]:
     """Give uploads the names by which the importer knows text files and a description its companion.

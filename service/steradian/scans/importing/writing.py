@@ -13,20 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.core.progress import IsCancelled, Progress
+from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.scans.file import schema
 from steradian.scans.file.origin import SOURCE
-from steradian.scans.file.writer import AlineStore, create_scan_file
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing.noticing import noticed
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.source import Source
+from steradian.scans.importing.source import RecordingSource
 
-USUAL_RATE, DUTY = 50.0, 0.5
+DEFAULT_PULSE_RATE, DUTY_CYCLE = 50.0, 0.5
 """Pulse rate of a plan made for a recording that states none, in Hz, and the share of a period its record may fill."""
 EXCITATION = (200e-9, 3e-6)
 
-MOST_SIZE = 1e15
+MAX_VALUE = 1e15
 """Largest size of a sample times its scale: beyond any pressure, and squares still fit into float32."""
 
 _PIECE = 1 << 20
@@ -51,7 +51,7 @@ class ImportedAline:
     gain_db: float = 0.0
 
 
-def plan_of(source: Source) -> ScanPlan:
+def plan_of(source: RecordingSource) -> ScanPlan:
     """Make the plan that would have measured a recording.
 
     Raises
@@ -77,7 +77,7 @@ def plan_of(source: Source) -> ScanPlan:
         excitation = ()
     return ScanPlan.create(
         mask=mask,
-        pulse_rate=min(USUAL_RATE, DUTY / record),
+        pulse_rate=min(DEFAULT_PULSE_RATE, DUTY_CYCLE / record),
         samples=source.table.samples,
         sampling_interval=source.sampling_interval,
         sound_speed=source.sound_speed,
@@ -88,7 +88,9 @@ def plan_of(source: Source) -> ScanPlan:
     )
 
 
-def write_scan(source: Source, path: Path, *, progress: Progress | None, cancelled: IsCancelled | None) -> None:
+def write_scan(
+    source: RecordingSource, path: Path, *, progress: Progress | None, cancelled: CancelCheck | None
+) -> None:
     """Write a recording into a new scan file, block by block.
 
     Integers of at most 16 bits stay what they are; everything else becomes float32.
@@ -113,20 +115,20 @@ def write_scan(source: Source, path: Path, *, progress: Progress | None, cancell
     )
     total = source.table.points * source.table.frames
     rows = np.arange(total)
-    with AlineStore(path) as store:
+    with ScanFileWriter(path) as store:
         for start, block in noticed(source.table):
             if cancelled and cancelled():
                 raise Cancelled(f"the import was stopped after {start} of {total} A-lines")
-            for first, piece in pieces(start, block):
+            for first, piece in split_block(start, block):
                 store.append(_alines(first, piece, kind, source), rows)
             if progress:
                 progress("A-lines", start + len(block), total)
-        store.set_fired(total * source.averages)
+        store.record_shot_count(total * source.averages)
     with h5py.File(path, "r+") as file:  # last: reading the A-lines may have added remarks
         file.attrs[SOURCE] = _origin(source)
 
 
-def _origin(source: Source) -> str:
+def _origin(source: RecordingSource) -> str:
     said: dict[str, Any] = {
         "name": source.provenance.get("source", ""),
         "format": source.format,
@@ -137,14 +139,14 @@ def _origin(source: Source) -> str:
     return json.dumps(said)
 
 
-def pieces(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
+def split_block(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
     """Yield pieces of a block that begins at row ``start``, with their first rows; the store copies its input."""
     step = max(1, _PIECE // (block.shape[1] * block.itemsize))
     for first in range(0, len(block), step):
         yield start + first, block[first : first + step]
 
 
-def require_sizes(
+def check_values(
     samples: NDArray[Any],
     scale: NDArray[np.float32] | float,
     rows: NDArray[np.int64],
@@ -158,7 +160,7 @@ def require_sizes(
         return
     with np.errstate(invalid="ignore"):
         largest = np.maximum(samples.max(axis=1).astype(np.float64), -samples.min(axis=1).astype(np.float64))
-        wrong = np.flatnonzero(~(largest * scale <= MOST_SIZE))  # also where it is not a number
+        wrong = np.flatnonzero(~(largest * scale <= MAX_VALUE))  # also where it is not a number
     if wrong.size:
         row = int(wrong[0])
         with np.errstate(invalid="ignore"):
@@ -166,14 +168,14 @@ def require_sizes(
         column = int(np.where(np.isfinite(sizes), sizes, np.inf).argmax())
         value = (samples if given is None else given)[row, column]
         raise InvalidInput(
-            f"traces[{rows[row]}, {column}]", value, f"finite numbers, at most {MOST_SIZE:g} times scale"
+            f"traces[{rows[row]}, {column}]", value, f"finite numbers, at most {MAX_VALUE:g} times scale"
         )
 
 
-def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: Source) -> Iterator[ImportedAline]:
+def _alines(start: int, block: NDArray[Any], kind: np.dtype[Any], source: RecordingSource) -> Iterator[ImportedAline]:
     with np.errstate(over="ignore", invalid="ignore"):  # what float32 cannot hold becomes infinite and is refused
         samples = block.astype(kind)
-    require_sizes(samples, source.scale, np.arange(start, start + len(block)), block)
+    check_values(samples, source.scale, np.arange(start, start + len(block)), block)
     each, points = source.time_zeros, source.table.points
     for index, row in enumerate(samples, start):
         zero = source.time_zero if each is None else float(each[index % points])

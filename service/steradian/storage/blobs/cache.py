@@ -14,16 +14,16 @@ from typing import Final
 
 import filelock
 
-from steradian.core.atomic_files import ENDING
+from steradian.core.atomic_files import DRAFT_SUFFIX
 
-HELD: Final = 16
+MAX_PINNED: Final = 16
 """Files that a process holds: those that it has asked for last."""
-ABANDONED: Final = 3600.0
+ABANDONED_AFTER: Final = 3600.0
 """Seconds after which a draft that nobody writes to is removed."""
 LOCKS: Final = "locks"
 
 
-class Cache:
+class ContentCache:
     """A folder of files, used by many threads and processes at once.
 
     Parameters
@@ -61,20 +61,20 @@ class Cache:
                     self._add(path, modified, fetch)
         return path
 
-    def take(self, name: str, file: Path, modified: float) -> None:
+    def adopt(self, name: str, file: Path, modified: float) -> None:
         """Move a file in, whose content has that name."""
         self._make_room(file.stat().st_size)
         with self._alone(name):
             os.utime(file, (time.time(), modified))
             os.replace(file, self._folder / name)
 
-    def has(self, name: str) -> Path | None:
+    def peek(self, name: str) -> Path | None:
         """Return a file if it is there."""
         path = self._folder / name
         return path if self._hold(path) else None
 
     def _add(self, path: Path, modified: float, fetch: Callable[[Path], None]) -> None:
-        draft = path.with_name(f"{path.name}.{os.getpid()}{ENDING}")
+        draft = path.with_name(f"{path.name}.{os.getpid()}{DRAFT_SUFFIX}")
         try:
             fetch(draft)
             os.utime(draft, (time.time(), modified))
@@ -99,7 +99,7 @@ class Cache:
                     os.close(handle)
                 return False
             self._held.move_to_end(path)
-            while len(self._held) > HELD:
+            while len(self._held) > MAX_PINNED:
                 os.close(self._held.popitem(last=False)[1])
         return True
 
@@ -110,7 +110,7 @@ class Cache:
         for entry in os.scandir(self._folder):
             with suppress(FileNotFoundError):
                 about = entry.stat()
-                if entry.name.endswith(ENDING) and now - about.st_mtime > ABANDONED:
+                if entry.name.endswith(DRAFT_SUFFIX) and now - about.st_mtime > ABANDONED_AFTER:
                     os.unlink(entry)
                 elif entry.is_file():
                     found.append((about.st_atime, about.st_size, Path(entry)))
@@ -118,7 +118,7 @@ class Cache:
         for _, each, path in sorted(found):
             if total <= self._limit:
                 return
-            if not path.name.endswith(ENDING) and _remove(path):
+            if not path.name.endswith(DRAFT_SUFFIX) and _remove(path):
                 total -= each
 
 

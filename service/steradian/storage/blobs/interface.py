@@ -2,7 +2,7 @@
 
 What is kept has a name, the path that it has in a data folder: ``scans/<id>.h5``, ``jobs/<id>/<file>``,
 ``uploads/<id>``. It never changes. A scan under way, the folder of a job that runs and an upload that is coming are not
-kept yet: they are local files of whoever writes them, given to :meth:`Arrays.put` when they are whole.
+kept yet: they are local files of whoever writes them, given to :meth:`BlobStore.put` when they are whole.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from steradian.core.atomic_files import ENDING, sync_folder
+from steradian.core.atomic_files import DRAFT_SUFFIX, sync_folder
 from steradian.core.exceptions import NotFound
 from steradian.storage.data_dir.layout import DataDirectory
 
@@ -39,7 +39,7 @@ def result_name(job_id: str, file: str = "") -> str:
 
 
 @dataclass(frozen=True)
-class Stat:
+class BlobInfo:
     """Size in bytes and modification time (s since 1970) of a blob."""
 
     size: int
@@ -47,8 +47,8 @@ class Stat:
 
 
 @dataclass(frozen=True)
-class Stored:
-    """Staged blob that :meth:`Arrays.announce` makes visible under its name.
+class StagedBlob:
+    """Staged blob that :meth:`BlobStore.commit` makes visible under its name.
 
     ``sha256`` is of their content, empty where files are known by their place.
     """
@@ -68,29 +68,29 @@ class Stored:
         return cls(**said | {"created": datetime.fromisoformat(said["created"])})
 
 
-class Arrays(Protocol):
+class BlobStore(Protocol):
     """Store of immutable blobs, safe for concurrent threads and processes."""
 
     def open(self, name: str) -> Path:
         """Return a local file with the whole of it, only to be read; raises :class:`NotFound`."""
         ...
 
-    def put(self, name: str, file: Path) -> Stored:
+    def put(self, name: str, file: Path) -> StagedBlob:
         """Take a whole file over; it is not where it was any more.
 
         Nobody sees a part of it, also when this process is killed.
         """
         ...
 
-    def announce(self, session: Session, *stored: Stored) -> None:
+    def commit(self, session: Session, *stored: StagedBlob) -> None:
         """Commit a staged blob under its name when the transaction commits."""
         ...
 
-    def keep(self, name: str, file: Path) -> None:
+    def put_and_commit(self, name: str, file: Path) -> None:
         """Put and announce in one go."""
         ...
 
-    def stat(self, name: str) -> Stat | None:
+    def stat(self, name: str) -> BlobInfo | None:
         """Return size and time of a blob; ``None`` if it does not exist."""
         ...
 
@@ -102,11 +102,11 @@ class Arrays(Protocol):
         """Return a temporary public URL of a blob; ``None`` if the store has none."""
         ...
 
-    def names(self, beginning: str) -> Iterator[str]:
+    def list_names(self, beginning: str) -> Iterator[str]:
         """Name all whose names begin so, sorted."""
         ...
 
-    def settle(self, name: str) -> None:
+    def accept_stale_copy(self, name: str) -> None:
         """Accept the stored copy of a scan although the scan was resumed since.
 
         Newer A-lines are lost with their host.
@@ -117,12 +117,12 @@ class Arrays(Protocol):
         """Forget one thing, or all below a name that ends in a slash; nothing happens when there is none."""
         ...
 
-    def answers(self) -> bool:
+    def is_available(self) -> bool:
         """Whether something can be kept now."""
         ...
 
 
-class Folder:
+class FolderBlobStore:
     """Blob store on the local data folder.
 
     Parameters
@@ -141,30 +141,30 @@ class Folder:
             raise NotFound("file", name)
         return path
 
-    def put(self, name: str, file: Path) -> Stored:
+    def put(self, name: str, file: Path) -> StagedBlob:
         """Give the file its place, where it survives a power cut if its bytes do."""
         path = self._root / name
         if file != path:
             os.replace(file, path)
             sync_folder(path.parent)
         found = path.stat()
-        return Stored(name, found.st_size, datetime.fromtimestamp(found.st_mtime, UTC))
+        return StagedBlob(name, found.st_size, datetime.fromtimestamp(found.st_mtime, UTC))
 
-    def announce(self, session: Session, *stored: Stored) -> None:
+    def commit(self, session: Session, *stored: StagedBlob) -> None:
         """Do nothing: a file is known by its place."""
 
-    def keep(self, name: str, file: Path) -> None:
+    def put_and_commit(self, name: str, file: Path) -> None:
         """Put it."""
         self.put(name, file)
 
-    def stat(self, name: str) -> Stat | None:
+    def stat(self, name: str) -> BlobInfo | None:
         """Look at the file."""
         path = self._root / name
         try:
             found = path.stat()
         except OSError:
             return None
-        return Stat(found.st_size, found.st_mtime) if path.is_file() else None
+        return BlobInfo(found.st_size, found.st_mtime) if path.is_file() else None
 
     def range(self, name: str, first: int, count: int) -> bytes:
         """Read a part of the file."""
@@ -176,14 +176,14 @@ class Folder:
         """Return nothing: only the service shows files."""
         return None
 
-    def names(self, beginning: str) -> Iterator[str]:
+    def list_names(self, beginning: str) -> Iterator[str]:
         """Look through the folder; drafts are not there yet."""
         folder, _, start = beginning.rpartition("/")
         for path in sorted((self._root / folder).glob(f"{start}*")):
-            if path.is_file() and ENDING not in path.name:
+            if path.is_file() and DRAFT_SUFFIX not in path.name:
                 yield path.relative_to(self._root).as_posix()
 
-    def settle(self, name: str) -> None:
+    def accept_stale_copy(self, name: str) -> None:
         """Do nothing: the file is all that there is."""
 
     def delete(self, name: str) -> None:
@@ -194,6 +194,6 @@ class Folder:
         elif not name.endswith("/"):
             path.unlink(missing_ok=True)
 
-    def answers(self) -> bool:
+    def is_available(self) -> bool:
         """Whether the folder can be written to."""
         return os.access(self._root / "scans", os.W_OK)

@@ -21,24 +21,24 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, StoreUnavailable
 from steradian.core.settings import Settings
-from steradian.storage.blobs.cache import Cache
-from steradian.storage.blobs.interface import Arrays, Folder, Stat, Stored
-from steradian.storage.blobs.s3 import PATIENCE, Bucket
-from steradian.storage.blobs.staleness import has_moved_on, last_begun
+from steradian.storage.blobs.cache import ContentCache
+from steradian.storage.blobs.interface import BlobInfo, BlobStore, FolderBlobStore, StagedBlob
+from steradian.storage.blobs.s3 import TIMEOUT, S3Bucket
+from steradian.storage.blobs.staleness import is_stale, last_write_started
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.clock import Clock, utc_now
-from steradian.storage.db.database import Database, take_turns
-from steradian.storage.db.tables import LogRow, ObjectRow, ScanRow
+from steradian.storage.db.database import Database, advisory_xact_lock
+from steradian.storage.db.tables import FactRow, ObjectRow, ScanRow
 
-ORPHANS_KEPT: Final = timedelta(days=1)
+ORPHAN_GRACE: Final = timedelta(days=1)
 """Age from which an object without a row is nobody's; much more than lies between an object and its row."""
 AT_A_TIME: Final = 100
 """Objects that are swept while nothing is announced."""
 SWEEP_LOCK: Final = 0x57E2AD1D
 """Number of the PostgreSQL advisory lock under which rows are written and orphans deleted."""
-CLOCK: Final = 1e-3
+CLOCK_SKEW: Final = 1e-3
 """Seconds within which two times of files are the same."""
-IDENTITY, FACT = "identity", "store"
+IDENTITY, FACT_KEY = "identity", "store"
 _log = logging.getLogger(__name__)
 
 
@@ -52,7 +52,7 @@ class Contents:
     orphans: list[str]
 
 
-class ObjectStore:
+class S3BlobStore:
     """Keeps everything as objects, and finds files that are not kept yet in the data folder.
 
     Parameters
@@ -69,13 +69,13 @@ class ObjectStore:
     """
 
     def __init__(
-        self, settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = PATIENCE
+        self, settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = TIMEOUT
     ) -> None:
         self.place, self._database, self._clock = settings.store or "", database, clock
         data = DataDirectory(settings.data)
-        self._folder, self._cache = Folder(data), Cache(data.cache, settings.store_cache_bytes)
-        self._bucket = Bucket(self.place, settings.store_endpoint, patience)
-        self._at_once = Bucket(self.place, settings.store_endpoint, timedelta(0))
+        self._folder, self._cache = FolderBlobStore(data), ContentCache(data.cache, settings.store_cache_bytes)
+        self._bucket = S3Bucket(self.place, settings.store_endpoint, patience)
+        self._at_once = S3Bucket(self.place, settings.store_endpoint, timedelta(0))
 
     def open(self, name: str) -> Path:
         """Return this host's copy, downloaded if necessary, or the local file of an object that is not stored yet."""
@@ -85,42 +85,42 @@ class ObjectStore:
         made = row.created.timestamp()
         return self._cache.get(_copy_of(row), row.size, made, lambda draft: self._fetch(row, draft))
 
-    def put(self, name: str, file: Path, as_of: datetime | None = None) -> Stored:
+    def put(self, name: str, file: Path, as_of: datetime | None = None) -> StagedBlob:
         """Upload a file, which becomes this host's copy, as the content at a given time; default: now."""
         created = as_of or self._clock()  # before it is read, which takes a while
         with file.open("rb") as opened:
             sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
-        stored = Stored(name, file.stat().st_size, created, sha256)
+        stored = StagedBlob(name, file.stat().st_size, created, sha256)
         if self._bucket.size(_key(stored)) != stored.size:
             self._bucket.create(_key(stored), file)
-        self._cache.take(_copy_of(stored), file, stored.created.timestamp())
+        self._cache.adopt(_copy_of(stored), file, stored.created.timestamp())
         return stored
 
-    def announce(self, session: Session, *stored: Stored) -> None:
+    def commit(self, session: Session, *stored: StagedBlob) -> None:
         """Write the rows; raises :class:`StoreUnavailable` unless all of the objects are there."""
-        take_turns(session, SWEEP_LOCK)
+        advisory_xact_lock(session, SWEEP_LOCK)
         for each in stored:
             if self._bucket.size(_key(each)) != each.size:
                 raise StoreUnavailable(f"the store has not all of {each.name}")
             session.merge(ObjectRow(name=each.name, sha256=each.sha256, size=each.size, created=each.created))
 
-    def keep(self, name: str, file: Path) -> None:
+    def put_and_commit(self, name: str, file: Path) -> None:
         """Put and announce."""
         stored = self.put(name, file)
         with self._database.write() as session:
-            self.announce(session, stored)
+            self.commit(session, stored)
 
-    def stat(self, name: str) -> Stat | None:
+    def stat(self, name: str) -> BlobInfo | None:
         """Look at the row, or at a file that is not kept yet."""
         row = self._row(name)
-        return self._folder.stat(name) if row is None else Stat(row.size, row.created.timestamp())
+        return self._folder.stat(name) if row is None else BlobInfo(row.size, row.created.timestamp())
 
     def range(self, name: str, first: int, count: int) -> bytes:
         """Read from this host's copy, if there is one, else from the store."""
         row = self._row(name)
         if row is None:
             return self._folder.range(name, first, count)
-        if (copy := self._cache.has(_copy_of(row))) is not None:
+        if (copy := self._cache.peek(_copy_of(row))) is not None:
             with copy.open("rb") as file:
                 file.seek(first)
                 return file.read(count)
@@ -132,19 +132,19 @@ class ObjectStore:
         row = self._row(name)
         return None if row is None else self._bucket.sign(_key(row), seconds)
 
-    def names(self, beginning: str) -> Iterator[str]:
+    def list_names(self, beginning: str) -> Iterator[str]:
         """Name rows, and files that are not kept yet."""
         query = select(ObjectRow.name).where(ObjectRow.name.startswith(beginning, autoescape=True))
         with self._database.read() as session:
             known = set(session.scalars(query))
-        yield from sorted(known | set(self._folder.names(beginning)))
+        yield from sorted(known | set(self._folder.list_names(beginning)))
 
-    def settle(self, name: str) -> None:
+    def accept_stale_copy(self, name: str) -> None:
         """Date a stale copy to the scan's last start, so that the original file, if found later, is newer."""
         with self._database.write() as session:
             row = session.get(ObjectRow, name, with_for_update=True)
             scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(name).stem))
-            if row is not None and scan is not None and (begun := last_begun(scan)) is not None:
+            if row is not None and scan is not None and (begun := last_write_started(scan)) is not None:
                 row.created = max(row.created, begun)
 
     def delete(self, name: str) -> None:
@@ -159,7 +159,7 @@ class ObjectStore:
             _log.warning("%d objects are left to be swept: %s", len(keys), error)
         self._folder.delete(name)
 
-    def answers(self) -> bool:
+    def is_available(self) -> bool:
         """Whether store and database are there and belong together."""
         try:
             return self.check(self._at_once)
@@ -169,18 +169,18 @@ class ObjectStore:
     def bind(self) -> None:
         """Make store and database belong together; raises :class:`InvalidInput` when one of them belongs elsewhere."""
         with self._database.write() as session:
-            known, found = self._database.fact(session, FACT), _identity(self._bucket)
+            known, found = self._database.get_fact(session, FACT_KEY), _identity(self._bucket)
             if known is None:
                 if any(key != IDENTITY for key, _, _ in self._bucket.list()):
                     raise self._foreign()
                 known = found or uuid4().hex  # one that is there was made by a start that was cut off
-                self._database.note(session, FACT, known)
+                self._database.set_fact(session, FACT_KEY, known)
                 if found is None:
                     self._bucket.create(IDENTITY, known.encode())
             elif known != found:
                 raise self._foreign()
 
-    def check(self, bucket: Bucket | None = None) -> bool:
+    def check(self, bucket: S3Bucket | None = None) -> bool:
         """Whether the store belongs to the database; ``False`` while no service has bound them.
 
         Parameters
@@ -194,14 +194,14 @@ class ObjectStore:
             When the database belongs to another store.
         """
         with self._database.read() as session:
-            known = self._database.fact(session, FACT)
+            known = self._database.get_fact(session, FACT_KEY)
         if known is not None and _identity(bucket or self._bucket) != known:
             raise self._foreign()
         return known is not None
 
     def is_whole(self, name: str) -> bool:
         """Read all of an object and compare it with its checksum."""
-        row = self.kept(name)
+        row = self.find_row(name)
         return row is not None and self._bucket.fetch(_key(row), Path(os.devnull)) == row.sha256
 
     def rows(self) -> list[ObjectRow]:
@@ -209,15 +209,15 @@ class ObjectStore:
         with self._database.read() as session:
             return list(session.scalars(select(ObjectRow).order_by(ObjectRow.name)))
 
-    def leave(self) -> None:
+    def purge(self) -> None:
         """Delete all objects and unbind the store from the database, so that both can be bound again."""
         self._bucket.delete([key for key, _, _ in self._bucket.list() if key != IDENTITY])
         with self._database.write() as session:
             session.execute(delete(ObjectRow))
-            session.execute(delete(LogRow).where(LogRow.name == FACT))
+            session.execute(delete(FactRow).where(FactRow.name == FACT_KEY))
         self._bucket.delete([IDENTITY])
 
-    def contents(self, age: timedelta = ORPHANS_KEPT) -> Contents:
+    def audit(self, age: timedelta = ORPHAN_GRACE) -> Contents:
         """Compare rows and objects; orphans are those of at least an age."""
         with self._database.read() as session:
             rows = {_key(row): row for row in session.scalars(select(ObjectRow))}
@@ -229,42 +229,42 @@ class ObjectStore:
                 orphans.append(key)
         missing = []
         for key, row in rows.items():
-            if objects.get(key) != row.size and (now := self.kept(row.name)) is not None and _key(now) == key:
+            if objects.get(key) != row.size and (now := self.find_row(row.name)) is not None and _key(now) == key:
                 missing.append(row.name)  # and was not deleted meanwhile
         return Contents(len(objects), sum(objects.values()), sorted(missing), sorted(orphans))
 
-    def sweep(self, age: timedelta = ORPHANS_KEPT) -> int:
+    def collect_orphans(self, age: timedelta = ORPHAN_GRACE) -> int:
         """Delete orphans; returns how many. None of them is announced meanwhile."""
         count = 0
-        orphans = self.contents(age).orphans
+        orphans = self.audit(age).orphans
         for first in range(0, len(orphans), AT_A_TIME):
             keys = orphans[first : first + AT_A_TIME]
             with self._database.write() as session:
-                take_turns(session, SWEEP_LOCK)
+                advisory_xact_lock(session, SWEEP_LOCK)
                 names = {key.rpartition("/")[0] for key in keys}
                 known = {_key(row) for row in session.scalars(select(ObjectRow).where(ObjectRow.name.in_(names)))}
                 self._bucket.delete(gone := [key for key in keys if key not in known])
             count += len(gone)
         return count
 
-    def kept(self, name: str) -> ObjectRow | None:
+    def find_row(self, name: str) -> ObjectRow | None:
         """Find a row."""
         with self._database.read() as session:
             return session.get(ObjectRow, name)
 
     def _row(self, name: str) -> ObjectRow | None:
         """Find a row, unless this host has a scan's file that was written to since: it was resumed."""
-        row = self.kept(name)
+        row = self.find_row(name)
         if row is None or not name.startswith("scans/"):
             return row
         if (own := self._folder.stat(name)) is not None:
-            return row if own.modified <= row.created.timestamp() + CLOCK else None
+            return row if own.modified <= row.created.timestamp() + CLOCK_SKEW else None
         return None if self._has_moved_on(row) else row
 
     def _has_moved_on(self, row: ObjectRow) -> bool:
         with self._database.read() as session:
             scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(row.name).stem))
-        return scan is not None and has_moved_on(scan, row)
+        return scan is not None and is_stale(scan, row)
 
     def _fetch(self, row: ObjectRow, draft: Path) -> None:
         if self._bucket.fetch(_key(row), draft) != row.sha256:
@@ -274,22 +274,24 @@ class ObjectStore:
         return InvalidInput("store", self.place, "the store of this database, or an empty one where it has none")
 
 
-def arrays_of(settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = PATIENCE) -> Arrays:
+def arrays_of(
+    settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = TIMEOUT
+) -> BlobStore:
     """Return where the settings say that arrays live."""
     if settings.store is None:
-        return Folder(DataDirectory(settings.data))
-    return ObjectStore(settings, database, clock, patience)
+        return FolderBlobStore(DataDirectory(settings.data))
+    return S3BlobStore(settings, database, clock, patience)
 
 
-def _identity(bucket: Bucket) -> str | None:
+def _identity(bucket: S3Bucket) -> str | None:
     size = bucket.size(IDENTITY)
     return None if size is None else bucket.range(IDENTITY, 0, size).decode()
 
 
-def _key(of: ObjectRow | Stored) -> str:
+def _key(of: ObjectRow | StagedBlob) -> str:
     return f"{of.name}/{of.sha256}"
 
 
-def _copy_of(of: ObjectRow | Stored) -> str:
+def _copy_of(of: ObjectRow | StagedBlob) -> str:
     """Return the file name of a copy, with the suffix by which readers recognise the format."""
     return f"{of.sha256}{PurePosixPath(of.name).suffix}"

@@ -14,15 +14,15 @@ from steradian.core.exceptions import DamagedFile, InvalidInput, StoreUnavailabl
 if TYPE_CHECKING:
     from obstore.store import S3Store
 
-PART: Final = 16 * 2**20
+PART_BYTES: Final = 16 * 2**20
 """Bytes that are sent or fetched at a time."""
-AT_ONCE: Final = 4
+MAX_CONCURRENCY: Final = 4
 """Parts that are sent at a time."""
-PATIENCE: Final = timedelta(seconds=60)
+TIMEOUT: Final = timedelta(seconds=60)
 """How long a store that does not answer is asked again by who can wait."""
 
 
-class Bucket:
+class S3Bucket:
     """The part of a bucket below a prefix; an object is there as a whole or not at all.
 
     The store's keys are those of the environment, as S3's programs know them (``AWS_ACCESS_KEY_ID``, …).
@@ -42,7 +42,7 @@ class Bucket:
         When the library is not installed.
     """
 
-    def __init__(self, url: str, endpoint: str | None, patience: timedelta = PATIENCE) -> None:
+    def __init__(self, url: str, endpoint: str | None, patience: timedelta = TIMEOUT) -> None:
         try:
             import obstore
         except ImportError as error:
@@ -72,9 +72,11 @@ class Bucket:
         The store's protocol has no condition for parts that every store knows: let a key tell the content.
         """
         size = len(content) if isinstance(content, bytes) else content.stat().st_size
-        mode: Any = "overwrite" if size > PART else "create"
+        mode: Any = "overwrite" if size > PART_BYTES else "create"
         with self._understood(key), suppress(self._library.exceptions.AlreadyExistsError):
-            self._library.put(self._store, key, content, mode=mode, chunk_size=PART, max_concurrency=AT_ONCE)
+            self._library.put(
+                self._store, key, content, mode=mode, chunk_size=PART_BYTES, max_concurrency=MAX_CONCURRENCY
+            )
 
     def fetch(self, key: str, target: Path) -> str:
         """Copy an object to a file and return the SHA-256 of the received bytes.
@@ -86,7 +88,7 @@ class Bucket:
         """
         digest = hashlib.sha256()
         with self._found(key), target.open("wb") as file:
-            for piece in self._library.get(self._store, key).stream(min_chunk_size=PART):
+            for piece in self._library.get(self._store, key).stream(min_chunk_size=PART_BYTES):
                 digest.update(piece)
                 file.write(piece)
         return digest.hexdigest()

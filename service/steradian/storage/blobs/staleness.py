@@ -11,15 +11,15 @@ from steradian.storage.states import ACTIVE_SCAN_STATES, ScanState
 _WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
 
 
-def has_moved_on(scan: ScanRow, kept: ObjectRow) -> bool:
+def is_stale(scan: ScanRow, kept: ObjectRow) -> bool:
     """Whether a scan was resumed since its file was stored, so that its scanner's node has newer A-lines."""
     if scan.scanner_id is None:
         return False
-    begun = last_begun(scan)
+    begun = last_write_started(scan)
     return scan.state in ACTIVE_SCAN_STATES or (begun is not None and begun > kept.created)
 
 
-def last_begun(scan: ScanRow) -> datetime | None:
+def last_write_started(scan: ScanRow) -> datetime | None:
     """Return the last time at which a scan entered a state in which its file is written."""
     begun = [change["at"] for change in scan.history if change["state"] in _WRITING]
     return datetime.fromisoformat(begun[-1]) if begun else None

@@ -20,12 +20,12 @@ from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.tables import JobRow, PlanRow, ScanRow
 from steradian.storage.states import ReconstructionState
 
-ROOM_LOCK = 0x57E2AD1C
+QUOTA_LOCK = 0x57E2AD1C
 """Number of the PostgreSQL advisory lock under which jobs are let in."""
 
 
 @dataclass(frozen=True)
-class Disk:
+class DiskQuota:
     """The disk under a data directory.
 
     Attributes
@@ -88,7 +88,7 @@ class Disk:
 
 
 @dataclass(frozen=True)
-class Written:
+class BytesWritten:
     """Progress of reserved writes: bytes per running job, and scans whose file exists."""
 
     jobs: Mapping[str, int]
@@ -96,17 +96,17 @@ class Written:
 
 
 @dataclass(frozen=True)
-class Measured:
+class UsageSnapshot:
     """Measured size of a data folder, the time at which counting began, and the uploads received by then."""
 
     used: int
     at: datetime
     came: int
     """Bytes of uploads."""
-    written: Written
+    written: BytesWritten
 
 
-class Arrivals:
+class UploadReservations:
     """Uploads under way, so that those which come at once do not take the same room."""
 
     def __init__(self) -> None:
@@ -167,8 +167,8 @@ def scan_bytes(plan: PlanRow) -> int:
     return samples + alines * BYTES_PER_ALINE
 
 
-def promised(
-    session: Session, data: DataDirectory, measured: Measured | None = None, scanner_id: str | None = None
+def reserved_bytes(
+    session: Session, data: DataDirectory, measured: UsageSnapshot | None = None, scanner_id: str | None = None
 ) -> int:
     """Return the bytes that queued and running scans and jobs will still write, according to their reservations.
 
@@ -181,16 +181,18 @@ def promised(
     scanner_id
         Only what the scans of this scanner will write: of a node whose jobs are others' to do.
     """
-    before = written(session, data) if measured is None else measured.written
-    jobs = select(JobRow.id, JobRow.promised).where(_going(JobRow, measured), JobRow.promised > 0)
-    scans = select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(_going(ScanRow, measured))
+    before = bytes_written(session, data) if measured is None else measured.written
+    jobs = select(JobRow.id, JobRow.promised).where(_unfinished(JobRow, measured), JobRow.promised > 0)
+    scans = (
+        select(ScanRow.id, PlanRow).join(PlanRow, PlanRow.id == ScanRow.plan_id).where(_unfinished(ScanRow, measured))
+    )
     if scanner_id is not None:
         jobs, scans = jobs.where(false()), scans.where(ScanRow.scanner_id == scanner_id)
     total = sum(scan_bytes(plan) for scan, plan in session.execute(scans) if scan not in before.scans)
     return total + sum(max(0, most - before.jobs.get(job_id, 0)) for job_id, most in session.execute(jobs))
 
 
-def written(session: Session, data: DataDirectory) -> Written:
+def bytes_written(session: Session, data: DataDirectory) -> BytesWritten:
     """Measure the bytes written by running jobs and unfinished scans."""
     jobs = select(JobRow.id, JobRow.kind, JobRow.state).where(JobRow.ended.is_(None), JobRow.promised > 0)
     sizes = {}
@@ -201,10 +203,10 @@ def written(session: Session, data: DataDirectory) -> Written:
                 scan = (data.root / "scans").glob(f"{imported_scan_id(job_id)}.h5*")
                 sizes[job_id] += sum(map(_size, scan))
     scans = session.scalars(select(ScanRow.id).where(ScanRow.ended.is_(None)))
-    return Written(sizes, frozenset(scan for scan in scans if data.scan_file(scan).exists()))
+    return BytesWritten(sizes, frozenset(scan for scan in scans if data.scan_file(scan).exists()))
 
 
-def _going(row: type[JobRow] | type[ScanRow], measured: Measured | None) -> ColumnElement[bool]:
+def _unfinished(row: type[JobRow] | type[ScanRow], measured: UsageSnapshot | None) -> ColumnElement[bool]:
     """Return unfinished work, including work that was unfinished when the folder was measured."""
     return row.ended.is_(None) if measured is None else or_(row.ended.is_(None), row.ended > measured.at)
 

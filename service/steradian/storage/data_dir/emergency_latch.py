@@ -25,7 +25,7 @@ from steradian.storage.data_dir.shared_block import open_block, read_block, writ
 
 
 @dataclass(frozen=True)
-class Press:
+class StopPress:
     """One press of the stop.
 
     Attributes
@@ -53,7 +53,7 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Deed:
+class StopOutcome:
     """Outcome of a press: the acquisition process's report.
 
     Attributes
@@ -89,7 +89,7 @@ class EmergencyLatch:
         self._files = {name: open_block(folder / name) for name in ("pressed", "released", "answered")}
         self._lock = Lock()
 
-    def press(self, who: str, reason: str | None, number: str | None = None) -> Press:
+    def press(self, who: str, reason: str | None, number: str | None = None) -> StopPress:
         """Press the stop, seen by every process at once; :meth:`make_durable` makes it survive a power cut.
 
         Parameters
@@ -97,7 +97,7 @@ class EmergencyLatch:
         number
             Of a press that may come more than once: it is pressed once, and not again after its release.
         """
-        press = Press(number or str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
+        press = StopPress(number or str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
         if number is not None and (earlier := self._earlier(press)) is not None:
             return earlier
         self._write("pressed", asdict(press))
@@ -108,15 +108,15 @@ class EmergencyLatch:
         for name in ("pressed", "released"):
             getattr(os, "fdatasync", os.fsync)(self._files[name])
 
-    def standing(self) -> Press | None:
+    def active(self) -> StopPress | None:
         """Return the active press, if there is one."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except ValueError as error:
-            return Press("", datetime.now(UTC).isoformat(), "unknown", f"the latch cannot be read: {error}", 0.0)
+            return StopPress("", datetime.now(UTC).isoformat(), "unknown", f"the latch cannot be read: {error}", 0.0)
         if found is None or (released is not None and released["number"] == found["number"]):
             return None
-        return Press(**found)
+        return StopPress(**found)
 
     def release(self, number: str) -> None:
         """Release the press with this number; any other press stays active."""
@@ -125,26 +125,26 @@ class EmergencyLatch:
         self._write("released", {"number": number})
         self.make_durable()
 
-    def answer(self, deed: Deed) -> None:
+    def record_outcome(self, deed: StopOutcome) -> None:
         """Write the outcome of a press."""
         self._write("answered", asdict(deed))
 
-    def deed(self, number: str) -> Deed | None:
+    def outcome(self, number: str) -> StopOutcome | None:
         """Return the outcome of a press, or None if there is none yet."""
         try:
             found = self._read("answered")
         except ValueError:
             return None
-        return Deed(**found) if found is not None and found["number"] == number else None
+        return StopOutcome(**found) if found is not None and found["number"] == number else None
 
-    def _earlier(self, press: Press) -> Press | None:
+    def _earlier(self, press: StopPress) -> StopPress | None:
         """Return a press that was active before, according to the blocks."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except (OSError, ValueError):  # what cannot be read keeps no press from being written
             return None
         if found is not None and found["number"] == press.number:
-            return Press(**found)
+            return StopPress(**found)
         return press if released is not None and released["number"] == press.number else None
 
     def _write(self, name: str, value: dict[str, Any]) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import filelock
 
-from steradian.core.atomic_files import ENDING, sweep
-from steradian.core.exceptions import Conflict, Superseded
+from steradian.core.atomic_files import DRAFT_SUFFIX, remove_drafts
+from steradian.core.exceptions import Conflict, StaleFence
 
 VOLUME, REVISION, PROJECTIONS, LOG = "volume.h5", "revision.json", "projections.h5", "log"
 """Names of what jobs leave; a log's begins so."""
@@ -59,10 +59,13 @@ class JobDirectory:
         return sorted(
             path
             for path in self.root.iterdir()
-            if path.is_file() and not path.is_symlink() and not path.name.startswith(own) and ENDING not in path.name
+            if path.is_file()
+            and not path.is_symlink()
+            and not path.name.startswith(own)
+            and DRAFT_SUFFIX not in path.name
         )
 
-    def begin(self, start: int) -> None:
+    def begin_attempt(self, start: int) -> None:
         """Note that a start of the job has begun; an earlier one that still lives somewhere then counts no more.
 
         Raises
@@ -71,18 +74,18 @@ class JobDirectory:
             When a later one has begun already.
         """
         self.root.mkdir(parents=True, exist_ok=True)
-        self.check(start)
+        self.check_fence(start)
         draft = self._start.with_name(f"start.{start}")
         draft.write_text(str(start))
         draft.replace(self._start)
 
-    def check(self, start: int) -> None:
-        """Raise :class:`Superseded` when a later start of the job has begun."""
-        if (newest := self.newest) > start:
-            raise Superseded(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
+    def check_fence(self, start: int) -> None:
+        """Raise :class:`StaleFence` when a later start of the job has begun."""
+        if (newest := self.latest_attempt) > start:
+            raise StaleFence(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
 
     @property
-    def newest(self) -> int:
+    def latest_attempt(self) -> int:
         """Number of the newest start; 0 before the first, and where a power cut has emptied the note of it."""
         with suppress(OSError, ValueError):
             return int(self._start.read_text())
@@ -93,7 +96,7 @@ class JobDirectory:
         return self.root / "start"
 
     @contextmanager
-    def running(self, timeout: float = 10.0) -> Iterator[None]:
+    def hold_running_lock(self, timeout: float = 10.0) -> Iterator[None]:
         """Mark the job as running in this process; waits for an earlier attempt that is still dying.
 
         Raises
@@ -108,7 +111,7 @@ class JobDirectory:
         except filelock.Timeout:
             raise StillRunning(f"another process still runs job {self.root.name}") from None
         try:
-            sweep(self.root)  # what earlier starts left
+            remove_drafts(self.root)  # what earlier starts left
             yield
         finally:
             lock.release()

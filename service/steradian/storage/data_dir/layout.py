@@ -25,14 +25,14 @@ from typing import Final
 
 import filelock
 
-from steradian.core.atomic_files import draft
+from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.storage.data_dir.job_directory import JobDirectory
 
 FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
-NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock", "cache"})
+FILE_NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock", "cache"})
 DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
-PRIVATE: Final = 0o700
+PRIVATE_MODE: Final = 0o700
 """Mode of folders, and with :data:`UMASK` of all files: for this user alone."""
 UMASK: Final = 0o077
 
@@ -145,9 +145,9 @@ class DataDirectory:
             When the path is a file or cannot be written.
         """
         try:
-            self.root.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            self.root.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
             for folder in FOLDERS:
-                (self.root / folder).mkdir(mode=PRIVATE, exist_ok=True)
+                (self.root / folder).mkdir(mode=PRIVATE_MODE, exist_ok=True)
         except OSError as error:
             raise InvalidInput("data", self.root, f"a folder that can be written ({error.strerror})") from error
 
@@ -170,7 +170,7 @@ class DataDirectory:
                 "stop that service or choose another directory"
             ) from None
         try:
-            with draft(owner) as beside:
+            with atomic_write(owner) as beside:
                 beside.write_text(json.dumps({"pid": os.getpid()}))
             self._rename_earlier()
             yield
@@ -178,7 +178,7 @@ class DataDirectory:
             owner.unlink(missing_ok=True)
             lock.release()
 
-    def close_to_others(self) -> list[str]:
+    def restrict_permissions(self) -> list[str]:
         """Remove other users' permissions on files of earlier versions.
 
         The folder itself is only changed when nothing else lies in it.
@@ -191,10 +191,10 @@ class DataDirectory:
         if os.name != "posix":
             return []
         there = list(self.root.iterdir())
-        ours = [path for path in there if path.name in NAMES or path.name.startswith(DATABASES)]
+        ours = [path for path in there if path.name in FILE_NAMES or path.name.startswith(DATABASES)]
         for path in [*ours, self.root] if len(ours) == len(there) else ours:
             with suppress(PermissionError, FileNotFoundError):
-                path.chmod(path.stat().st_mode & PRIVATE)
+                path.chmod(path.stat().st_mode & PRIVATE_MODE)
         still = [f"read {path}" for path in ours if _mode(path) & UMASK]
         return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
 

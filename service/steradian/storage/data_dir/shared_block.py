@@ -19,7 +19,7 @@ import google_crc32c
 
 SIZE: Final = 4096
 _BLANK: Final = bytes(SIZE)
-_LOOKS, _BETWEEN = 5, 0.001
+READ_ATTEMPTS, READ_INTERVAL = 5, 0.001
 """A block that is being written is looked at again, so often and after so many seconds."""
 
 
@@ -46,12 +46,12 @@ def write_block(descriptor: int, value: dict[str, Any]) -> None:
 
 def read_block(descriptor: int, name: str) -> dict[str, Any] | None:
     """Return the content of a block, ``None`` if it was never written; raises ValueError if it is damaged."""
-    for _ in range(_LOOKS):
+    for _ in range(READ_ATTEMPTS):
         block = os.pread(descriptor, SIZE, 0)
         if block == _BLANK:
             return None
         if block[:9] == b"%08x " % google_crc32c.value(block[9:]) and len(block) == SIZE:
             value: dict[str, Any] = json.loads(block[9:])
             return value
-        time.sleep(_BETWEEN)
+        time.sleep(READ_INTERVAL)
     raise ValueError(f"{name} does not match its checksum")

@@ -26,17 +26,17 @@ TIMEOUTS: Final[dict[str, int]] = {
     "tcp_user_timeout": 8000,
 }
 """How soon the client's side of a connection to a host that is gone fails (s, s, s, probes, ms)."""
-LEASE: Final = "-c idle_session_timeout=10s -c tcp_keepalives_idle=5 -c tcp_keepalives_interval=1"
-HOLDS: Final = (
+LOCK_LEASE: Final = "-c idle_session_timeout=10s -c tcp_keepalives_idle=5 -c tcp_keepalives_interval=1"
+LOCK_CLASS: Final = (
     "SELECT EXISTS (SELECT FROM pg_locks WHERE locktype = 'advisory' AND granted AND pid = %s"
     " AND (classid::bigint << 32) | objid::bigint = %s)"
 )
 """Whether the server's process of a session has a lock."""
-ANSWER_WITHIN: Final = 5.0
+QUERY_TIMEOUT: Final = 5.0
 """Seconds for which an answer is waited for."""
 
 
-class Hold(Enum):
+class LockState(Enum):
     """State of an advisory lock."""
 
     HELD = "held"
@@ -44,7 +44,7 @@ class Hold(Enum):
     UNREACHABLE = "unreachable"
 
 
-class SessionLock:
+class AdvisoryLock:
     """A named lock that lasts as long as one session.
 
     Parameters
@@ -62,38 +62,38 @@ class SessionLock:
         self._session: psycopg.Connection[tuple[bool]] | None = None
         self._held_by = 0
 
-    def renew(self) -> Hold:
+    def ensure_held(self) -> LockState:
         """Reacquire the lock over a new session if needed."""
         try:
             if self._session is not None:
                 _ask(self._session, "SELECT 1")
-                return Hold.HELD
-            session = psycopg.connect(self._url, autocommit=True, options=LEASE, **TIMEOUTS)  # type: ignore[arg-type]
+                return LockState.HELD
+            session = psycopg.connect(self._url, autocommit=True, options=LOCK_LEASE, **TIMEOUTS)  # type: ignore[arg-type]
             if not _try(session, self.name, shared=self._shared):
                 # A server that has not heard yet that the session before was cut keeps the lock for that one.
-                own = _ask(session, HOLDS, self._held_by, _key(self.name))
+                own = _ask(session, LOCK_CLASS, self._held_by, _key(self.name))
                 session.close()
-                return Hold.UNREACHABLE if own else Hold.TAKEN
+                return LockState.UNREACHABLE if own else LockState.TAKEN
         except psycopg.Error:
             self.release()
-            return Hold.UNREACHABLE
+            return LockState.UNREACHABLE
         self._session, self._held_by = session, session.info.backend_pid
-        return Hold.HELD
+        return LockState.HELD
 
-    def keep(self, seconds: float) -> Hold:
+    def hold(self, seconds: float) -> LockState:
         """Make sure that the lock is held; where it is found taken, try for a while: some borrow it for a moment."""
-        hold = self.renew()
-        return self.acquire(seconds) if hold is Hold.TAKEN else hold
+        hold = self.ensure_held()
+        return self.acquire(seconds) if hold is LockState.TAKEN else hold
 
-    def acquire(self, seconds: float) -> Hold:
+    def acquire(self, seconds: float) -> LockState:
         """Try for a while to get the lock."""
         deadline = time.monotonic() + seconds
-        while (hold := self.renew()) is not Hold.HELD and time.monotonic() < deadline:
+        while (hold := self.ensure_held()) is not LockState.HELD and time.monotonic() < deadline:
             time.sleep(0.2)
         return hold
 
     @contextmanager
-    def borrowed(self, other: str) -> Iterator[bool]:
+    def try_briefly(self, other: str) -> Iterator[bool]:
         """Hold another name's lock for a moment; yields whether it was free."""
         session = self._session
         try:
@@ -123,7 +123,7 @@ def _try(session: psycopg.Connection[tuple[bool]], name: str, *, shared: bool = 
 def _ask(session: psycopg.Connection[tuple[bool]], question: LiteralString, *values: int) -> bool:
     """Ask the server; when it does not answer in time the connection is cut, and that is an error of psycopg's."""
     own = socket.socket(fileno=os.dup(session.fileno()))
-    cut = threading.Timer(ANSWER_WITHIN, _cut, [own])
+    cut = threading.Timer(QUERY_TIMEOUT, _cut, [own])
     cut.daemon = True
     cut.start()
     try:

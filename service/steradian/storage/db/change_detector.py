@@ -10,11 +10,11 @@ from typing import Final
 from steradian.storage.data_dir.sqlite_urls import file_uri
 from steradian.storage.db.database import Database
 
-AT_LEAST: Final = 1.0
+MAX_INTERVAL: Final = 1.0
 """Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""
 
 
-class Changes:
+class ChangeDetector:
     """Change detector that avoids needless queries of a polling reader; for one thread.
 
     Parameters
@@ -25,13 +25,13 @@ class Changes:
         Seconds after which the answer is yes in any case.
     """
 
-    def __init__(self, database: Database, at_least: float = AT_LEAST) -> None:
+    def __init__(self, database: Database, at_least: float = MAX_INTERVAL) -> None:
         self._path = database.name if database.is_file else None
         self._at_least, self._due = at_least, 0.0
         self._connection: sqlite3.Connection | None = None
         self._version: int | None = None
 
-    def any(self) -> bool:
+    def has_changed(self) -> bool:
         """Whether a transaction may have been committed since the previous call."""
         now, version = time.monotonic(), self._read()
         if version is not None and version == self._version and now < self._due:

@@ -20,7 +20,7 @@ from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.sqlite_urls import file_uri
 from steradian.storage.db.advisory_locks import TIMEOUTS
 from steradian.storage.db.sqlite_compat import add_subseconds
-from steradian.storage.db.tables import LogRow
+from steradian.storage.db.tables import FactRow
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 BUSY_TIMEOUT_MS = 15_000
@@ -89,13 +89,13 @@ class Database:
                 raise
             raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
-    def fact(self, session: Session, name: str) -> str | None:
+    def get_fact(self, session: Session, name: str) -> str | None:
         """Return a fact about the database as a whole."""
-        return session.scalar(select(LogRow.value).where(LogRow.name == name))
+        return session.scalar(select(FactRow.value).where(FactRow.name == name))
 
-    def note(self, session: Session, name: str, value: str) -> None:
+    def set_fact(self, session: Session, name: str, value: str) -> None:
         """Set a fact about the database as a whole."""
-        session.merge(LogRow(name=name, value=value))
+        session.merge(FactRow(name=name, value=value))
 
     @property
     def is_file(self) -> bool:
@@ -132,7 +132,7 @@ class Database:
         self.engine.dispose()
 
 
-def take_turns(session: Session, lock: int) -> None:
+def advisory_xact_lock(session: Session, lock: int) -> None:
     """Acquire an advisory lock until the end of the transaction (PostgreSQL; SQLite has a single writer anyway)."""
     if session.get_bind().dialect.name == "postgresql":
         session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": lock})

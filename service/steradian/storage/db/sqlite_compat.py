@@ -23,7 +23,7 @@ def with_subseconds(url: str) -> str:
     return make_url(url).update_query_pairs([("plugin", _PLUGIN)]).render_as_string(hide_password=False)
 
 
-class Subseconds(CreateEnginePlugin):
+class SubsecondPlugin(CreateEnginePlugin):
     """Adds the function to the connections of an engine, where SQLite has none of its own."""
 
     def __init__(self, url: URL, kwargs: dict[str, Any]) -> None:
@@ -50,4 +50,4 @@ def _unixepoch(text: str) -> float:
     return round(time.time(), 3)
 
 
-plugins.register(_PLUGIN, __name__, Subseconds.__name__)
+plugins.register(_PLUGIN, __name__, SubsecondPlugin.__name__)

@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text, false
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from steradian.storage.db.types import Name, UtcTime
+from steradian.storage.db.types import EnumText, UtcTime
 from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 
 
-class Table(DeclarativeBase):
+class Base(DeclarativeBase):
     """Declarative base class of all tables."""
 
     type_annotation_map: ClassVar[dict[Any, Any]] = {
@@ -29,7 +29,7 @@ class Table(DeclarativeBase):
     }
 
 
-class MaskRow(Table):
+class MaskRow(Base):
     """Mask; ``document`` is the whole value as JSON, the other columns duplicate the values shown in lists."""
 
     __tablename__ = "masks"
@@ -45,7 +45,7 @@ class MaskRow(Table):
     document: Mapped[str] = mapped_column(Text, deferred=True)
 
 
-class PlanRow(Table):
+class PlanRow(Base):
     """Plan: its parameters, mask and cost."""
 
     __tablename__ = "plans"
@@ -57,7 +57,7 @@ class PlanRow(Table):
     preview: Mapped[dict[str, Any]]
 
 
-class ScanRow(Table):
+class ScanRow(Base):
     """A run of a plan, its state and its progress.
 
     ``revision`` grows with each change, ``fence`` is its scanner lease, ``completes`` the scan that it begins with,
@@ -77,8 +77,8 @@ class ScanRow(Table):
     simulated: Mapped[bool]
     labels: Mapped[dict[str, str]]
     fence: Mapped[int]
-    state: Mapped[ScanState] = mapped_column(Name(ScanState), index=True)
-    desired_state: Mapped[DesiredScanState] = mapped_column(Name(DesiredScanState))
+    state: Mapped[ScanState] = mapped_column(EnumText(ScanState), index=True)
+    desired_state: Mapped[DesiredScanState] = mapped_column(EnumText(DesiredScanState))
     wished_by: Mapped[str | None] = mapped_column(String(160))
     reason: Mapped[str | None] = mapped_column(Text)
     created: Mapped[datetime]
@@ -94,7 +94,7 @@ class ScanRow(Table):
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
-class JobRow(Table):
+class JobRow(Base):
     """A job of the queue: its state, every attempt at it and its progress.
 
     The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
@@ -121,8 +121,8 @@ class JobRow(Table):
     requires_memory: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
     requires_cores: Mapped[int] = mapped_column(default=0, server_default="0")
     requires_gpu: Mapped[bool] = mapped_column(default=False, server_default=false())
-    state: Mapped[ReconstructionState] = mapped_column(Name(ReconstructionState), index=True)
-    desired_state: Mapped[DesiredJobState] = mapped_column(Name(DesiredJobState))
+    state: Mapped[ReconstructionState] = mapped_column(EnumText(ReconstructionState), index=True)
+    desired_state: Mapped[DesiredJobState] = mapped_column(EnumText(DesiredJobState))
     reason: Mapped[str | None] = mapped_column(Text)
     created: Mapped[datetime]
     started: Mapped[datetime | None]
@@ -140,7 +140,7 @@ class JobRow(Table):
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
-class BatchRow(Table):
+class BatchRow(Base):
     """Reconstructions that were asked for together."""
 
     __tablename__ = "batches"
@@ -152,7 +152,7 @@ class BatchRow(Table):
     parameters: Mapped[dict[str, Any]]
 
 
-class ReconstructionRow(Table):
+class ReconstructionRow(Base):
     """Reconstruction request; its progress is in the job with the same identifier."""
 
     __tablename__ = "reconstructions"
@@ -165,7 +165,7 @@ class ReconstructionRow(Table):
     parameters: Mapped[dict[str, Any]]
 
 
-class ScannerRow(Table):
+class ScannerRow(Base):
     """Scanner: state, lease and emergency stop.
 
     The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
@@ -212,7 +212,7 @@ class ScannerRow(Table):
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
-class WorkerRow(Table):
+class WorkerRow(Base):
     """Worker: its reported capabilities and the time of the last report.
 
     ``scanner_id`` is the scanner's whose growing images are all that it makes; none: it does everybody's jobs.
@@ -227,7 +227,7 @@ class WorkerRow(Table):
     seen: Mapped[datetime]
 
 
-class RemovalRow(Table):
+class RemovalRow(Base):
     """Something that was deleted and whose files are still to be removed."""
 
     __tablename__ = "removals"
@@ -236,7 +236,7 @@ class RemovalRow(Table):
     resource_id: Mapped[str] = mapped_column(String(40))
 
 
-class ObjectRow(Table):
+class ObjectRow(Base):
     """Something that an object store keeps; ``sha256`` is of its content, and with the name its key."""
 
     __tablename__ = "objects"
@@ -246,7 +246,7 @@ class ObjectRow(Table):
     created: Mapped[datetime]
 
 
-class EventRow(Table):
+class EventRow(Base):
     """The log of everything that changed state, in order."""
 
     __tablename__ = "events"
@@ -259,7 +259,7 @@ class EventRow(Table):
     __table_args__ = (Index("ix_events_at", "at"), {"sqlite_autoincrement": True})
 
 
-class LogRow(Table):
+class FactRow(Base):
     """Facts about the database.
 
     They are the event log's epoch (another one means another database), the data folder that the database belongs to,
@@ -271,7 +271,7 @@ class LogRow(Table):
     value: Mapped[str] = mapped_column(String(64))
 
 
-class KeyRow(Table):
+class ApiKeyRow(Base):
     """An API key; only the hash of its secret is kept."""
 
     __tablename__ = "api_keys"
@@ -285,7 +285,7 @@ class KeyRow(Table):
     revoked: Mapped[datetime | None]
 
 
-class TicketRow(Table):
+class TicketRow(Base):
     """A ticket for one event stream, by the hash of its secret; ``streams`` counts where it is open, on all nodes."""
 
     __tablename__ = "tickets"
@@ -296,7 +296,7 @@ class TicketRow(Table):
     streams: Mapped[int] = mapped_column(default=0, server_default="0")
 
 
-class SessionRow(Table):
+class SessionRow(Base):
     """Browser session, opened with a key, by the hash of its secret."""
 
     __tablename__ = "sessions"
@@ -307,7 +307,7 @@ class SessionRow(Table):
     expires: Mapped[datetime]
 
 
-class IdempotencyRow(Table):
+class IdempotencyRow(Base):
     """The answer that a key got, so that a repeated request gets the same one."""
 
     __tablename__ = "idempotency_keys"

@@ -25,7 +25,7 @@ class UtcTime(TypeDecorator[datetime]):
         return None if value is None else datetime.fromisoformat(value)
 
 
-class Name(TypeDecorator[str]):
+class EnumText(TypeDecorator[str]):
     """A member of a string enum, by its value."""
 
     impl = String(32)

@@ -14,10 +14,10 @@ from steradian.core.exceptions import InvalidInput
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 
-FACT: Final = "folder"
+FACT_KEY: Final = "folder"
 
 
-def bind(database: Database, data: DataDirectory) -> None:
+def bind_folder(database: Database, data: DataDirectory) -> None:
     """Make folder and database belong together, unless one of them belongs elsewhere already; for the service.
 
     Raises
@@ -26,17 +26,17 @@ def bind(database: Database, data: DataDirectory) -> None:
         When it does.
     """
     with database.write() as session:
-        known, found = database.fact(session, FACT), data.identity
+        known, found = database.get_fact(session, FACT_KEY), data.identity
         if known is not None and found != known and not (found is None and database.is_file):
-            raise _foreign(data, known)
+            raise _mismatch_error(data, known)
         identity = known or found or uuid.uuid4().hex
         if found is None:
             write_durably(data.identity_file, identity)  # before the database says so
         if known is None:
-            database.note(session, FACT, identity)
+            database.set_fact(session, FACT_KEY, identity)
 
 
-def check(database: Database, data: DataDirectory) -> bool:
+def check_binding(database: Database, data: DataDirectory) -> bool:
     """Whether the folder belongs to the database; ``False`` while no service has bound them. Changes nothing.
 
     Raises
@@ -45,13 +45,13 @@ def check(database: Database, data: DataDirectory) -> bool:
         When the database belongs to another folder.
     """
     with database.read() as session:
-        known = database.fact(session, FACT)
+        known = database.get_fact(session, FACT_KEY)
     if known is not None and data.identity != known:
-        raise _foreign(data, known)
+        raise _mismatch_error(data, known)
     return known is not None
 
 
-def _foreign(data: DataDirectory, known: str) -> InvalidInput:
+def _mismatch_error(data: DataDirectory, known: str) -> InvalidInput:
     name = data.identity_file.name
     if data.identity_file.is_file() and data.identity is None:
         how = f"if it is the folder of this database, write {known} into its file {name}, which a power cut has emptied"

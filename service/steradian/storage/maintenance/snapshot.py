@@ -14,10 +14,10 @@ from sqlalchemy import Connection, delete, func, insert, select, text
 from steradian.core.exceptions import Conflict
 from steradian.storage.data_dir.sqlite_urls import file_uri, sqlite_url
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import LogRow, SessionRow, Table, TicketRow
-from steradian.storage.maintenance.binding import FACT
+from steradian.storage.db.tables import Base, FactRow, SessionRow, TicketRow
+from steradian.storage.maintenance.binding import FACT_KEY
 
-AT_A_TIME: Final = 1000
+BATCH_ROWS: Final = 1000
 """Rows that are held in memory."""
 
 
@@ -45,18 +45,18 @@ def take_snapshot(database: Database, path: Path) -> None:
 def require_empty(database: Database) -> None:
     """Refuse a database that holds anything; raises :class:`Conflict`."""
     with database.read() as session:
-        for table in Table.metadata.sorted_tables:
-            if table is not LogRow.__table__ and session.scalar(select(func.count()).select_from(table)):
+        for table in Base.metadata.sorted_tables:
+            if table is not FactRow.__table__ and session.scalar(select(func.count()).select_from(table)):
                 raise Conflict(f"the database {database.name} holds {table.name} already; name an empty one")
 
 
-def put_back(path: Path, database: Database) -> None:
+def restore_snapshot(path: Path, database: Database) -> None:
     """Fill an empty PostgreSQL database with the rows of a snapshot, all of them or none."""
     source = Database(sqlite_url(path, "backup"))
     try:
         with source.engine.connect() as rows, database.engine.begin() as target:
             _copy_rows(rows, target)
-            for table in Table.metadata.sorted_tables:
+            for table in Base.metadata.sorted_tables:
                 if "sequence" in table.columns:  # the next row of a service comes after these
                     serial = f"pg_get_serial_sequence('{table.name}', 'sequence')"
                     newest = f"(SELECT max(sequence) FROM {table.name})"  # noqa: S608 - our own names
@@ -65,7 +65,7 @@ def put_back(path: Path, database: Database) -> None:
         source.close()
 
 
-def make_another(database: Database) -> str:
+def assign_new_identity(database: Database) -> str:
     """Give a database that is a copy a name and an event log of its own; returns the name.
 
     A worker that still knows the original's folder is refused, and a client that has seen later events of the original
@@ -75,8 +75,8 @@ def make_another(database: Database) -> str:
     with database.write() as session:
         session.execute(delete(SessionRow))
         session.execute(delete(TicketRow))
-        database.note(session, FACT, name)
-        database.note(session, "epoch", secrets.token_hex(4))
+        database.set_fact(session, FACT_KEY, name)
+        database.set_fact(session, "epoch", secrets.token_hex(4))
     return name
 
 
@@ -90,10 +90,10 @@ def _copy_file(source: Path, target: Path) -> None:
 
 
 def _copy_rows(source: Connection, target: Connection) -> None:
-    target.execute(delete(LogRow))  # what the migrations noted of the empty database
-    for table in Table.metadata.sorted_tables:
+    target.execute(delete(FactRow))  # what the migrations noted of the empty database
+    for table in Base.metadata.sorted_tables:
         rows = source.execution_options(stream_results=True).execute(select(table).order_by(*table.primary_key))
-        for piece in rows.mappings().partitions(AT_A_TIME):
+        for piece in rows.mappings().partitions(BATCH_ROWS):
             target.execute(insert(table), [dict(row) for row in piece])
 
 

@@ -18,11 +18,11 @@ from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, RemovalRow, ScanRow
 
 MAGIC = b"SQLite format 3\0"
-MANY = 5
+MAX_LISTED = 5
 """Of so many names at most a sentence is made."""
 
 
-def fault_of(path: Path) -> str | None:
+def sqlite_fault(path: Path) -> str | None:
     """Return the damage of a SQLite file that no process has open; ``None`` if it is intact."""
     if not path.exists():
         return "is missing"
@@ -48,14 +48,14 @@ def is_database(path: Path) -> bool:
         return False
 
 
-def is_absent(path: Path) -> bool:
+def is_missing(path: Path) -> bool:
     """Whether opening a SQLite URL would create a new file."""
     return not path.exists() or not path.stat().st_size
 
 
 def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
     """Read rows of a database with tables of an earlier version; missing tables yield an empty list."""
-    if settings.database_url is None and fault_of(DataDirectory(settings.data).metadata_file) is not None:
+    if settings.database_url is None and sqlite_fault(DataDirectory(settings.data).metadata_file) is not None:
         return []
     database = Database(metadata_url(settings))
     try:
@@ -69,7 +69,7 @@ def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
         database.close()
 
 
-def removals(settings: Settings) -> set[str]:
+def pending_removals(settings: Settings) -> set[str]:
     """Return resources whose rows are deleted but whose files are not yet removed."""
     return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
 
@@ -91,11 +91,11 @@ def check_before_start(settings: Settings) -> list[str]:
     advice = f"`steradian check {settings.data}` tells what can be got back"
     metadata = None
     if settings.database_url is None:
-        metadata = fault_of(data.metadata_file)
-        if metadata is not None and not is_absent(data.metadata_file):
+        metadata = sqlite_fault(data.metadata_file)
+        if metadata is not None and not is_missing(data.metadata_file):
             raise DamagedFile(f"the database {data.metadata_file} {metadata}; {advice}")
     files = {path.stem for path in data.scan_files()}
-    known = {row.id for row in rows_of(settings, select(ScanRow.id))} | removals(settings)
+    known = {row.id for row in rows_of(settings, select(ScanRow.id))} | pending_removals(settings)
     # An import that was cut off has left its scan, named after it, before the row.
     imports = rows_of(settings, select(JobRow.id).where(JobRow.kind == "import"))
     jobs = [path.name for path in data.job_folders()] if metadata else []

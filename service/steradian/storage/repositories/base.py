@@ -12,7 +12,7 @@ from steradian.core.exceptions import NotFound
 from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
-from steradian.storage.repositories.filters import Conditions
+from steradian.storage.repositories.filters import WhereClauses
 
 Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, BatchRow, ScannerRow)
 
@@ -45,7 +45,7 @@ class Repository(Generic[Row]):
         with self.database.read() as session:
             return self._find(session, identifier)
 
-    def page(self, limit: int, before: int | None = None, where: Conditions | None = None) -> Page[Row]:
+    def page(self, limit: int, before: int | None = None, where: WhereClauses | None = None) -> Page[Row]:
         """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``.
 
         Parameters

@@ -15,17 +15,17 @@ from sqlalchemy import delete, or_, select
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict, NotFound
-from steradian.storage.blobs.interface import Arrays, result_name, scan_name, upload_name
+from steradian.storage.blobs.interface import BlobStore, result_name, scan_name, upload_name
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, RemovalRow, ScanRow
-from steradian.storage.repositories.event_log import record
-from steradian.storage.repositories.references import TABLES, Resource, closure, jobs
+from steradian.storage.repositories.event_log import append_event
+from steradian.storage.repositories.references import DELETION_ORDER, Resource, jobs, lock_dependents
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
 
 _log = logging.getLogger(__name__)
-TOLD: Final = frozenset({"scan", "batch", "reconstruction", "job"})
+MAX_LISTED: Final = frozenset({"scan", "batch", "reconstruction", "job"})
 """Kinds whose changes are events."""
 
 
@@ -45,7 +45,7 @@ class InUse(Conflict):
     code = "in-use"
 
 
-class Deletion:
+class DeletionService:
     """Deletes rows, and notes whose files are to go."""
 
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
@@ -72,25 +72,25 @@ class Deletion:
         """
         with self.database.write() as session:
             first = _find(session, kind, identifier)
-            found = closure(session, first)
+            found = lock_dependents(session, first)
             check({one.kind for one in found})
             if busy := _busy(session, found):
                 raise InUse(f"{kind} {identifier} cannot be deleted while something waits or runs: {', '.join(busy)}")
             if len(found) > 1 and not dependents:
                 raise HasDependents(first, found[1:])
-            self.forget(session, found, who, "requested")
+            self.delete_rows(session, found, who, "requested")
 
-    def forget(self, session: Session, found: Sequence[Resource], who: str, why: str) -> None:
+    def delete_rows(self, session: Session, found: Sequence[Resource], who: str, why: str) -> None:
         """Take the rows away in the present transaction."""
-        now, by_kind = self.clock(), {kind: [one.id for one in found if one.kind == kind] for kind in TABLES}
+        now, by_kind = self.clock(), {kind: [one.id for one in found if one.kind == kind] for kind in DELETION_ORDER}
         for one in found:
-            if one.kind in TOLD:
+            if one.kind in MAX_LISTED:
                 about = _event_of(session, one) | {"state": "deleted", "who": who, "why": why}
-                record(session, now, one.kind, one.id, about)
+                append_event(session, now, one.kind, one.id, about)
             session.add(RemovalRow(kind=one.kind, resource_id=one.id))
         session.flush()
         session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(by_kind["reconstruction"])))
-        for kind, table in reversed(TABLES.items()):
+        for kind, table in reversed(DELETION_ORDER.items()):
             session.execute(delete(table).where(table.id.in_(by_kind[kind])))
 
 
@@ -101,7 +101,7 @@ def waiting_import(database: Database, upload_id: str) -> str | None:
         return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
 
 
-def delete_upload(database: Database, arrays: Arrays, upload_id: str) -> None:
+def delete_upload(database: Database, arrays: BlobStore, upload_id: str) -> None:
     """Delete a file that came over HTTP.
 
     Raises
@@ -120,7 +120,7 @@ def delete_upload(database: Database, arrays: Arrays, upload_id: str) -> None:
 
 
 def remove_files(
-    database: Database, data: DataDirectory, arrays: Arrays, forget_jobs: Callable[[Sequence[str]], object] | None
+    database: Database, data: DataDirectory, arrays: BlobStore, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> None:
     """Remove the files and then the records of deleted resources; files that cannot be removed yet are retried later.
 
@@ -145,7 +145,7 @@ def remove_files(
 
 
 def _remove(
-    data: DataDirectory, arrays: Arrays, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None
+    data: DataDirectory, arrays: BlobStore, note: RemovalRow, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> bool:
     match note.kind:
         case "mask":
@@ -165,7 +165,7 @@ def _remove(
 
 
 def _find(session: Session, kind: str, identifier: str) -> Resource:
-    table = TABLES[kind]
+    table = DELETION_ORDER[kind]
     found = session.scalar(select(table.id).where(table.id == identifier))
     if found is not None and table is JobRow:
         (made,) = jobs(session, JobRow.id == identifier)
@@ -179,7 +179,7 @@ def _find(session: Session, kind: str, identifier: str) -> Resource:
 def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
     """Return the names of queued or running users of the resources, with their rows locked."""
     scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
-    busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if TABLES[one.kind] is JobRow]))
+    busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if DELETION_ORDER[one.kind] is JobRow]))
     going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
     return going + [row.id for row in session.scalars(busy.with_for_update()) if not is_terminal(row.state)]
 

@@ -13,14 +13,14 @@ from typing import Any
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
-from steradian.storage.db.database import Database, take_turns
-from steradian.storage.db.tables import EventRow, LogRow
+from steradian.storage.db.database import Database, advisory_xact_lock
+from steradian.storage.db.tables import EventRow, FactRow
 
-ORDER_LOCK = 0x57E2AD1A
+EVENT_ORDER_LOCK = 0x57E2AD1A
 """Number of the PostgreSQL advisory lock under which events are written."""
 
 
-def record(session: Session, at: datetime, kind: str, resource_id: str, data: dict[str, Any]) -> None:
+def append_event(session: Session, at: datetime, kind: str, resource_id: str, data: dict[str, Any]) -> None:
     """Append an event to the log in the present transaction.
 
     Parameters
@@ -30,13 +30,13 @@ def record(session: Session, at: datetime, kind: str, resource_id: str, data: di
     data
         What changed, plain JSON; its ``scan_id`` is what streams are filtered by.
     """
-    take_turns(session, ORDER_LOCK)
+    advisory_xact_lock(session, EVENT_ORDER_LOCK)
     scan_id = resource_id if kind == "scan" else data.get("scan_id")
     session.add(EventRow(at=at, kind=kind, resource_id=resource_id, scan_id=scan_id, data=data))
 
 
 @dataclass(frozen=True)
-class Bounds:
+class LogBounds:
     """Bounds of the log: its epoch, the number before its first event, and the number of its last event."""
 
     epoch: str
@@ -50,13 +50,13 @@ class EventLog:
     def __init__(self, database: Database) -> None:
         self.database = database
 
-    def bounds(self) -> Bounds:
+    def bounds(self) -> LogBounds:
         """Return the bounds of the log."""
         with self.database.read() as session:
-            facts = {row.name: row.value for row in session.scalars(select(LogRow))}
+            facts = {row.name: row.value for row in session.scalars(select(FactRow))}
             last = session.scalar(select(func.max(EventRow.sequence)))
         before = int(facts.get("pruned", 0))
-        return Bounds(facts["epoch"], before, max(before, last or 0))
+        return LogBounds(facts["epoch"], before, max(before, last or 0))
 
     def after(self, sequence: int, limit: int) -> list[EventRow]:
         """Return at most ``limit`` events after a number, oldest first."""
@@ -71,5 +71,5 @@ class EventLog:
             if newest is None:
                 return 0
             gone = session.execute(delete(EventRow).where(EventRow.sequence <= newest))
-            session.merge(LogRow(name="pruned", value=str(newest)))
+            session.merge(FactRow(name="pruned", value=str(newest)))
             return int(gone.rowcount)  # type: ignore[attr-defined]

@@ -13,30 +13,30 @@ from sqlalchemy.sql.functions import GenericFunction
 from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
 from steradian.storage.states import BatchState, ReconstructionState, is_terminal
 
-Conditions: TypeAlias = list[ColumnElement[bool]]
+WhereClauses: TypeAlias = list[ColumnElement[bool]]
 Label: TypeAlias = tuple[str, str | None]
 """A name, and its text if that matters."""
 _R = ReconstructionState
 
 
-class _Members(GenericFunction[Any]):
+class _JsonMembers(GenericFunction[Any]):
     """The members of a JSON object, as rows of key and value."""
 
     name = "json_each"
     inherit_cache = True
 
 
-@compiles(_Members, "postgresql")
-def _as_text(element: _Members, compiler: SQLCompiler, **options: Any) -> str:
+@compiles(_JsonMembers, "postgresql")
+def _as_text(element: _JsonMembers, compiler: SQLCompiler, **options: Any) -> str:
     return f"json_each_text{compiler.function_argspec(element, **options)}"
 
 
-def masks(*, arrangement: str | None = None) -> Conditions:
+def masks(*, arrangement: str | None = None) -> WhereClauses:
     """Choose masks of an arrangement."""
     return _equal((MaskRow.arrangement["arrangement"].as_string(), arrangement))
 
 
-def plans(*, mask_id: str | None = None) -> Conditions:
+def plans(*, mask_id: str | None = None) -> WhereClauses:
     """Choose plans of a mask."""
     return _equal((PlanRow.mask_id, mask_id))
 
@@ -47,7 +47,7 @@ def scans(
     label: Sequence[Label] | None = None,
     plan_id: str | None = None,
     mask_id: str | None = None,
-) -> Conditions:
+) -> WhereClauses:
     """Choose scans in one of some states that have all of some labels, of a plan or mask."""
     found = _equal((ScanRow.plan_id, plan_id), (ScanRow.mask_id, mask_id))
     found += [] if state is None else [ScanRow.state.in_(state)]
@@ -61,7 +61,7 @@ def jobs(
     scan_id: str | None = None,
     batch_id: str | None = None,
     reconstruction_id: str | None = None,
-) -> Conditions:
+) -> WhereClauses:
     """Choose jobs in one of some states, of a kind, of a scan, a batch, or asked about a reconstruction."""
     about = JobRow.payload["reconstruction_id"].as_string()
     found = _equal(
@@ -77,7 +77,7 @@ def reconstructions(
     scan_id: str | None = None,
     batch_id: str | None = None,
     mask_id: str | None = None,
-) -> Conditions:
+) -> WhereClauses:
     """Select reconstructions by job state, scan, batch, measured mask or undersampling mask."""
     found = _equal((ReconstructionRow.scan_id, scan_id), (ReconstructionRow.batch_id, batch_id))
     if of_job := jobs(state=state, kind=kind):
@@ -92,13 +92,13 @@ def reconstructions(
     return found
 
 
-def batches(*, state: Sequence[str] | None = None, scan_id: str | None = None) -> Conditions:
+def batches(*, state: Sequence[str] | None = None, scan_id: str | None = None) -> WhereClauses:
     """Choose batches in one of some states, of a scan."""
     found = _equal((BatchRow.scan_id, scan_id))
-    return found if state is None else [*found, or_(*(_stands(BatchState(one)) for one in state))]
+    return found if state is None else [*found, or_(*(_batch_state(BatchState(one)) for one in state))]
 
 
-def _stands(state: BatchState) -> ColumnElement[bool]:
+def _batch_state(state: BatchState) -> ColumnElement[bool]:
     """Return the state of a batch from its jobs, as its view does."""
 
     def some(*states: ReconstructionState) -> ColumnElement[bool]:
@@ -121,10 +121,10 @@ def _stands(state: BatchState) -> ColumnElement[bool]:
 
 
 def _has_label(name: str, text: str | None) -> ColumnElement[bool]:
-    member = _Members(ScanRow.labels).table_valued("key", "value").alias()
+    member = _JsonMembers(ScanRow.labels).table_valued("key", "value").alias()
     wanted = [member.c.key == name, *([] if text is None else [member.c.value == text])]
     return select(1).select_from(member).where(*wanted).correlate(ScanRow).exists()
 
 
-def _equal(*pairs: tuple[Any, str | None]) -> Conditions:
+def _equal(*pairs: tuple[Any, str | None]) -> WhereClauses:
     return [column == value for column, value in pairs if value is not None]

@@ -19,7 +19,7 @@ LIFETIME = timedelta(hours=24)
 
 
 @dataclass(frozen=True)
-class Key:
+class IdempotencyKey:
     """Idempotency key with its owner and endpoint, and the hash of the request's body."""
 
     principal: str
@@ -34,7 +34,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Answer:
+class StoredResponse:
     """Response to an idempotent request."""
 
     status: int
@@ -43,13 +43,13 @@ class Answer:
     replayed: bool = False
 
 
-class Answers:
+class IdempotencyStore:
     """Repository of idempotent responses, written in the transaction that they describe."""
 
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         self.database, self.clock = database, clock
 
-    def kept(self, key: Key | None) -> Answer | None:
+    def get(self, key: IdempotencyKey | None) -> StoredResponse | None:
         """Return the stored response of a key; call this first, because the resource may have changed since.
 
         Raises
@@ -62,7 +62,7 @@ class Answers:
         with self.database.read() as session:
             return self._replay(session, key)
 
-    def once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+    def run_once(self, key: IdempotencyKey | None, make: Callable[[Session], StoredResponse]) -> StoredResponse:
         """Call ``make`` once per key; without a key, always.
 
         Raises
@@ -77,7 +77,7 @@ class Answers:
                 raise
             return self._once(key, make)  # the same request was answered beside this one
 
-    def _once(self, key: Key | None, make: Callable[[Session], Answer]) -> Answer:
+    def _once(self, key: IdempotencyKey | None, make: Callable[[Session], StoredResponse]) -> StoredResponse:
         with self.database.write() as session:
             if key is None:
                 return make(session)
@@ -91,13 +91,13 @@ class Answers:
             session.add(IdempotencyRow(key=key.name, created=self.clock(), body_hash=key.body_hash, **about))
             return answer
 
-    def _replay(self, session: Session, key: Key) -> Answer | None:
+    def _replay(self, session: Session, key: IdempotencyKey) -> StoredResponse | None:
         kept = session.scalars(select(IdempotencyRow).where(IdempotencyRow.key == key.name)).one_or_none()
         if kept is None or self.clock() - kept.created > LIFETIME:
             return None
         if kept.body_hash != key.body_hash:
             raise InvalidInput("Idempotency-Key", key.text, "a key that was not used with another body")
-        return Answer(kept.status, kept.location, kept.answer, replayed=True)
+        return StoredResponse(kept.status, kept.location, kept.answer, replayed=True)
 
     def prune(self) -> None:
         """Forget keys that are too old."""

@@ -11,7 +11,7 @@ from steradian.plans import ScanPlan
 from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import ScanRow
-from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.states import DesiredScanState, ScanState
@@ -66,4 +66,4 @@ def register_import(
             history=[{"state": state, "at": now.isoformat(), "who": who, "why": why}],
         )
         session.add(scan)
-        record(session, now, "scan", scan_id, {"state": state, "who": who, "why": why})
+        append_event(session, now, "scan", scan_id, {"state": state, "who": who, "why": why})

@@ -29,10 +29,10 @@ class MaskRepository(Repository[MaskRow]):
 
     def put(self, mask: Mask) -> tuple[MaskRow, bool]:
         """Keep a mask; the flag says whether it is new."""
-        return self.put_columns(to_columns(mask))
+        return self.insert_row(mask_row_values(mask))
 
-    def put_columns(self, columns: dict[str, Any]) -> tuple[MaskRow, bool]:
-        """Keep a mask that :func:`to_columns` wrote; the flag says whether it is new."""
+    def insert_row(self, columns: dict[str, Any]) -> tuple[MaskRow, bool]:
+        """Keep a mask that :func:`mask_row_values` wrote; the flag says whether it is new."""
         row = MaskRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
@@ -76,7 +76,7 @@ class MaskRepository(Repository[MaskRow]):
         return self._modes[identifier]
 
 
-def to_columns(mask: Mask) -> dict[str, Any]:
+def mask_row_values(mask: Mask) -> dict[str, Any]:
     """Return the columns of a mask's row, except its creation time."""
     names = ("id", "aperture", "depth", "count", "weight_ratio", "sensed_area", "arrangement")
     return {name: getattr(mask, name) for name in names} | {"document": mask.model_dump_json()}

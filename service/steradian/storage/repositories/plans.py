@@ -9,22 +9,22 @@ from pydantic import TypeAdapter
 from sqlalchemy.exc import IntegrityError
 
 from steradian.plans import ScanPlan
-from steradian.plans.preview import Preview, preview
+from steradian.plans.preview import PlanCost, preview
 from steradian.storage.db.tables import PlanRow
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.masks import MaskRepository
-from steradian.storage.repositories.references import hold
+from steradian.storage.repositories.references import lock_row
 
 
-def preview_document(plan: ScanPlan) -> dict[str, Any]:
+def plan_cost_document(plan: ScanPlan) -> dict[str, Any]:
     """Return a plan's cost as plain JSON."""
-    document: dict[str, Any] = _adapter().dump_python(preview(plan), mode="json")
+    document: dict[str, Any] = _preview_adapter().dump_python(preview(plan), mode="json")
     return document
 
 
 @cache
-def _adapter() -> TypeAdapter[Preview]:
-    return TypeAdapter(Preview)  # once, as that takes longer than all else
+def _preview_adapter() -> TypeAdapter[PlanCost]:
+    return TypeAdapter(PlanCost)  # once, as that takes longer than all else
 
 
 class PlanRepository(Repository[PlanRow]):
@@ -41,7 +41,7 @@ class PlanRepository(Repository[PlanRow]):
         row = PlanRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
-                hold(session, "mask", row.mask_id)
+                lock_row(session, "mask", row.mask_id)
                 session.add(row)
             return row, True
         except IntegrityError:
@@ -63,4 +63,4 @@ class PlanRepository(Repository[PlanRow]):
 def to_columns(plan: ScanPlan) -> dict[str, Any]:
     """Write a plan as the columns of its row, all but when it was made."""
     parameters = plan.model_dump(mode="json", exclude={"mask"})
-    return {"id": plan.id, "mask_id": plan.mask.id, "parameters": parameters, "preview": preview_document(plan)}
+    return {"id": plan.id, "mask_id": plan.mask.id, "parameters": parameters, "preview": plan_cost_document(plan)}

@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 from steradian.storage.db.clock import new_id
 from steradian.storage.db.tables import BatchRow, ReconstructionRow, ScanRow
 from steradian.storage.repositories.base import Repository
-from steradian.storage.repositories.event_log import record
-from steradian.storage.repositories.references import hold
+from steradian.storage.repositories.event_log import append_event
+from steradian.storage.repositories.references import lock_row
 
 
 class ReconstructionRepository(Repository[ReconstructionRow]):
@@ -23,7 +23,7 @@ class ReconstructionRepository(Repository[ReconstructionRow]):
         self, session: Session, scan: ScanRow, parameters: dict[str, Any], batch: BatchRow | None = None
     ) -> ReconstructionRow:
         """Insert a reconstruction; raises :class:`NotFound` when the scan was deleted."""
-        hold(session, "scan", scan.id)
+        lock_row(session, "scan", scan.id)
         row = ReconstructionRow(
             id=new_id("r"),
             scan_id=scan.id,
@@ -35,10 +35,10 @@ class ReconstructionRepository(Repository[ReconstructionRow]):
         session.add(row)
         return row
 
-    def tell_revision(self, identifier: str, scan_id: str, figures: dict[str, Any]) -> None:
+    def log_revision(self, identifier: str, scan_id: str, figures: dict[str, Any]) -> None:
         """Log that there is a newer image of a scan that is followed."""
         with self.database.write() as session:
-            record(session, self.clock(), "revision", identifier, {"scan_id": scan_id, **figures})
+            append_event(session, self.clock(), "revision", identifier, {"scan_id": scan_id, **figures})
 
     def of_batch(self, batch_id: str) -> list[ReconstructionRow]:
         """Return a batch's reconstructions in the order they were asked for."""
@@ -56,9 +56,9 @@ class BatchRepository(Repository[BatchRow]):
         self, session: Session, scan: ScanRow, vary: dict[str, Any], parameters: dict[str, Any], who: str
     ) -> BatchRow:
         """Insert a batch; raises :class:`NotFound` when the scan was deleted."""
-        hold(session, "scan", scan.id)
+        lock_row(session, "scan", scan.id)
         row = BatchRow(id=new_id("b"), scan_id=scan.id, created=self.clock(), vary=vary, parameters=parameters)
         session.add(row)
         session.flush()
-        record(session, row.created, "batch", row.id, {"state": "queued", "scan_id": scan.id, "who": who})
+        append_event(session, row.created, "batch", row.id, {"state": "queued", "scan_id": scan.id, "who": who})
         return row

@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import NotFound
 from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
 
-Rows: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
-TABLES: Final[dict[str, Rows]] = {
+RowType: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
+DELETION_ORDER: Final[dict[str, RowType]] = {
     "mask": MaskRow,
     "plan": PlanRow,
     "scan": ScanRow,
@@ -22,7 +22,7 @@ TABLES: Final[dict[str, Rows]] = {
     "job": JobRow,
 }
 """What can be deleted, in the order of dependence: each of a kind may depend on those before it."""
-_READ: Final = {"scan_id": "scan", "reconstruction_id": "reconstruction", "reference_id": "reconstruction"}
+REFERENCE_FIELDS: Final = {"scan_id": "scan", "reconstruction_id": "reconstruction", "reference_id": "reconstruction"}
 """What a job's request names, as which kind of thing."""
 
 
@@ -34,7 +34,7 @@ class Resource:
     id: str
 
 
-def hold(session: Session, kind: str, identifier: str) -> None:
+def lock_row(session: Session, kind: str, identifier: str) -> None:
     """Keep a thing from being deleted until the transaction ends, in which something is made that depends on it.
 
     Raises
@@ -42,36 +42,36 @@ def hold(session: Session, kind: str, identifier: str) -> None:
     NotFound
         When it is gone, deleted just now perhaps.
     """
-    table = TABLES[kind]
+    table = DELETION_ORDER[kind]
     query = select(table.id).where(table.id == identifier)
     if session.scalar(query.with_for_update(read=True, key_share=True)) is None:
         raise NotFound(kind, identifier)
 
 
-def hold_needs(session: Session, *requests: Mapping[str, Any]) -> None:
-    """Lock all resources that job requests name, before any other lock or event; see :func:`hold`.
+def lock_references(session: Session, *requests: Mapping[str, Any]) -> None:
+    """Lock all resources that job requests name, before any other lock or event; see :func:`lock_row`.
 
     The order is that of deletions, from masks to scans to reconstructions and then the event log: or two transactions
     could wait for each other.
     """
     through = [request["through"]["mask_id"] for request in requests if request.get("through") is not None]
     for mask in sorted(set(through)):
-        hold(session, "mask", mask)
+        lock_row(session, "mask", mask)
     for kind in ("scan", "reconstruction"):
-        names = [name for name, read in _READ.items() if read == kind]
+        names = [name for name, read in REFERENCE_FIELDS.items() if read == kind]
         asked = {request[name] for request in requests for name in names if request.get(name) is not None}
         for identifier in sorted(asked):
-            hold(session, kind, identifier)
+            lock_row(session, kind, identifier)
 
 
-def needed(session: Session) -> set[str]:
+def referenced_jobs(session: Session) -> set[str]:
     """Name the jobs whose results others have still to read."""
-    names = [JobRow.payload[name].as_string() for name, kind in _READ.items() if kind == "reconstruction"]
+    names = [JobRow.payload[name].as_string() for name, kind in REFERENCE_FIELDS.items() if kind == "reconstruction"]
     found = session.execute(select(*names).where(JobRow.ended.is_(None)))
     return {identifier for row in found for identifier in row if identifier is not None}
 
 
-def closure(session: Session, first: Resource) -> list[Resource]:
+def lock_dependents(session: Session, first: Resource) -> list[Resource]:
     """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends.
 
     All of a kind are held before any of the next, by their names: or two deletions could wait for each other.
@@ -82,7 +82,7 @@ def closure(session: Session, first: Resource) -> list[Resource]:
         When it was deleted just now.
     """
     found = {first: None}
-    for kind, table in TABLES.items():
+    for kind, table in DELETION_ORDER.items():
         those = [one for one in found if one.kind == kind]
         holding = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
         held = set(session.scalars(holding.with_for_update()))

@@ -10,17 +10,17 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import NotFound
-from steradian.core.settings import FIRST_SCANNER
+from steradian.core.settings import DEFAULT_SCANNER_ID
 from steradian.storage.data_dir.scanner_status import ScannerStatus, wording
 from steradian.storage.db.clock import Clock, utc_now
-from steradian.storage.db.database import Database, take_turns
+from steradian.storage.db.database import Database, advisory_xact_lock
 from steradian.storage.db.tables import ScannerRow, ScanRow
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.deletion import InUse
-from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.event_log import append_event
 from steradian.storage.states import ScanState, is_terminal
 
-SCANNER_ID = FIRST_SCANNER
+SCANNER_ID = DEFAULT_SCANNER_ID
 """The scanner where nobody says which."""
 ENSURE_LOCK = 0x57E2AD1E
 """Number of the PostgreSQL advisory lock under which a scanner is noted."""
@@ -59,7 +59,7 @@ class ScannerRows(Repository[ScannerRow]):
             Whether that node has workers of its own, for images that grow with a scan.
         """
         with self.database.write() as session:
-            take_turns(session, ENSURE_LOCK)  # API and acquisition of a node start at once
+            advisory_xact_lock(session, ENSURE_LOCK)  # API and acquisition of a node start at once
             row = session.scalars(select(ScannerRow).where(ScannerRow.id == self.id)).one_or_none()
             if row is None:
                 now = self.clock()
@@ -164,7 +164,7 @@ class ScannerRows(Repository[ScannerRow]):
         stopped = row.stopped_at is not None
         data = {"connection": row.connection, "state": row.state, "emergency_stop": stopped, "who": who, "why": why}
         data |= {"interlock": row.interlock, "key": row.key_switch, "shutter": row.shutter, "laser": row.laser}
-        record(session, self.clock(), "scanner", row.id, data)
+        append_event(session, self.clock(), "scanner", row.id, data)
 
 
 def _told(name: str, value: Any) -> str:

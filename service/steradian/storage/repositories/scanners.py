@@ -9,12 +9,12 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict
 from steradian.storage.db.tables import ScannerRow, ScanRow
-from steradian.storage.repositories.event_log import record
+from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.scanner_rows import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRows
 from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
 
 __all__ = ["ENSURE_LOCK", "PRESENT", "SCANNER_ID", "EmergencyStopped", "LeaseHeld", "ScannerRepository"]
-MOST_CHARACTERS = 120
+MAX_NAME_LENGTH = 120
 """Of a principal's name in a column."""
 
 
@@ -86,7 +86,7 @@ class ScannerRepository(ScannerRows):
             row.lease_ends = row.holder = row.held_by = row.note = None
             self._event(session, row, who, "released")
 
-    def admit(self, session: Session, fence: int | None, who: str) -> int:
+    def check_fence(self, session: Session, fence: int | None, who: str) -> int:
         """Return the fencing number if the caller may fire; raise LeaseHeld or EmergencyStopped.
 
         Parameters
@@ -114,7 +114,7 @@ class ScannerRepository(ScannerRows):
             raise LeaseHeld(f"the lease {fence} is over; the scanner is at {row.fence}")
         return row.fence
 
-    def refusal(self, scan: ScanRow) -> str | None:
+    def refusal_reason(self, scan: ScanRow) -> str | None:
         """Say why a queued scan must not fire, or ``None``: checked when the scanner is about to be armed."""
         row = self.get(self.id)
         if row.stopped_at is not None:
@@ -133,7 +133,7 @@ class ScannerRepository(ScannerRows):
         carried
             Whether its node may not know of it yet: a press that stands keeps its number.
         """
-        now, who = self.clock(), who[:MOST_CHARACTERS]  # a stop is noted, whatever it is called that pressed it
+        now, who = self.clock(), who[:MAX_NAME_LENGTH]  # a stop is noted, whatever it is called that pressed it
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             row.stopped_at, row.stopped_by, row.stop_reason = row.stopped_at or now, row.stopped_by or who, reason
@@ -145,11 +145,11 @@ class ScannerRepository(ScannerRows):
                 if scan.desired_state is not DesiredScanState.ABORTED:
                     scan.desired_state, scan.reason, scan.wished_by = DesiredScanState.ABORTED, why, who
                     wished = {"state": scan.state, "desired_state": "aborted", "who": who, "why": why}
-                    record(session, now, "scan", scan.id, wished)
+                    append_event(session, now, "scan", scan.id, wished)
             self._event(session, row, who, why)
         return row
 
-    def note_deed(self, number: str, laser: str, seconds: float | None, detail: str = "") -> None:
+    def record_stop_outcome(self, number: str, laser: str, seconds: float | None, detail: str = "") -> None:
         """Record the outcome of the active press, identified by its number."""
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)

@@ -10,22 +10,22 @@ from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict
-from steradian.core.logging_config import caused_by, request_id
+from steradian.core.logging_config import bind_request_id, request_id
 from steradian.storage.db.clock import Clock, new_id, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.base import Repository
-from steradian.storage.repositories.event_log import record
-from steradian.storage.repositories.references import hold
+from steradian.storage.repositories.event_log import append_event
+from steradian.storage.repositories.references import lock_row
 from steradian.storage.repositories.scanners import SCANNER_ID
 from steradian.storage.states import (
     ACTIVE_SCAN_STATES,
-    DESIRABLE,
-    FINAL_WISHES,
+    ALLOWED_DESIRED_STATES,
+    IRREVERSIBLE_DESIRED_STATES,
     DesiredScanState,
     ScanState,
-    check_transition,
     is_terminal,
+    require_transition,
 )
 
 _log = logging.getLogger(__name__)
@@ -80,9 +80,9 @@ class ScanRepository(Repository[ScanRow]):
         who
             The principal who asks.
         """
-        hold(session, "plan", plan.id)
+        lock_row(session, "plan", plan.id)
         if completes is not None:
-            hold(session, "scan", completes)
+            lock_row(session, "scan", completes)
         now = self.clock()
         row = ScanRow(
             id=new_id("s"),
@@ -104,7 +104,7 @@ class ScanRepository(Repository[ScanRow]):
         )
         session.add(row)
         session.flush()
-        record(session, now, "scan", row.id, {"state": row.state, "who": who, "why": "requested"})
+        append_event(session, now, "scan", row.id, {"state": row.state, "who": who, "why": "requested"})
         return row
 
     def next_queued(self) -> ScanRow | None:
@@ -125,21 +125,21 @@ class ScanRepository(Repository[ScanRow]):
         with self.database.read() as session:
             return list(session.scalars(query.order_by(ScanRow.sequence)))
 
-    def wished_settled(self) -> list[ScanRow]:
+    def to_settle(self) -> list[ScanRow]:
         """Return the scanner's interrupted scans that a person wants to have ended."""
         wishes = (DesiredScanState.STOPPED, DesiredScanState.ABORTED)
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), ScanRow.desired_state.in_(wishes))
         with self.database.read() as session:
             return list(session.scalars(query))
 
-    def wished_resumed(self) -> ScanRow | None:
+    def to_resume(self) -> ScanRow | None:
         """Return the oldest interrupted scan whose desired state is running."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.read() as session:
             return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
 
-    def forget_wishes(self, why: str) -> None:
+    def clear_desired_running(self, why: str) -> None:
         """Clear the desired state of interrupted scans, because their request was made before the restart."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
@@ -147,7 +147,7 @@ class ScanRepository(Repository[ScanRow]):
             for row in session.scalars(query.with_for_update()):
                 row.desired_state, row.reason = DesiredScanState.PAUSED, why
                 data = {"state": row.state, "desired_state": row.desired_state, "who": "acquisition", "why": why}
-                record(session, self.clock(), "scan", row.id, data)
+                append_event(session, self.clock(), "scan", row.id, data)
 
     def counts(self) -> dict[str, int]:
         """Count the scans in each state."""
@@ -184,7 +184,7 @@ class ScanRepository(Repository[ScanRow]):
         now = self.clock()
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
-            check_transition(identifier, row.state, following)
+            require_transition(identifier, row.state, following)
             row.state = following
             row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
             if following is ScanState.RUNNING and row.started is None:
@@ -199,17 +199,17 @@ class ScanRepository(Repository[ScanRow]):
                 row.error_code, row.error = error
             if summary is not None:
                 row.summary = summary
-            record(session, now, "scan", row.id, {"state": following, "who": who, "why": why})
+            append_event(session, now, "scan", row.id, {"state": following, "who": who, "why": why})
         _tell(row, following, who, why)
         return row
 
-    def tell(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
+    def report_condition(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
         """Record and log a condition of a scan that does not change its state, such as a full disk."""
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
             row.stage = stage[:120]
             data = {"state": row.state, "stage": row.stage, "who": who, "why": why}
-            record(session, self.clock(), "scan", row.id, data)
+            append_event(session, self.clock(), "scan", row.id, data)
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
         """Record the progress of a scan without a new revision, because clients cannot change progress."""
@@ -223,16 +223,16 @@ class ScanRepository(Repository[ScanRow]):
         Raises
         ------
         Conflict
-            Of the kind :class:`Outdated` when it has.
+            Of the kind :class:`RevisionConflict` when it has.
         """
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
             if revision is not None and row.revision != revision:
-                raise Outdated(f"scan {identifier} has changed since; read it again")
+                raise RevisionConflict(f"scan {identifier} has changed since; read it again")
             row.labels = {name: text for name, text in (row.labels | labels).items() if text is not None}
         return row
 
-    def desire(
+    def set_desired_state(
         self,
         identifier: str,
         wish: DesiredScanState,
@@ -259,10 +259,12 @@ class ScanRepository(Repository[ScanRow]):
                 session.execute(select(ScannerRow.id).order_by(ScannerRow.sequence).with_for_update())
             row = self._find(session, identifier, lock=True)
             if revision is not None and row.revision != revision:
-                raise Outdated(f"scan {identifier} has changed since; read it again")
+                raise RevisionConflict(f"scan {identifier} has changed since; read it again")
             if row.desired_state is wish:
                 return row
-            possible = DESIRABLE[row.state] & FINAL_WISHES.get(row.desired_state, frozenset(DesiredScanState))
+            possible = ALLOWED_DESIRED_STATES[row.state] & IRREVERSIBLE_DESIRED_STATES.get(
+                row.desired_state, frozenset(DesiredScanState)
+            )
             if wish not in possible:
                 allowed = ", ".join(sorted(possible)) or "nothing, it is over or about to be"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
@@ -270,7 +272,7 @@ class ScanRepository(Repository[ScanRow]):
                 row.fence = admit(session, row)
             row.desired_state, row.reason, row.wished_by = wish, reason, who
             wished = {"state": row.state, "desired_state": wish, "who": who, "why": reason}
-            record(session, self.clock(), "scan", row.id, wished)
+            append_event(session, self.clock(), "scan", row.id, wished)
         _tell(row, f"wished {wish}", who, reason)
         return row
 
@@ -287,11 +289,11 @@ class ScanRepository(Repository[ScanRow]):
 
 def _tell(row: ScanRow, what: str, who: str, why: str | None) -> None:
     """Log a scan's event under the current request, or else under the request that created the scan."""
-    with caused_by(request_id.get() or row.request_id):
+    with bind_request_id(request_id.get() or row.request_id):
         _log.info("scan %s is %s: %s (%s)", row.id, what, why or "no reason given", who)
 
 
-class Outdated(Conflict):
+class RevisionConflict(Conflict):
     """The resource has changed since the caller read it."""
 
     code = "precondition-failed"

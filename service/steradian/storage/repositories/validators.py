@@ -14,48 +14,48 @@ from typing import Any, Final, TypeAlias
 
 from sqlalchemy import ColumnElement, Connection, FromClause, Select, String, bindparam, select, type_coerce
 
-from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow, Table
+from steradian.storage.db.tables import Base, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
 
-Stamp: TypeAlias = tuple[Any, ...]
+Validator: TypeAlias = tuple[Any, ...]
 """Equal ones mean equal looks; an empty one means that there is nothing, or nothing that tells."""
-ANY_BEFORE: Final = 2**31 - 1
+MAX_CURSOR: Final = 2**31 - 1
 """More than the number of any row."""
 
 
 @dataclass(frozen=True)
-class Question:
+class ValidatorKey:
     """Key of a validator: one resource, or, without ``id``, a page of a list."""
 
     noun: str
     id: str | None = None
     limit: int = 100
-    before: int = ANY_BEFORE
+    before: int = MAX_CURSOR
 
 
-def look(connection: Connection, questions: Iterable[Question]) -> dict[Question, Stamp]:
+def load_validators(connection: Connection, questions: Iterable[ValidatorKey]) -> dict[ValidatorKey, Validator]:
     """Return the stamps of all that is asked, in as few statements as go."""
-    found: dict[Question, Stamp] = {}
+    found: dict[ValidatorKey, Validator] = {}
     single: dict[str, list[str]] = defaultdict(list)
     for question in questions:
         if question.id is not None:
             single[question.noun].append(question.id)
         else:
             wanted = {"before": question.before, "most": question.limit + 1}
-            found[question] = tuple(map(tuple, connection.execute(_PAGES[question.noun], wanted)))
+            found[question] = tuple(map(tuple, connection.execute(_PAGE_QUERIES[question.noun], wanted)))
     for noun, identifiers in single.items():
-        rows = {row[0]: tuple(row) for row in connection.execute(_THINGS[noun], {"ids": identifiers})}
-        found |= {Question(noun, identifier): rows.get(identifier, ()) for identifier in identifiers}
+        rows = {row[0]: tuple(row) for row in connection.execute(_ITEM_QUERIES[noun], {"ids": identifiers})}
+        found |= {ValidatorKey(noun, identifier): rows.get(identifier, ()) for identifier in identifiers}
     return found
 
 
-def _columns(table: type[Table]) -> tuple[ColumnElement[Any], ...]:
+def _columns(table: type[Base]) -> tuple[ColumnElement[Any], ...]:
     columns = table.__table__.c
     if "revision" in columns:
         return columns.revision, columns.stage, columns.done, columns.total
     return (type_coerce(columns.created, String),)
 
 
-def _stamped(table: type[Table]) -> tuple[Select[Any], FromClause]:
+def _stamped(table: type[Base]) -> tuple[Select[Any], FromClause]:
     """Select the identifiers and stamps of a table's rows; a reconstruction's is that of its job."""
     mine = table.__table__
     if table is not ReconstructionRow:
@@ -64,18 +64,18 @@ def _stamped(table: type[Table]) -> tuple[Select[Any], FromClause]:
     return select(mine.c.id, *_columns(JobRow)).select_from(mine.outerjoin(job, job.c.id == mine.c.id)), mine
 
 
-_TABLES: Final[dict[str, type[Table]]] = {
+_TABLES: Final[dict[str, type[Base]]] = {
     "masks": MaskRow,
     "plans": PlanRow,
     "scans": ScanRow,
     "reconstructions": ReconstructionRow,
     "jobs": JobRow,
 }
-_THINGS: Final[dict[str, Select[Any]]] = {}
-_PAGES: Final[dict[str, Select[Any]]] = {}
+_ITEM_QUERIES: Final[dict[str, Select[Any]]] = {}
+_PAGE_QUERIES: Final[dict[str, Select[Any]]] = {}
 for _noun, _table in _TABLES.items():  # once, as building a statement costs more than having it answered
     _query, _rows = _stamped(_table)
     _over = [JobRow.__table__.c.ended.is_not(None)] if _table in {JobRow, ReconstructionRow} else []
-    _THINGS[_noun] = _query.where(_rows.c.id.in_(bindparam("ids", expanding=True)), *_over)
+    _ITEM_QUERIES[_noun] = _query.where(_rows.c.id.in_(bindparam("ids", expanding=True)), *_over)
     _newest = _query.where(_rows.c.sequence < bindparam("before")).order_by(_rows.c.sequence.desc())
-    _PAGES[_noun] = _newest.limit(bindparam("most"))
+    _PAGE_QUERIES[_noun] = _newest.limit(bindparam("most"))

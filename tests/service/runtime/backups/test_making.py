@@ -57,7 +57,7 @@ def test_a_killed_backup_is_none_and_does_not_hinder_the_next(kept, tmp_path):
     with pytest.raises(DamagedFile, match="was not finished"):
         restore(left, Settings.create(data=tmp_path / "new"))
     kept.back_up(backup)
-    assert list(Manifest.read(backup).faults(backup)) == []
+    assert list(Manifest.read(backup).verify(backup)) == []
     assert not left.exists()
 
 
@@ -78,7 +78,7 @@ def test_of_two_backups_to_one_place_the_second_is_refused_and_the_first_is_whol
             kept.back_up(tmp_path / "backup", cancelled=lambda: True)
 
     kept.back_up(tmp_path / "backup", progress=once(another))
-    assert list(Manifest.read(tmp_path / "backup").faults(tmp_path / "backup")) == []
+    assert list(Manifest.read(tmp_path / "backup").verify(tmp_path / "backup")) == []
     assert {path.name for path in tmp_path.iterdir()} == {"data", "backup"}
 
 

@@ -4,11 +4,11 @@ import pytest
 
 from steradian.jobs.model import JobRequest, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.scans.file.verify import check_scan_file
-from steradian.scans.file.writer import AlineStore
-from steradian.storage.blobs.interface import Folder
+from steradian.scans.file.verify import verify_scan_file
+from steradian.scans.file.writer import ScanFileWriter
+from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.repositories.deletion import Deletion, remove_files
+from steradian.storage.repositories.deletion import DeletionService, remove_files
 from support.backups import aline, files, once, restored, spoil
 from support.damage import BITS
 from support.damage import spoil as spoil_header
@@ -17,8 +17,8 @@ from support.damage import spoil as spoil_header
 def test_what_is_deleted_while_it_is_copied_is_in_neither_rows_nor_files(kept, tmp_path):
     def delete():
         database = kept.database()
-        Deletion(database).delete("scan", kept.scan, "test", dependents=True, check=lambda _kinds: None)
-        remove_files(database, kept.data, Folder(kept.data), lambda _jobs: None)
+        DeletionService(database).delete("scan", kept.scan, "test", dependents=True, check=lambda _kinds: None)
+        remove_files(database, kept.data, FolderBlobStore(kept.data), lambda _jobs: None)
         database.close()
 
     made = kept.back_up(tmp_path / "backup", progress=once(delete))
@@ -33,7 +33,9 @@ def test_an_import_that_ends_meanwhile_is_done_or_has_its_upload(kept, tmp_path)
     def finish():
         database = kept.database()
         ledger = JobLedger(database)
-        ledger.settle("waits", ledger.start("waits", "worker-0").fence, Succeeded({"scan_id": "s1"}), "worker-0")
+        ledger.finish_attempt(
+            "waits", ledger.start_attempt("waits", "worker-0").fence, Succeeded({"scan_id": "s1"}), "worker-0"
+        )
         database.close()
         kept.data.upload("u1").unlink()
 
@@ -49,7 +51,7 @@ def test_what_a_running_job_has_written_is_left_out_since_it_runs_again(kept, tm
     ledger = JobLedger(database)
     with database.write() as session:
         ledger.add(session, JobRequest("runs", "reconstruction", {"scan_id": kept.scan}))
-    row = ledger.start("runs", "worker-0")
+    row = ledger.start_attempt("runs", "worker-0")
     folder = kept.data.job("runs")
     folder.begin(row.fence + 1)  # a later start, which the rows of the backup do not know
     folder.log.write_text("first start\n")
@@ -71,7 +73,7 @@ def test_a_scan_is_copied_while_it_is_written_with_all_that_was_stored(kept, tmp
         if not draft.exists():
             return
         seen.append(at)
-        with AlineStore(file) as store:
+        with ScanFileWriter(file) as store:
             if len(seen) == 1:
                 spoil(store, 8)
             else:
@@ -81,13 +83,13 @@ def test_a_scan_is_copied_while_it_is_written_with_all_that_was_stored(kept, tmp
     assert made.damaged == {}
     assert len(seen) > 2, "it was copied in several pieces, and more than once"
     settings = restored(tmp_path / "backup", tmp_path / "new")
-    copied = check_scan_file(settings.data / "scans" / f"{scan}.h5")
-    assert (copied.is_sound, copied.intact) == (True, 9)
+    copied = verify_scan_file(settings.data / "scans" / f"{scan}.h5")
+    assert (copied.is_consistent, copied.intact) == (True, 9)
 
 
 def test_a_scan_that_is_damaged_already_is_kept_and_named(kept, tmp_path):
     scan = kept.running_scan()
-    with AlineStore(kept.data.scan_file(scan)) as store:
+    with ScanFileWriter(kept.data.scan_file(scan)) as store:
         spoil(store, 8)
     other = kept.running_scan()
     kept.data.scan_file(other).write_bytes(b"no HDF5")

@@ -7,7 +7,7 @@ from sqlalchemy import text
 
 from steradian.core.exceptions import DamagedFile
 from steradian.core.settings import Settings
-from steradian.runtime.backups import Manifest, back_up, restore
+from steradian.runtime.backups import Manifest, create_backup, restore
 from steradian.runtime.backups.manifest import DATABASE
 
 
@@ -25,7 +25,7 @@ def test_a_backup_with_one_bad_file_is_refused_whole(made, tmp_path, path, damag
                 target.write_bytes(whole[:-1])
             case "missing":
                 target.unlink()
-        assert [found[0] for found in Manifest.read(backup).faults(backup)] == [path]
+        assert [found[0] for found in Manifest.read(backup).verify(backup)] == [path]
         with pytest.raises(DamagedFile, match=path):
             restore(backup, Settings.create(data=tmp_path / "new"))
         assert not (tmp_path / "new").exists()
@@ -59,7 +59,7 @@ def test_the_backup_of_a_newer_program_is_refused_with_words(kept, tmp_path):
     database = kept.database()
     with database.write() as session:
         session.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    back_up(kept.data, database, tmp_path / "backup")
+    create_backup(kept.data, database, tmp_path / "backup")
     database.close()
     with pytest.raises(DamagedFile, match="newer version"):
         restore(tmp_path / "backup", Settings.create(data=tmp_path / "new"))

@@ -10,7 +10,7 @@ from steradian.core.exceptions import Conflict
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest
 from steradian.jobs.queue.ledger import JobLedger
-from steradian.runtime.backups import back_up, restore
+from steradian.runtime.backups import create_backup, restore
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.security.sessions import SessionStore
 from steradian.storage.data_dir.layout import DataDirectory
@@ -58,7 +58,7 @@ def test_a_backup_goes_from_one_kind_of_database_to_the_other_and_back(made, tmp
     with database.write() as session:
         JobLedger(database).add(session, JobRequest("next", "sound-speed", {}))  # numbered after all others
     made_there = tmp_path / "backup"
-    assert back_up(DataDirectory(distributed.data), database, made_there).jobs == 4
+    assert create_backup(DataDirectory(distributed.data), database, made_there).jobs == 4
     embedded = Database(metadata_url(restored(made_there, tmp_path / "embedded")))
     (there, _), (here, _) = rows(database), rows(embedded)
     first = kept.database()

@@ -13,7 +13,7 @@ class Sparse(NamedTuple):
     weights: Any
 
 
-class Orbits(NamedTuple):
+class ModeOrbits(NamedTuple):
     """Lateral modes (±jx, ±jy), which share κ; orbit a·len(squares_y) + b has line a along x and b along y.
 
     Parameters
@@ -34,7 +34,7 @@ class Orbits(NamedTuple):
     squares_y: Any
 
 
-class Rule(NamedTuple):
+class KappaMap(NamedTuple):
     """From κ to a place among the frequencies, and the factor (:mod:`steradian.imaging.transforms.depth`).
 
     Parameters
@@ -46,7 +46,7 @@ class Rule(NamedTuple):
     ratio
         Frequencies a unit of κ.
     turns, band
-        As in :class:`~steradian.imaging.transforms.depth.KappaRule`.
+        As in :class:`~steradian.imaging.transforms.depth.KappaMap`.
     lowest
         Number of the first frequency.
     depths
@@ -67,7 +67,7 @@ class Rule(NamedTuple):
     nearest: bool
 
 
-class Decimated(NamedTuple):
+class DecimationArgs(NamedTuple):
     """A-lines with fewer samples (:class:`steradian.imaging.transforms.decimation.Decimation`)."""
 
     starts: Any

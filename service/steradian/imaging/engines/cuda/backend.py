@@ -19,7 +19,7 @@ from steradian.core.exceptions import InvalidInput
 _THREADS = 256  # of a block
 _MOST_BLOCKS = 65_535  # along y
 _CUDA = 2  # DLPack's number of it
-SIMULATOR = "STERADIAN_GPU"
+USE_SIMULATOR = "STERADIAN_GPU"
 """Variable of the environment that, being "simulator", lets Numba's simulator stand for a GPU."""
 
 
@@ -59,11 +59,11 @@ class Backend(Protocol):
     def wait(self) -> None:
         """Wait until all that was started is done."""
 
-    def is_full(self, error: BaseException) -> bool:
+    def is_out_of_memory(self, error: BaseException) -> bool:
         """Whether an error says that the device has no memory left."""
 
 
-class Cupy:
+class CupyBackend:
     """The current CUDA device."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class Cupy:
         """See :class:`Backend`."""
         self.xp.cuda.Device().synchronize()
 
-    def is_full(self, error: BaseException) -> bool:
+    def is_out_of_memory(self, error: BaseException) -> bool:
         """See :class:`Backend`."""
         no_room = importlib.import_module("cupy.cuda.cufft").CuFFTError, self.xp.cuda.runtime.CUDARuntimeError
         if isinstance(error, self.xp.cuda.memory.OutOfMemoryError):
@@ -137,7 +137,7 @@ class Cupy:
         return isinstance(error, no_room) and "ALLOC" in str(error).upper()
 
 
-class Simulated:
+class SimulatorBackend:
     """Numba's simulator; a device with as much memory as one says."""
 
     def __init__(self, memory: int = 1 << 30) -> None:
@@ -172,14 +172,14 @@ class Simulated:
     def wait(self) -> None:
         """See :class:`Backend`."""
 
-    def is_full(self, error: BaseException) -> bool:
+    def is_out_of_memory(self, error: BaseException) -> bool:
         """See :class:`Backend`."""
         return isinstance(error, MemoryError)
 
 
-def missing() -> str | None:
+def unavailable_reason() -> str | None:
     """Return the missing requirement of GPU computation; None if there is none."""
-    if os.environ.get(SIMULATOR) == "simulator":
+    if os.environ.get(USE_SIMULATOR) == "simulator":
         return None
     lacking = [name for name in ("cupy", "numba_cuda") if find_spec(name) is None]
     if lacking:
@@ -200,10 +200,10 @@ def device() -> Backend:
     InvalidInput
         Naming what is missing.
     """
-    lacking = missing()
+    lacking = unavailable_reason()
     if lacking is not None:
         raise InvalidInput("device", "gpu", f"cpu or auto here ({lacking})")
-    return Simulated() if os.environ.get(SIMULATOR) == "simulator" else Cupy()
+    return SimulatorBackend() if os.environ.get(USE_SIMULATOR) == "simulator" else CupyBackend()
 
 
 def _without_warnings() -> None:

@@ -15,29 +15,29 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.compute import memory_limit as memory
-from steradian.imaging.engines import NOBODY, Watch
-from steradian.imaging.engines.cuda.arguments import Decimated, Sparse
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
+from steradian.imaging.engines.cuda.arguments import DecimationArgs, Sparse
 from steradian.imaging.engines.cuda.backend import Backend, device
 from steradian.imaging.engines.cuda.image import (
-    image_in_pieces,
+    image_in_chunks,
     image_of_spectrum,
     lateral_axes,
-    run,
-    spectrum_in_pieces,
+    run_chunks,
+    spectrum_in_chunks,
     spectrum_of_image,
 )
 from steradian.imaging.engines.cuda.layout import (
+    all_orbits,
     axis_of,
     frequencies,
+    kappa_map,
     matrix,
-    rule_of,
-    some_orbits,
+    orbit_slice,
     sparse,
-    whole_orbits,
 )
-from steradian.imaging.engines.cuda.room import SHARE, Room, room_of
-from steradian.imaging.tables import Tables
-from steradian.imaging.validation import SUMMABLE, first_bad
+from steradian.imaging.engines.cuda.room import MAX_FREE_FRACTION, MemoryPlan, plan_memory
+from steradian.imaging.tables import TransformTables
+from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 
 if TYPE_CHECKING:
     from steradian.imaging.engines import Engine
@@ -56,7 +56,7 @@ class CudaEngine:
         Bytes of it that may be taken; None: nine tenths of what is free. Where a volume needs more, its modes and
         itself are kept on the host, and brought to the device in pieces.
     memory_limit
-        See :func:`steradian.imaging.compute.memory_limit.require`.
+        See :func:`steradian.imaging.compute.memory_limit.check_memory`.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class CudaEngine:
 
     def __init__(
         self,
-        tables: Tables,
+        tables: TransformTables,
         *,
         backend: Backend | None = None,
         device_memory: int | None = None,
@@ -86,17 +86,20 @@ class CudaEngine:
         self.tables, self.backend = tables, backend or device()
         self._kernels, self._found = kernels(tables.dtype), frequencies(tables)
         self._axes = axis_of(tables, 0), axis_of(tables, 1)
-        limit = int(SHARE * self.backend.free()) if device_memory is None else device_memory
-        self.room: Room = room_of(tables, self._axes, self._found, limit)
-        memory.require(self.room.memory_bytes, memory_limit, tables.geometry.shape)
-        self._real, self._complex = _kinds(tables.dtype)
+        limit = int(MAX_FREE_FRACTION * self.backend.free()) if device_memory is None else device_memory
+        self.room: MemoryPlan = plan_memory(tables, self._axes, self._found, limit)
+        memory.check_memory(self.room.memory_bytes, memory_limit, tables.geometry.shape)
+        self._real, self._complex = _dtypes(tables.dtype)
         self._host = matrix(tables.lateral)
         self._onto = self._sent(sparse(self._host, tables.dtype))
         self._from: Sparse | None = None
-        self._orbits = self._sent(whole_orbits(*self._axes)) if self.room.whole else None
-        self._rule = self._sent(rule_of(tables, self._found))
+        self._orbits = self._sent(all_orbits(*self._axes)) if self.room.fits_in_one_pass else None
+        self._rule = self._sent(kappa_map(tables, self._found))
         self._window, self._scale = self.array(tables.time.divided), self.array(tables.lateral.scale)
-        self._places, self._cells = self.backend.array(self._found.places), self.backend.array(self._found.cells)
+        self._places, self._cells = (
+            self.backend.array(self._found.half_spectrum_indices),
+            self.backend.array(self._found.full_spectrum_indices),
+        )
 
     def array(self, values: Any) -> Any:
         """Bring A-lines or an image to the device, in the working precision; see :meth:`Backend.array`."""
@@ -109,7 +112,7 @@ class CudaEngine:
     def lateral(
         self,
         traces: Any,
-        watch: Watch = NOBODY,
+        watch: ProgressMonitor = NO_MONITOR,
         *,
         scale: float = 1.0,
         sensors: NDArray[Any] | None = None,
@@ -119,7 +122,7 @@ class CudaEngine:
         xp, f, (gx, gy) = self.backend.xp, self._found, self.tables.lateral.grid
         spectra = self._spectra(traces, scale, sensors)
         lines = [axis.used for axis in self._axes]
-        kept = None if self.room.whole else np.empty((len(lines[0]), len(lines[1]), f.count), self._complex)
+        kept = None if self.room.fits_in_one_pass else np.empty((len(lines[0]), len(lines[1]), f.count), self._complex)
         each = self.room.frequencies
         made = []
 
@@ -134,23 +137,23 @@ class CudaEngine:
                 some = xp.take(xp.take(modes, self.backend.array(lines[0]), 0), self.backend.array(lines[1]), 1)
                 kept[:, :, piece * each : (piece + 1) * each] = self.backend.host(some)
 
-        run("lateral transform", -(-f.count // each), work, watch)
+        run_chunks("lateral transform", -(-f.count // each), work, watch)
         modes = made[0] if kept is None else kept
         if onto is not None:
             onto += modes
         return modes if onto is None else onto
 
-    def to_depth(self, modes: Any, watch: Watch = NOBODY, *, kept: bool = False) -> Any:
+    def to_depth(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, half = self.backend.xp, self.tables.geometry.depth_points // 2 + 1
         shape, each = (*self.tables.lateral.modes, half), self.room.orbits
-        target = (xp if self.room.whole else np).empty(shape, self._complex)
+        target = (xp if self.room.fits_in_one_pass else np).empty(shape, self._complex)
 
         def work(piece: int) -> None:
             source, result, orbits = modes, target, self._orbits
             where: Any = None
             if orbits is None:
-                orbits, lines, where = some_orbits(*self._axes, piece * each, (piece + 1) * each)
+                orbits, lines, where = orbit_slice(*self._axes, piece * each, (piece + 1) * each)
                 source, result = self.backend.array(modes[lines]), xp.empty((len(where), *shape[1:]), self._complex)
                 orbits = self._sent(orbits)
             size = half, len(orbits.squares_x) * len(orbits.squares_y)
@@ -158,18 +161,18 @@ class CudaEngine:
             if where is not None:
                 target[where] = self.backend.host(result)
 
-        run("time to depth", -(-(shape[0] // 2 + 1) // each), work, watch)
+        run_chunks("time to depth", -(-(shape[0] // 2 + 1) // each), work, watch)
         return target
 
-    def to_image(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def to_image(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
-        if not self.room.whole:
-            return image_in_pieces(self.tables, self.backend, self.room, modes, watch)
+        if not self.room.fits_in_one_pass:
+            return image_in_chunks(self.tables, self.backend, self.room, modes, watch)
         made = []
-        run("image", 1, lambda _: made.append(image_of_spectrum(self.tables, self.backend, modes)), watch)
+        run_chunks("image", 1, lambda _: made.append(image_of_spectrum(self.tables, self.backend, modes)), watch)
         return made[0]
 
-    def lateral_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`."""
         xp, f, (gx, gy) = self.backend.xp, self._found, self.tables.lateral.grid
         if self._from is None:
@@ -180,7 +183,7 @@ class CudaEngine:
 
         def work(piece: int) -> None:
             grid = modes
-            if not self.room.whole:
+            if not self.room.fits_in_one_pass:
                 some = self.backend.array(modes[:, :, piece * each : (piece + 1) * each])
                 grid = xp.zeros((gx, gy, some.shape[2]), self._complex)
                 grid[x[:, None], y[None, :]] = some
@@ -191,18 +194,18 @@ class CudaEngine:
             self.backend.launch(self._kernels.combine, part.shape[::-1], grid, self._from, part)
             spectra[:, cells[piece * each : (piece + 1) * each]] = part
 
-        run("sensors", -(-f.count // each), work, watch)
+        run_chunks("sensors", -(-f.count // each), work, watch)
         lines = self.backend.fft.ifft(spectra, axis=1, overwrite_x=True, norm="forward").real
         time = self.tables.time
         traces = xp.concatenate([lines[:, f.length - time.centre :], lines[:, : time.samples - time.centre]], axis=1)
         return traces * (self._window * (2 * self._scale)[:, None])
 
-    def to_depth_adjoint(self, modes: Any, watch: Watch = NOBODY) -> Any:
+    def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only."""
         self._model()
         xp, f, each = self.backend.xp, self._found, self.room.orbits
         used_x, used_y = (len(axis.used) for axis in self._axes)
-        if self.room.whole:
+        if self.room.fits_in_one_pass:
             target = xp.zeros((*self.tables.lateral.grid, f.count), self._complex)
         else:
             target = np.empty((used_x, used_y, f.count), self._complex)
@@ -211,7 +214,7 @@ class CudaEngine:
             source, result, orbits = modes, target, self._orbits
             where: Any = None
             if orbits is None:
-                orbits, where, lines = some_orbits(*self._axes, piece * each, (piece + 1) * each)
+                orbits, where, lines = orbit_slice(*self._axes, piece * each, (piece + 1) * each)
                 source = self.backend.array(modes[lines])
                 result, orbits = xp.empty((len(lines), used_y, f.count), self._complex), self._sent(orbits)
             count = len(orbits.squares_x) * len(orbits.squares_y)
@@ -220,20 +223,20 @@ class CudaEngine:
             if where is not None:
                 target[where] = self.backend.host(result)
 
-        run("depth to time", -(-(self.tables.lateral.modes[0] // 2 + 1) // each), work, watch)
+        run_chunks("depth to time", -(-(self.tables.lateral.modes[0] // 2 + 1) // each), work, watch)
         return target
 
-    def to_image_adjoint(self, image: Any, watch: Watch = NOBODY) -> Any:
+    def to_image_adjoint(self, image: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
         self._model()
-        if not self.room.whole:
-            return spectrum_in_pieces(self.tables, self.backend, self.room, image, watch)
+        if not self.room.fits_in_one_pass:
+            return spectrum_in_chunks(self.tables, self.backend, self.room, image, watch)
         made = []
 
         def work(_: int) -> None:
             made.append(spectrum_of_image(self.tables, self.backend, self.array(image)))
 
-        run("lateral transform", 1, work, watch)
+        run_chunks("lateral transform", 1, work, watch)
         return made[0]
 
     def _spectra(self, traces: Any, scale: float, sensors: NDArray[Any] | None) -> Any:
@@ -245,14 +248,14 @@ class CudaEngine:
         fewer = self.tables.decimation
         if fewer is not None and values.shape[1] != fewer.samples:
             thin = xp.empty((len(values), fewer.samples), self._real)
-            decimated = Decimated(fewer.starts, fewer.taps.astype(self.tables.dtype))
+            decimated = DecimationArgs(fewer.starts, fewer.taps.astype(self.tables.dtype))
             self.backend.launch(self._kernels.decimate, thin.shape[::-1], values, self._sent(decimated), thin)
             values = thin
         with np.errstate(over="ignore", invalid="ignore"):  # such traces are refused
             values = values * (weights * self._real(scale))[:, None]
             largest = float(xp.abs(values).max()) if values.size else 0.0
-        if not largest < 2.0 ** SUMMABLE[self.tables.dtype]:
-            raise InvalidInput("traces", first_bad(self.host(traces)), "finite numbers")
+        if not largest < 2.0 ** MAX_EXPONENT[self.tables.dtype]:
+            raise InvalidInput("traces", describe_non_finite(self.host(traces)), "finite numbers")
         values *= self._window
         line = xp.zeros((len(values), f.length), self._real)
         line[:, : time.samples - time.centre] = values[:, time.centre :]
@@ -276,7 +279,7 @@ class CudaEngine:
             raise NotImplementedError("the transposes are those of the model")
 
 
-def _kinds(dtype: str) -> tuple[Any, Any]:
+def _dtypes(dtype: str) -> tuple[Any, Any]:
     return (np.float32, np.complex64) if dtype == "float32" else (np.float64, np.complex128)
 
 

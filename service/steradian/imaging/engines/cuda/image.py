@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from steradian.imaging.compute import thread_pool as workers
-from steradian.imaging.engines import Watch
+from steradian.imaging.engines import ProgressMonitor
 from steradian.imaging.engines.cuda.backend import Backend
-from steradian.imaging.engines.cuda.room import Room
-from steradian.imaging.tables import Tables
+from steradian.imaging.engines.cuda.room import MemoryPlan
+from steradian.imaging.tables import TransformTables
 
 
-def image_of_spectrum(tables: Tables, backend: Backend, modes: Any) -> Any:
+def image_of_spectrum(tables: TransformTables, backend: Backend, modes: Any) -> Any:
     """Image of modes over depth, which are used up; they have the transforms' norm already."""
-    (x, nx), (y, ny) = tables.shown
+    (x, nx), (y, ny) = tables.visible_region
     first, last = tables.geometry.depth
     for axis, count in enumerate(tables.image_modes):
         modes = refined(backend.xp, modes, axis, count)
@@ -26,9 +26,11 @@ def image_of_spectrum(tables: Tables, backend: Backend, modes: Any) -> Any:
     return shown.reshape(tables.geometry.shape)
 
 
-def image_in_pieces(tables: Tables, backend: Backend, room: Room, modes: Any, watch: Watch) -> Any:
+def image_in_chunks(
+    tables: TransformTables, backend: Backend, room: MemoryPlan, modes: Any, watch: ProgressMonitor
+) -> Any:
     """Do the same with modes and image on the host: along y first, then along x and over depth."""
-    (x, nx), (y, ny), (fx, fy) = *tables.shown, tables.image_modes
+    (x, nx), (y, ny), (fx, fy) = *tables.visible_region, tables.image_modes
     (first, last), points = tables.geometry.depth, tables.geometry.depth_points
     between = np.empty((modes.shape[0], ny, modes.shape[2]), modes.dtype)
     image = np.empty((nx, ny, last - first), tables.dtype)
@@ -44,12 +46,12 @@ def image_in_pieces(tables: Tables, backend: Backend, room: Room, modes: Any, wa
         part = backend.fft.ifft(part, axis=0, norm="forward")[x : x + nx]
         image[:, some] = backend.host(backend.fft.irfft(part, points, axis=2, norm="forward")[:, :, first:last])
 
-    run("image", -(-modes.shape[0] // room.rows), along_y, watch)
-    run("image", -(-ny // room.columns), along_x, watch)
+    run_chunks("image", -(-modes.shape[0] // room.rows), along_y, watch)
+    run_chunks("image", -(-ny // room.columns), along_x, watch)
     return image.reshape(tables.geometry.shape)
 
 
-def spectrum_of_image(tables: Tables, backend: Backend, image: Any) -> Any:
+def spectrum_of_image(tables: TransformTables, backend: Backend, image: Any) -> Any:
     """Modes over depth of an image."""
     around = _embedded(tables, backend.xp, image)
     return backend.xp.ascontiguousarray(backend.fft.rfftn(around, axes=(*lateral_axes(around.shape[0]), 2)))
@@ -60,9 +62,9 @@ def lateral_axes(lines: int) -> tuple[int, ...]:
     return (0, 1) if lines > 1 else (1,)
 
 
-def _embedded(tables: Tables, xp: Any, image: Any) -> Any:
+def _embedded(tables: TransformTables, xp: Any, image: Any) -> Any:
     """Put an image where it is in the padded one, zeros around it."""
-    (x, nx), (y, ny) = tables.shown
+    (x, nx), (y, ny) = tables.visible_region
     first, last = tables.geometry.depth
     values = image.reshape(nx, ny, last - first)
     size = (*tables.image_modes, tables.geometry.depth_points)
@@ -73,9 +75,11 @@ def _embedded(tables: Tables, xp: Any, image: Any) -> Any:
     return around
 
 
-def spectrum_in_pieces(tables: Tables, backend: Backend, room: Room, image: Any, watch: Watch) -> Any:
+def spectrum_in_chunks(
+    tables: TransformTables, backend: Backend, room: MemoryPlan, image: Any, watch: ProgressMonitor
+) -> Any:
     """Modes over depth of an image, both on the host: over depth and along x first, then along y."""
-    xp, ((x, nx), (y, ny)), (fx, fy) = backend.xp, tables.shown, tables.image_modes
+    xp, ((x, nx), (y, ny)), (fx, fy) = backend.xp, tables.visible_region, tables.image_modes
     (first, last), points = tables.geometry.depth, tables.geometry.depth_points
     values = backend.host(image).reshape(nx, ny, last - first)
     kind = np.complex64 if tables.dtype == "float32" else np.complex128
@@ -96,8 +100,8 @@ def spectrum_in_pieces(tables: Tables, backend: Backend, room: Room, image: Any,
         around[:, y : y + ny] = part
         modes[some] = backend.host(backend.fft.fft(around, axis=1))
 
-    run("lateral transform", -(-ny // room.columns), along_x, watch)
-    run("lateral transform", -(-fx // room.rows), along_y, watch)
+    run_chunks("lateral transform", -(-ny // room.columns), along_x, watch)
+    run_chunks("lateral transform", -(-fx // room.rows), along_y, watch)
     return modes
 
 
@@ -122,6 +126,6 @@ def refined(xp: Any, modes: Any, axis: int, count: int) -> Any:
     return fine
 
 
-def run(stage: str, pieces: int, work: Any, watch: Watch) -> None:
+def run_chunks(stage: str, pieces: int, work: Any, watch: ProgressMonitor) -> None:
     """Do the pieces one after the other: the device has threads of its own."""
-    workers.run(stage, pieces, lambda: None, lambda piece, *_: work(piece), threads=1, **watch._asdict())
+    workers.parallel_for(stage, pieces, lambda: None, lambda piece, *_: work(piece), threads=1, **watch._asdict())

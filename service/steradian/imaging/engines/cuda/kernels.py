@@ -29,7 +29,7 @@ class Kernels(NamedTuple):
 
 
 @cuda.jit(device=True)
-def place(kappa: float, rule: Any) -> tuple[int, float]:
+def stencil_position(kappa: float, rule: Any) -> tuple[int, float]:
     """Return the first frequency of the stencil at κ, counted from 0, and the position in between, in −1 … 1."""
     u = kappa * rule.ratio
     left = u - 0.5 * rule.taps.shape[0]
@@ -39,7 +39,7 @@ def place(kappa: float, rule: Any) -> tuple[int, float]:
 
 
 @cuda.jit(device=True)
-def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
+def interpolate_response(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
     """Response at κ and the angle whose sine is |j|/κ: amplitude and phase in turns, linear in both."""
     u = min(kappa * steps[0], table.shape[1] - 1.000001)
     sine = math.sqrt(square) / kappa if kappa > 0 else 0.0
@@ -54,14 +54,14 @@ def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float,
 
 
 @cuda.jit(device=True)
-def gain_and_turn(l: int, kappa: float, square: float, rule: Any) -> tuple[float, float]:  # noqa: E741
+def gain_and_phase(l: int, kappa: float, square: float, rule: Any) -> tuple[float, float]:  # noqa: E741
     """Amplitude of the factor, and its phase in turns, −½ … ½."""
     gain = 0.5
     if not rule.both:
         gain = 2.0 * l / kappa if kappa > 0 else 2.0
     turn = -rule.turns * kappa
     if rule.table.shape[1] > 1:
-        amplitude, more = look_up(rule.table, rule.steps, square, kappa)
+        amplitude, more = interpolate_response(rule.table, rule.steps, square, kappa)
         gain *= amplitude
         turn += more
     return gain, turn - math.floor(turn + 0.5)
@@ -82,7 +82,7 @@ def kernels(dtype: str) -> Kernels:
 
     @cuda.jit(device=True)
     def factor(l: int, kappa: float, square: float, rule: Any) -> tuple[Any, Any]:  # noqa: E741
-        gain, turn = gain_and_turn(l, kappa, square, rule)
+        gain, turn = gain_and_phase(l, kappa, square, rule)
         amplitude, angle = real(gain), circle * real(turn)
         return amplitude * real(math.cos(angle)), amplitude * real(math.sin(angle))
 
@@ -134,7 +134,7 @@ def kernels(dtype: str) -> Kernels:
                 kappa = math.sqrt(float(l) * float(l) + square)
                 r1, s1, r2, s2, r3, s3, r4, s4 = zero, zero, zero, zero, zero, zero, zero, zero
                 if kappa < rule.band and l < rule.depths:
-                    cell, between = place(kappa, rule)
+                    cell, between = stencil_position(kappa, rule)
                     fraction = real(between)
                     for t in range(rule.taps.shape[0]):
                         w = tap(rule.taps, t, fraction)
@@ -222,7 +222,7 @@ def kernels(dtype: str) -> Kernels:
                     kappa = math.sqrt(float(l) * float(l) + square)
                     if kappa >= rule.band:
                         break
-                    cell, between = place(kappa, rule)
+                    cell, between = stencil_position(kappa, rule)
                     t = f - cell
                     if t < 0 or t >= reach:
                         continue

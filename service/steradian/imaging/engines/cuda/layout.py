@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.engines.cuda.arguments import Orbits, Rule, Sparse
-from steradian.imaging.tables import Tables
-from steradian.imaging.transforms.lateral import Lateral, Stencils, numbers_of
+from steradian.imaging.engines.cuda.arguments import KappaMap, ModeOrbits, Sparse
+from steradian.imaging.tables import TransformTables
+from steradian.imaging.transforms.lateral import LateralTransform, Stencils, numbers_of
 
 Ints = NDArray[np.int64]
 
@@ -29,13 +29,13 @@ class Frequencies:
     length: int
 
     @property
-    def places(self) -> Ints:
+    def half_spectrum_indices(self) -> Ints:
         """Indices in the stored half spectrum of real samples."""
-        cells = self.cells
+        cells = self.full_spectrum_indices
         return np.where(cells <= self.length // 2, cells, self.length - cells)
 
     @property
-    def cells(self) -> Ints:
+    def full_spectrum_indices(self) -> Ints:
         """Indices in the whole spectrum."""
         return np.arange(self.lowest, self.lowest + self.count) % self.length
 
@@ -45,7 +45,7 @@ class Frequencies:
         return -self.lowest, max(0, self.lowest + self.count - 1 - self.length // 2)
 
 
-def frequencies(tables: Tables) -> Frequencies:
+def frequencies(tables: TransformTables) -> Frequencies:
     """Return the frequencies that any interpolation stencil uses."""
     time, width = tables.time, len(tables.time.taps)
     highest = tables.rule.band * time.length / time.record
@@ -55,7 +55,7 @@ def frequencies(tables: Tables) -> Frequencies:
     return Frequencies(lowest, floor(highest - 0.5 * width) + 1 + width - lowest, time.length)
 
 
-def matrix(lateral: Lateral) -> Any:
+def matrix(lateral: LateralTransform) -> Any:
     """Sparse matrix from sensors to points of the flat grid, of SciPy; weights without the sensors' scale."""
     from scipy.sparse import csr_array
 
@@ -101,7 +101,7 @@ class Axis:
     squares: NDArray[np.float64]
 
 
-def axis_of(tables: Tables, axis: int) -> Axis:
+def axis_of(tables: TransformTables, axis: int) -> Axis:
     """Orbits along one axis; that along x has the norm of the transforms, too."""
     lateral, count = tables.lateral, tables.lateral.modes[axis]
     numbers = numbers_of(count)
@@ -119,13 +119,13 @@ def axis_of(tables: Tables, axis: int) -> Axis:
     return Axis(modes, lines, used, np.ascontiguousarray(factors[modes].astype(kind)), squares)
 
 
-def whole_orbits(x: Axis, y: Axis) -> Orbits:
+def all_orbits(x: Axis, y: Axis) -> ModeOrbits:
     """All orbits, of modes on the grid that they were transformed on."""
     lines_x, lines_y = (np.concatenate([axis.lines[axis.modes], axis.modes], axis=1) for axis in (x, y))
-    return Orbits(lines_x, lines_y, x.factors, y.factors, x.squares, y.squares)
+    return ModeOrbits(lines_x, lines_y, x.factors, y.factors, x.squares, y.squares)
 
 
-def some_orbits(x: Axis, y: Axis, first: int, last: int) -> tuple[Orbits, Ints, Ints]:
+def orbit_slice(x: Axis, y: Axis, first: int, last: int) -> tuple[ModeOrbits, Ints, Ints]:
     """Orbits ``first`` … ``last`` along x, of arrays with two lines for each: of j and −j.
 
     Returns
@@ -139,16 +139,16 @@ def some_orbits(x: Axis, y: Axis, first: int, last: int) -> tuple[Orbits, Ints, 
     place[y.used] = np.arange(len(y.used))
     lines_y = np.concatenate([place[y.lines[y.modes]], y.modes], axis=1)
     lines_x = np.concatenate([local, local], axis=1)
-    found = Orbits(lines_x, lines_y, x.factors[first:last], y.factors, x.squares[first:last], y.squares)
+    found = ModeOrbits(lines_x, lines_y, x.factors[first:last], y.factors, x.squares[first:last], y.squares)
     rows = np.full(int(max(x.used)) + 1, -1)
     rows[x.used] = np.arange(len(x.used))
     return found, rows[x.lines[modes]].ravel(), modes.ravel()
 
 
-def rule_of(tables: Tables, found: Frequencies) -> Rule:
+def kappa_map(tables: TransformTables, found: Frequencies) -> KappaMap:
     """From κ to frequencies."""
     rule, time, points = tables.rule, tables.time, tables.geometry.depth_points
-    return Rule(
+    return KappaMap(
         time.taps.astype(tables.dtype), rule.table, rule.steps, time.length / time.record, rule.turns, rule.band,
         found.lowest, (points + 1) // 2, rule.waves == "both", time.nearest,
     )  # fmt: skip

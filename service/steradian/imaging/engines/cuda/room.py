@@ -9,15 +9,15 @@ import numpy as np
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.engines.cuda.layout import Axis, Frequencies
-from steradian.imaging.tables import Tables
+from steradian.imaging.tables import TransformTables
 from steradian.imaging.transforms.lateral import Stencils
 
-SHARE = 0.9
+MAX_FREE_FRACTION = 0.9
 """Of the free memory that is taken where nobody says how much: transforms keep some that they do not tell of."""
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class MemoryPlan:
     """Bytes, and sizes of pieces. Where there are pieces, modes and images are on the host.
 
     Parameters
@@ -35,7 +35,7 @@ class Room:
         One: the device has its own.
     """
 
-    whole: bool
+    fits_in_one_pass: bool
     frequencies: int
     orbits: int
     rows: int
@@ -47,7 +47,7 @@ class Room:
     threads: int = 1
 
 
-def room_of(tables: Tables, axes: tuple[Axis, Axis], found: Frequencies, limit: int) -> Room:
+def plan_memory(tables: TransformTables, axes: tuple[Axis, Axis], found: Frequencies, limit: int) -> MemoryPlan:
     """Divide the work into as few pieces as ``limit`` bytes of a device allow.
 
     Raises
@@ -69,10 +69,10 @@ def room_of(tables: Tables, axes: tuple[Axis, Axis], found: Frequencies, limit: 
     # a transform may take as much again to work in, and the image is cut out of a larger one
     between, over_depth = gx * gy * found.count * pair, nx * ny * half * pair
     whole = fixed + 2 * between + 2 * over_depth + 2 * max(over_depth, fx * fy * half * pair) + fine + image
-    shown_y = tables.shown[1][1]
+    shown_y = tables.visible_region[1][1]
     host_modes, host_depth = used_x * used_y * found.count * pair, nx * ny * half * pair
     if whole <= limit:
-        return Room(True, found.count, nx // 2 + 1, nx, shown_y, whole, image, image, image)
+        return MemoryPlan(True, found.count, nx // 2 + 1, nx, shown_y, whole, image, image, image)
     of_frequency = (2 * gx * gy + used_x * used_y) * pair
     of_orbit = 2 * (used_y * found.count + ny * half) * pair
     of_row = (ny + 3 * fy) * half * pair
@@ -85,7 +85,7 @@ def room_of(tables: Tables, axes: tuple[Axis, Axis], found: Frequencies, limit: 
         )
     left = limit - fixed
     host = max(host_modes + host_depth, host_depth + nx * shown_y * half * pair + image)
-    return Room(
+    return MemoryPlan(
         False,
         min(found.count, left // of_frequency),
         min(nx // 2 + 1, left // of_orbit),
@@ -98,7 +98,7 @@ def room_of(tables: Tables, axes: tuple[Axis, Axis], found: Frequencies, limit: 
     )
 
 
-def _entries(tables: Tables) -> int:
+def _entries(tables: TransformTables) -> int:
     """Points of the grid that a sensor is spread onto."""
     sensors = tables.lateral.sensors
     if isinstance(sensors, Stencils):

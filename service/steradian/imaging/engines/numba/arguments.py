@@ -14,7 +14,7 @@ class Batch(NamedTuple):
     start: int
     number: int
     stride: int
-    past: bool
+    non_temporal: bool
 
 
 class Factors(NamedTuple):
@@ -46,7 +46,7 @@ class Sensors(NamedTuple):
     wy: Any
 
 
-class Stored(NamedTuple):
+class StoredModes(NamedTuple):
     """Modes that are kept of a lateral grid: mode (i, k) is column c = k·len(xs) + i, rows 2c (real) and 2c + 1.
 
     ``xs``, ``ys``: index in the grid of each mode along x (all) and y (the half that is not negative);
@@ -65,7 +65,7 @@ class Stored(NamedTuple):
     edge_swap: Any
 
 
-class Plane(NamedTuple):
+class ImagePlane(NamedTuple):
     """Transforms along x and y, and the points of the image: ``shown`` rows from ``first``, along x and y."""
 
     modes_x: int
@@ -90,7 +90,7 @@ class Workspace(NamedTuple):
     tmp: Any
 
 
-class Side(NamedTuple):
+class AxisTransform(NamedTuple):
     """Time or depth of all modes: ``number`` numbers n of a row go to cell n − ``centre`` of a transform, and back.
 
     Lane i of block b is at ``real[b, i]`` and ``imaginary[b, i]`` of ``values``. ``window`` (number,) multiplies the
@@ -108,8 +108,8 @@ class Side(NamedTuple):
     transform: Factors
 
 
-class Rule(NamedTuple):
-    """κ of each depth frequency, and its interpolation (:class:`steradian.imaging.transforms.depth.KappaRule`).
+class KappaMap(NamedTuple):
+    """κ of each depth frequency, and its interpolation (:class:`steradian.imaging.transforms.depth.KappaMap`).
 
     ``squares`` (B, groups) is |j|² of each group of lanes; ``edges`` tells of pairs of lanes of which the even one is
     read at −N/2 for κ > 0 and the odd one at +N/2 for κ < 0. ``sine`` and ``cosine`` are their power series.
@@ -129,7 +129,7 @@ class Rule(NamedTuple):
     cosine: Any
 
 
-class Columns(NamedTuple):
+class DepthWorkspace(NamedTuple):
     """Workspace of a thread for the transform from time to depth: two FFTs, and stencils of PIECE values of l."""
 
     a: Any

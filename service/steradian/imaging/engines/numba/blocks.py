@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.engines.numba.arguments import Stored
-from steradian.imaging.tables import Tables
-from steradian.imaging.transforms.lateral import Lateral
+from steradian.imaging.engines.numba.arguments import StoredModes
+from steradian.imaging.tables import TransformTables
+from steradian.imaging.transforms.lateral import LateralTransform
 from steradian.imaging.volume import RealArray
 
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Blocks:
+class ModeBlocks:
     """Tables of :mod:`.depth`; B blocks.
 
     Parameters
@@ -39,7 +39,7 @@ class Blocks:
     edges: NDArray[np.bool_]
 
 
-def blocks(tables: Tables, stored: Stored) -> Blocks:
+def group_modes(tables: TransformTables, stored: StoredModes) -> ModeBlocks:
     """Group the modes."""
     lateral, scales, modes = tables.lateral, tables.rule.scales, tables.lateral.modes
     half = modes[1] // 2 + 1
@@ -93,7 +93,7 @@ def blocks(tables: Tables, stored: Stored) -> Blocks:
     squares, edges = np.zeros(count * 16 // lanes), np.zeros(count * 16 // lanes, np.bool_)
     squares[place // lanes] = square[lane_mode]
     edges[place // lanes] = edge[lane_mode] & ((copy == 1) | (lanes > 1))
-    return Blocks(
+    return ModeBlocks(
         source.reshape(count, 16),
         target.reshape(count, 16),
         np.ascontiguousarray(parts.reshape(4, count, 16).transpose(1, 0, 2).reshape(count, 64).astype(tables.dtype)),
@@ -102,7 +102,7 @@ def blocks(tables: Tables, stored: Stored) -> Blocks:
     )
 
 
-def _folded(lateral: Lateral, jx: Ints, jy: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+def _folded(lateral: LateralTransform, jx: Ints, jy: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     """Row of each mode in the coarser grid's stored half, and whether it is the mode itself, not its conjugate."""
     nx, ny = lateral.grid
     a, b = jx % nx, jy % ny

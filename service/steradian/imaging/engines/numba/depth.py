@@ -1,7 +1,7 @@
 """Time to depth for 16 lateral modes at once, and the transpose of that (compiled).
 
 Per mode: window and transform over time, interpolation at κ (paper, NER-NUFFT, equation 5), the factor of
-:class:`steradian.imaging.transforms.depth.KappaRule`, inverse transform over depth; all within the processor's second
+:class:`steradian.imaging.transforms.depth.KappaMap`, inverse transform over depth; all within the processor's second
 cache. Four modes (two, if κ grows differently along x and y; one in 2-D) with the same |j|² share one stencil. The two
 ways are each other's transposes to rounding, whatever the window's accuracy.
 """
@@ -12,13 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.core.jit import compiled, inner
-from steradian.imaging.engines.numba.arguments import Columns, Rule, Side
+from steradian.core.jit import jit, jit_inline
+from steradian.imaging.engines.numba.arguments import AxisTransform, DepthWorkspace, KappaMap
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.lookup import look_up
+from steradian.imaging.engines.numba.lookup import interpolate_response
 from steradian.imaging.engines.numba.simd import (
-    collect,
-    distribute,
+    broadcast16,
     load1,
     load2,
     load4,
@@ -26,13 +25,14 @@ from steradian.imaging.engines.numba.simd import (
     splat1,
     splat2,
     splat4,
-    splat16,
     store,
+    transpose_gather,
+    transpose_scatter,
 )
-from steradian.imaging.engines.numba.sizes import PAD, PIECE
+from steradian.imaging.engines.numba.sizes import CELL_PADDING, DEPTH_CHUNK
 
 
-class Part(NamedTuple):
+class DepthChunk(NamedTuple):
     """Values of l, ``number`` ≤ PIECE from ``first``, of modes from ``lane``; transforms of ``length`` and ``size``."""
 
     first: int
@@ -42,25 +42,25 @@ class Part(NamedTuple):
     size: int
 
 
-@inner
-def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
+@jit_inline
+def _load_columns(side: AxisTransform, block: int, x: Any, xo: int, tmp: Any) -> None:
     """Scatter n values of 16 columns, times window and factor, to their cells; 0 to the others."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
-    one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))
+    one, nothing = broadcast16(x.dtype.type(1.0)), broadcast16(x.dtype.type(0.0))
     rr, ri, ir, ii = one, one, one, one
     if multiplied:
         f = side.factors[block]
         rr, ri, ir, ii = load16(f, 0), load16(f, 16), load16(f, 32), load16(f, 48)
     for start in range(0, count, 16):
-        collect(side.values, rows, start, tmp, 0)
-        collect(side.values, imaginary, start, tmp, 16)
+        transpose_gather(side.values, rows, start, tmp, 0)
+        transpose_gather(side.values, imaginary, start, tmp, 16)
         for n in range(min(16, count - start)):
             cell = start + n - side.centre
             o = xo + (cell if cell >= 0 else cell + length) * 32
             a, b = load16(tmp, n * 32), load16(tmp, n * 32 + 16)
             if multiplied:
-                w = splat16(side.window[start + n])
+                w = broadcast16(side.window[start + n])
                 a, b = a * w, b * w
                 a, b = a * rr + b * ri, a * ir + b * ii
             store(x, o, a)
@@ -72,12 +72,12 @@ def _bring(side: Side, block: int, x: Any, xo: int, tmp: Any) -> None:
         store(x, o + 16, nothing)
 
 
-@inner
-def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
-    """Inverse of :func:`_bring`; padding after a row's end is filled with the next values in x, or 0."""
+@jit_inline
+def _store_columns(x: Any, xo: int, side: AxisTransform, block: int, tmp: Any) -> None:
+    """Inverse of :func:`_load_columns`; padding after a row's end is filled with the next values in x, or 0."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
-    one, nothing = splat16(x.dtype.type(1.0)), splat16(x.dtype.type(0.0))
+    one, nothing = broadcast16(x.dtype.type(1.0)), broadcast16(x.dtype.type(0.0))
     rr, ri, ir, ii = one, one, one, one
     if multiplied:
         f = side.factors[block]
@@ -90,24 +90,24 @@ def _take(x: Any, xo: int, side: Side, block: int, tmp: Any) -> None:
                 store(tmp, n * 32, nothing)
                 store(tmp, n * 32 + 16, nothing)
             for n in range(min(16, count - start)):
-                w = splat16(side.window[start + n])
+                w = broadcast16(side.window[start + n])
                 cell = start + n - side.centre
                 i = xo + (cell if cell >= 0 else cell + length) * 32
                 a, b = load16(x, i) * w, load16(x, i + 16) * w
                 store(tmp, n * 32, a * rr + b * ir)
                 store(tmp, n * 32 + 16, a * ri + b * ii)
-        distribute(values, o, side.values, rows, start)
-        distribute(values, o + 16, side.values, imaginary, start)
+        transpose_scatter(values, o, side.values, rows, start)
+        transpose_scatter(values, o + 16, side.values, imaginary, start)
 
 
-@inner
-def _reach(square: float, band: float) -> int:
+@jit_inline
+def _count_in_band(square: float, band: float) -> int:
     """Count the l with κ < band."""
     return int(np.ceil(np.sqrt(band * band - square))) if square < band * band else 0
 
 
-@inner
-def _stencils(square: float, part: Part, rule: Rule, space: Columns) -> None:
+@jit_inline
+def _stencils(square: float, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
     """First grid points, taps and factors of some values of l.
 
     The factor's real and minus imaginary part are left in ``gain`` and ``phase``.
@@ -130,44 +130,44 @@ def _stencils(square: float, part: Part, rule: Rule, space: Columns) -> None:
     if table.shape[1] > 1:
         for n in range(count):
             kappa = np.sqrt(float(first + n) * float(first + n) + square)
-            amplitude, turn = look_up(table, steps, square, kappa)
+            amplitude, turn = interpolate_response(table, steps, square, kappa)
             gain[n] *= amplitude
             phase[n] -= turn + np.rint(phase[n] - turn)
     degree = polynomials.shape[1] - 1
-    pi = splat16(fraction.dtype.type(np.pi))
+    pi = broadcast16(fraction.dtype.type(np.pi))
     for o in range(0, count, 16):
         y = load16(fraction, o)
         for t in range(width):
-            value = splat16(polynomials[t, degree])
+            value = broadcast16(polynomials[t, degree])
             for d in range(degree - 1, -1, -1):
-                value = value * y + splat16(polynomials[t, d])
-            store(taps, t * PIECE + o, value)
+                value = value * y + broadcast16(polynomials[t, d])
+            store(taps, t * DEPTH_CHUNK + o, value)
         # half angles, so that the series converge fast: cos 2a = 1 − 2 sin² a, sin 2a = 2 sin a cos a
         a = load16(phase, o) * pi
         a2 = a * a
-        s, c = splat16(sine[sine.size - 1]), splat16(cosine[cosine.size - 1])
+        s, c = broadcast16(sine[sine.size - 1]), broadcast16(cosine[cosine.size - 1])
         for d in range(sine.size - 2, -1, -1):
-            s, c = s * a2 + splat16(sine[d]), c * a2 + splat16(cosine[d])
+            s, c = s * a2 + broadcast16(sine[d]), c * a2 + broadcast16(cosine[d])
         s = s * a
         g = load16(gain, o)
-        two = splat16(fraction.dtype.type(2.0)) * s * g
+        two = broadcast16(fraction.dtype.type(2.0)) * s * g
         store(gain, o, g - two * s)
         store(phase, o, two * c)
 
 
-def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
+def _build_gather_scatter(load: Any, splat: Any) -> tuple[Any, Any]:
     """Gather, and spread, for groups of as many modes as ``load`` takes lanes."""
 
-    def gather(x: Any, h: Any, part: Part, rule: Rule, space: Columns) -> None:
+    def gather(x: Any, h: Any, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
         """H(±l) of a group from X(±κ)."""
         index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
         width, both, zero = rule.polynomials.shape[0], rule.both, splat(x.dtype.type(0.0))
         for n in range(part.number):
-            i = (PAD + index[n]) * 32 + part.lane
-            j = (PAD + part.length - index[n]) * 32 + part.lane
+            i = (CELL_PADDING + index[n]) * 32 + part.lane
+            j = (CELL_PADDING + part.length - index[n]) * 32 + part.lane
             ar, ai, br, bi = zero, zero, zero, zero
             for t in range(width):
-                w = splat(taps[t * PIECE + n])
+                w = splat(taps[t * DEPTH_CHUNK + n])
                 ar = ar + w * load(x, i)
                 ai = ai + w * load(x, i + 16)
                 br = br + w * load(x, j)
@@ -187,7 +187,7 @@ def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
                 store(h, o, br)
                 store(h, o + 16, bi)
 
-    def spread(h: Any, x: Any, part: Part, rule: Rule, space: Columns) -> None:
+    def spread(h: Any, x: Any, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
         """X(±κ) of a group take H(l) and H(−l), both of them."""
         index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
         width = rule.polynomials.shape[0]
@@ -200,10 +200,10 @@ def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
             c, s = splat(gain[n]), splat(phase[n])
             ar, ai = real * c - imaginary * s, imaginary * c + real * s
             br, bi = real * c + imaginary * s, imaginary * c - real * s
-            i = (PAD + index[n]) * 32 + part.lane
-            j = (PAD + part.length - index[n]) * 32 + part.lane
+            i = (CELL_PADDING + index[n]) * 32 + part.lane
+            j = (CELL_PADDING + part.length - index[n]) * 32 + part.lane
             for t in range(width):
-                w = splat(taps[t * PIECE + n])
+                w = splat(taps[t * DEPTH_CHUNK + n])
                 store(x, i, load(x, i) + w * ar)
                 store(x, i + 16, load(x, i + 16) + w * ai)
                 store(x, j, load(x, j) + w * br)
@@ -211,44 +211,46 @@ def _pair(load: Any, splat: Any) -> tuple[Any, Any]:
                 i += 32
                 j -= 32
 
-    return inner(gather, kept=False), inner(spread, kept=False)
+    return jit_inline(gather, kept=False), jit_inline(spread, kept=False)
 
 
-_gather4, _spread4 = _pair(load4, splat4)
-_gather2, _spread2 = _pair(load2, splat2)
-_gather1, _spread1 = _pair(load1, splat1)
+_gather4, _spread4 = _build_gather_scatter(load4, splat4)
+_gather2, _spread2 = _build_gather_scatter(load2, splat2)
+_gather1, _spread1 = _build_gather_scatter(load1, splat1)
 
 
-@compiled
-def to_depth(first: int, last: int, time: Side, depth: Side, rule: Rule, space: Columns, flag: Any) -> None:
+@jit
+def to_depth(
+    first: int, last: int, time: AxisTransform, depth: AxisTransform, rule: KappaMap, space: DepthWorkspace, flag: Any
+) -> None:
     """Blocks ``first`` … ``last`` of 16 columns from time to depth."""
     a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
     length, size = time.transform.size, depth.transform.size
-    xo, lanes = np.int64(PAD * 32), 16 // squares.shape[1]
+    xo, lanes = np.int64(CELL_PADDING * 32), 16 // squares.shape[1]
     zero, one = np.int64(0), np.int64(1)
-    nothing = splat16(a.dtype.type(0.0))
+    nothing = broadcast16(a.dtype.type(0.0))
     for block in range(first, last):
         if flag[0]:
             return
-        _bring(time, block, a, xo, tmp)
+        _load_columns(time, block, a, xo, tmp)
         flip = fft(a, xo, b, xo, zero, time.transform, tmp)
         x, h = (b, a) if flip else (a, b)
-        for o in range(0, PAD * 32, 16):
+        for o in range(0, CELL_PADDING * 32, 16):
             store(x, o, load16(x, length * 32 + o))
             store(x, xo + length * 32 + o, load16(x, xo + o))
         low, high = size, 0
         for group in range(squares.shape[1]):
-            reach = _reach(squares[block, group], rule.band)
+            reach = _count_in_band(squares[block, group], rule.band)
             low, high = min(low, reach), max(high, reach)
         for o in range(low * 32, (size - max(low, 1) + 1) * 32, 16):
             store(h, o, nothing)
-        for start in range(0, high, PIECE):
+        for start in range(0, high, DEPTH_CHUNK):
             for group in range(squares.shape[1]):
                 square, lane = squares[block, group], lanes * group
-                count = min(PIECE, _reach(square, rule.band) - start)
+                count = min(DEPTH_CHUNK, _count_in_band(square, rule.band) - start)
                 if count <= 0:
                     continue
-                part = Part(start, count, lane, length, size)
+                part = DepthChunk(start, count, lane, length, size)
                 _stencils(square, part, rule, space)
                 if lanes == 4:
                     _gather4(x, h, part, rule, space)
@@ -265,30 +267,32 @@ def to_depth(first: int, last: int, time: Side, depth: Side, rule: Rule, space: 
         result = x if fft(h, zero, x, zero, one, depth.transform, tmp) else h
         for o in range(size * 32, (size + 16) * 32, 16):
             store(result, o, nothing)
-        _take(result, zero, depth, block, tmp)
+        _store_columns(result, zero, depth, block, tmp)
 
 
-@compiled
-def to_time(first: int, last: int, time: Side, depth: Side, rule: Rule, space: Columns, flag: Any) -> None:
+@jit
+def to_time(
+    first: int, last: int, time: AxisTransform, depth: AxisTransform, rule: KappaMap, space: DepthWorkspace, flag: Any
+) -> None:
     """Blocks ``first`` … ``last`` of 16 columns from depth to time: the transpose, for waves that go both ways."""
     a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
     length, size = time.transform.size, depth.transform.size
-    xo, lanes = np.int64(PAD * 32), 16 // squares.shape[1]
+    xo, lanes = np.int64(CELL_PADDING * 32), 16 // squares.shape[1]
     zero, one = np.int64(0), np.int64(1)
-    nothing = splat16(a.dtype.type(0.0))
+    nothing = broadcast16(a.dtype.type(0.0))
     for block in range(first, last):
         if flag[0]:
             return
-        _bring(depth, block, a, zero, tmp)
+        _load_columns(depth, block, a, zero, tmp)
         flip = fft(a, zero, b, zero, zero, depth.transform, tmp)
         h, x = (b, a) if flip else (a, b)
-        for o in range(0, (length + 2 * PAD) * 32, 16):
+        for o in range(0, (length + 2 * CELL_PADDING) * 32, 16):
             store(x, o, nothing)
         for group in range(squares.shape[1]):
             square, lane = squares[block, group], lanes * group
-            reach = _reach(square, rule.band)
-            for start in range(0, reach, PIECE):
-                part = Part(start, min(PIECE, reach - start), lane, length, size)
+            reach = _count_in_band(square, rule.band)
+            for start in range(0, reach, DEPTH_CHUNK):
+                part = DepthChunk(start, min(DEPTH_CHUNK, reach - start), lane, length, size)
                 _stencils(square, part, rule, space)
                 if lanes == 4:
                     _spread4(h, x, part, rule, space)
@@ -296,9 +300,9 @@ def to_time(first: int, last: int, time: Side, depth: Side, rule: Rule, space: C
                     _spread2(h, x, part, rule, space)
                 else:
                     _spread1(h, x, part, rule, space)
-        for o in range(0, PAD * 32, 16):
-            i = xo + (length - PAD) * 32 + o
+        for o in range(0, CELL_PADDING * 32, 16):
+            i = xo + (length - CELL_PADDING) * 32 + o
             store(x, i, load16(x, i) + load16(x, o))
             store(x, xo + o, load16(x, xo + o) + load16(x, xo + length * 32 + o))
         result = h if fft(x, xo, h, xo, one, time.transform, tmp) else x
-        _take(result, xo, time, block, tmp)
+        _store_columns(result, xo, time, block, tmp)

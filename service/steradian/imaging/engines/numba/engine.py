@@ -12,25 +12,36 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.compute import thread_pool as workers
-from steradian.imaging.engines import NOBODY, Watch
-from steradian.imaging.engines.numba.arguments import Batch, Columns, Plane, Rule, Sensors, Side, Stored, Workspace
-from steradian.imaging.engines.numba.blocks import Blocks, blocks
-from steradian.imaging.engines.numba.factors import Transform, transform
-from steradian.imaging.engines.numba.layout import all_stored, everywhere, part, sensors_of, stored_of
-from steradian.imaging.engines.numba.room import Room, empty, room_of, whole
-from steradian.imaging.engines.numba.sizes import BATCH, PAD, PIECE
-from steradian.imaging.tables import Tables
-from steradian.imaging.validation import SUMMABLE, first_bad
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
+from steradian.imaging.engines.numba.arguments import (
+    AxisTransform,
+    Batch,
+    DepthWorkspace,
+    ImagePlane,
+    KappaMap,
+    Sensors,
+    StoredModes,
+    Workspace,
+)
+from steradian.imaging.engines.numba.blocks import ModeBlocks, group_modes
+from steradian.imaging.engines.numba.factors import FftTables, transform
+from steradian.imaging.engines.numba.layout import all_stored, image_points_as_sensors, sensors_of, stored_modes, subset
+from steradian.imaging.engines.numba.room import MemoryPlan, aligned_empty, plan_memory, round_up_to_vector
+from steradian.imaging.engines.numba.sizes import BATCH, CELL_PADDING, DEPTH_CHUNK
+from steradian.imaging.tables import TransformTables
+from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 from steradian.imaging.volume import RealArray
 
 if TYPE_CHECKING:
     from steradian.imaging.engines import Engine
 
 _BLOCKS = 32  # most blocks of columns a piece of work has
-_SMALL = 1 << 21  # numbers that the caches hold, and for which waiting for a second thread costs more than it saves
-_PAGE, _TOUCHED = 1 << 12, 1 << 24  # bytes of a page, at least, and of what a thread brings in at a time
+SMALL_WORK_BYTES = (
+    1 << 21
+)  # numbers that the caches hold, and for which waiting for a second thread costs more than it saves
+PAGE_BYTES, PREFAULT_BYTES = 1 << 12, 1 << 24  # bytes of a page, at least, and of what a thread brings in at a time
 _NONE = np.empty(0)
-Work = Callable[[int, Any, NDArray[np.uint8]], None]
+WorkFunction = Callable[[int, Any, NDArray[np.uint8]], None]
 
 
 class NumbaEngine:
@@ -43,7 +54,7 @@ class NumbaEngine:
     threads
         At most.
     memory_limit
-        See :func:`steradian.imaging.compute.memory_limit.require`.
+        See :func:`steradian.imaging.compute.memory_limit.check_memory`.
 
     Attributes
     ----------
@@ -58,21 +69,21 @@ class NumbaEngine:
         If the memory needed exceeds the limit, or what is available.
     """
 
-    def __init__(self, tables: Tables, *, threads: int, memory_limit: int | None = None) -> None:
+    def __init__(self, tables: TransformTables, *, threads: int, memory_limit: int | None = None) -> None:
         self.tables = tables
-        self._stored = stored_of(tables.lateral, edges=tables.rule.waves == "rising")
-        self.room: Room = room_of(tables, self._stored, threads)
-        memory.require(self.room.memory_bytes, memory_limit, tables.geometry.shape)
+        self._stored = stored_modes(tables.lateral, edges=tables.rule.waves == "rising")
+        self.room: MemoryPlan = plan_memory(tables, self._stored, threads)
+        memory.check_memory(self.room.memory_bytes, memory_limit, tables.geometry.shape)
         self._sensors = sensors_of(tables.lateral, tables.dtype)
-        self._blocks: Blocks = blocks(tables, self._stored)
+        self._blocks: ModeBlocks = group_modes(tables, self._stored)
         numbers = max(self.room.target_rows * tables.depths, self.room.output_bytes // np.dtype(tables.dtype).itemsize)
-        self._large = numbers >= _SMALL
+        self._large = numbers >= SMALL_WORK_BYTES
         self._threads = self.room.threads if self._large else 1
 
     def lateral(
         self,
         traces: Any,
-        watch: Watch = NOBODY,
+        watch: ProgressMonitor = NO_MONITOR,
         *,
         scale: float = 1.0,
         sensors: NDArray[Any] | None = None,
@@ -80,14 +91,14 @@ class NumbaEngine:
     ) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
         target = self._empty(self.room.source_size) if onto is None else onto
-        chosen = self._sensors if sensors is None else part(self._sensors, sensors)
+        chosen = self._sensors if sensors is None else subset(self._sensors, sensors)
         with np.errstate(over="ignore"):  # such traces are refused
             chosen = chosen._replace(scale=(chosen.scale * scale).astype(self.tables.dtype))
         plane = self._plane(self.tables.lateral.grid)
         self._type1("lateral transform", traces, chosen, plane, self._stored, target, watch, add=onto is not None)
         return target
 
-    def to_depth(self, modes: RealArray, watch: Watch = NOBODY, *, kept: bool = False) -> RealArray:
+    def to_depth(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`."""
         from steradian.imaging.engines.numba.depth import to_depth
 
@@ -97,12 +108,12 @@ class NumbaEngine:
         self._columns("time to depth", to_depth, modes, target, watch)
         return target
 
-    def to_image(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+    def to_image(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`."""
-        from steradian.imaging.engines.numba.image import close_up, to_image
+        from steradian.imaging.engines.numba.image import compact_rows, to_image
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
-        lines, pitch = int(np.prod(shape[:-1])), whole(depths)
+        lines, pitch = int(np.prod(shape[:-1])), round_up_to_vector(depths)
         image = modes if self.room.shared else self._empty(lines * pitch)
         plane = self._plane(t.image_modes)
 
@@ -117,10 +128,10 @@ class NumbaEngine:
 
         self._run("image", -(-depths // BATCH), scratch, work, watch)
         if pitch > depths:
-            close_up(image, lines, pitch, depths)
+            compact_rows(image, lines, pitch, depths)
         return image[: lines * depths].reshape(shape)
 
-    def lateral_adjoint(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+    def lateral_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`."""
         from steradian.imaging.engines.numba.type2 import type2
 
@@ -141,7 +152,7 @@ class NumbaEngine:
         self._run("sensors", -(-samples // BATCH), scratch, work, watch)
         return traces
 
-    def to_depth_adjoint(self, modes: RealArray, watch: Watch = NOBODY) -> RealArray:
+    def to_depth_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only."""
         from steradian.imaging.engines.numba.depth import to_time
 
@@ -149,13 +160,15 @@ class NumbaEngine:
         self._columns("depth to time", to_time, modes, modes, watch)
         return modes
 
-    def to_image_adjoint(self, image: RealArray, watch: Watch = NOBODY) -> RealArray:
+    def to_image_adjoint(self, image: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
         self._model()
         modes = self._empty(self.room.source_size)
         columns = image.reshape(-1, self.tables.depths)
         plane, stored = self._plane(self.tables.lateral.modes), all_stored(self.tables.lateral.modes)
-        self._type1("lateral transform", columns, everywhere(self.tables), plane, stored, modes, watch, add=False)
+        self._type1(
+            "lateral transform", columns, image_points_as_sensors(self.tables), plane, stored, modes, watch, add=False
+        )
         return modes
 
     def _model(self) -> None:
@@ -163,21 +176,21 @@ class NumbaEngine:
             raise NotImplementedError("the transposes are those of the model")
 
     def _type1(
-        self, stage: str, traces: NDArray[Any], sensors: Sensors, plane: Plane, stored: Stored, target: RealArray,
-        watch: Watch, *, add: bool,
+        self, stage: str, traces: NDArray[Any], sensors: Sensors, plane: ImagePlane, stored: StoredModes,
+        target: RealArray, watch: ProgressMonitor, *, add: bool,
     ) -> None:  # fmt: skip
         from steradian.imaging.engines.numba.type1 import pack, type1
 
         single = self.tables.dtype == "float32"
         integer, mask, most = (np.int32, 0xFF << 23, 127) if single else (np.int64, 0x7FF << 52, 1023)
-        most = (most + SUMMABLE[self.tables.dtype]) << (23 if single else 52)  # as bits of the exponent
+        most = (most + MAX_EXPONENT[self.tables.dtype]) << (23 if single else 52)  # as bits of the exponent
         flat, samples = np.ascontiguousarray(traces).reshape(-1), traces.shape[1]
 
         def work(piece: int, space: Workspace, flag: NDArray[np.uint8]) -> None:
             start = piece * BATCH
             batch = Batch(start, min(BATCH, samples - start), self.room.source_stride, self._large)
             if not pack(flat, samples, sensors, batch, space.packed, space.packed.view(integer), mask, most):
-                raise InvalidInput("traces", first_bad(traces), "finite numbers")
+                raise InvalidInput("traces", describe_non_finite(traces), "finite numbers")
             type1(sensors, plane, stored, target, batch, add, space, flag)
 
         def scratch() -> Workspace:
@@ -186,83 +199,91 @@ class NumbaEngine:
 
         self._run(stage, -(-samples // BATCH), scratch, work, watch)
 
-    def _columns(self, stage: str, kernel: Any, over_time: RealArray, over_depth: RealArray, watch: Watch) -> None:
+    def _columns(
+        self, stage: str, kernel: Any, over_time: RealArray, over_depth: RealArray, watch: ProgressMonitor
+    ) -> None:
         t, table, room, g = self.tables, self._blocks, self.room, self.tables.geometry
         over_time[room.source_rows * room.source_stride :] = 0  # the spare row
 
-        def side(values: RealArray, rows: NDArray[np.int64], spare: int, stride: int, *more: Any) -> Side:
+        def side(values: RealArray, rows: NDArray[np.int64], spare: int, stride: int, *more: Any) -> AxisTransform:
             real = np.where(rows < 0, spare, rows) * stride
-            return Side(values, real, np.where(rows < 0, spare, rows + 1) * stride, *more)
+            return AxisTransform(values, real, np.where(rows < 0, spare, rows + 1) * stride, *more)
 
         none = _NONE.astype(t.dtype)
         forward, back = transform(t.time.length, t.dtype), transform(g.depth_points, t.dtype)
         divided = t.time.divided.astype(t.dtype)
         times = side(
             over_time, table.source, room.source_rows, room.source_stride, t.time.samples, t.time.centre, divided,
-            table.factors, forward.factors,
+            table.factors, forward.kernel_args,
         )  # fmt: skip
         depths = side(
             over_depth, table.target, room.target_rows, room.target_stride, t.depths, -g.depth[0], none,
-            none.reshape(0, 1), back.factors,
+            none.reshape(0, 1), back.kernel_args,
         )  # fmt: skip
         rule, scratch = self._rule(), self._column_space(max(forward.scratch, back.scratch, 16))
         count = len(table.source)
         each = min(_BLOCKS, -(-count // 16))
 
-        def work(piece: int, space: Columns, flag: NDArray[np.uint8]) -> None:
+        def work(piece: int, space: DepthWorkspace, flag: NDArray[np.uint8]) -> None:
             kernel(piece * each, min((piece + 1) * each, count), times, depths, rule, space, flag)
 
         self._run(stage, -(-count // each), scratch, work, watch)
 
-    def _rule(self) -> Rule:
+    def _rule(self) -> KappaMap:
         t, rule = self.tables, self.tables.rule
         terms = range(6 if t.dtype == "float32" else 11)
         sine = np.array([(-1) ** i / factorial(2 * i + 1) for i in terms], t.dtype)
         cosine = np.array([(-1) ** i / factorial(2 * i) for i in terms], t.dtype)
-        return Rule(
+        return KappaMap(
             self._blocks.squares, self._blocks.edges, t.time.length / t.time.record, rule.turns, rule.band,
             rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps, sine, cosine,
         )  # fmt: skip
 
-    def _column_space(self, tmp: int) -> Callable[[], Columns]:
+    def _column_space(self, tmp: int) -> Callable[[], DepthWorkspace]:
         dtype, time = self.tables.dtype, self.tables.time
-        cells = 32 * (max(time.length, self.tables.geometry.depth_points) + 2 * PAD)
-        sizes = (PIECE, PIECE, PIECE, PIECE * len(time.taps), tmp * 32)
+        cells = 32 * (max(time.length, self.tables.geometry.depth_points) + 2 * CELL_PADDING)
+        sizes = (DEPTH_CHUNK, DEPTH_CHUNK, DEPTH_CHUNK, DEPTH_CHUNK * len(time.taps), tmp * 32)
 
-        def scratch() -> Columns:
-            a, b = empty(cells, dtype), empty(cells, dtype)
-            return Columns(a, b, np.zeros(PIECE, np.int32), *(empty(size, dtype) for size in sizes))
+        def scratch() -> DepthWorkspace:
+            a, b = aligned_empty(cells, dtype), aligned_empty(cells, dtype)
+            return DepthWorkspace(
+                a, b, np.zeros(DEPTH_CHUNK, np.int32), *(aligned_empty(size, dtype) for size in sizes)
+            )
 
         return scratch
 
-    def _plane(self, grid: tuple[int, int]) -> Plane:
-        (x, nx), (y, ny) = self.tables.shown
-        tables = [transform(n, self.tables.dtype).factors for n in grid]
-        return Plane(*self.tables.lateral.modes, tables[0], tables[1], x, nx, y, ny)
+    def _plane(self, grid: tuple[int, int]) -> ImagePlane:
+        (x, nx), (y, ny) = self.tables.visible_region
+        tables = [transform(n, self.tables.dtype).kernel_args for n in grid]
+        return ImagePlane(*self.tables.lateral.modes, tables[0], tables[1], x, nx, y, ny)
 
-    def _workspace(self, packed: int, lines: tuple[int, ...], middle: int, plane: Plane) -> Workspace:
-        tables: list[Transform] = [transform(f.size, self.tables.dtype) for f in (plane.x, plane.y)]
+    def _workspace(self, packed: int, lines: tuple[int, ...], middle: int, plane: ImagePlane) -> Workspace:
+        tables: list[FftTables] = [transform(f.size, self.tables.dtype) for f in (plane.x, plane.y)]
         tmp = max(*(table.scratch for table in tables), 1)
         sizes = (packed, *lines, *(0 for _ in range(4 - len(lines))), middle, tmp)
-        return Workspace(*(empty(size * 32, self.tables.dtype) for size in sizes))
+        return Workspace(*(aligned_empty(size * 32, self.tables.dtype) for size in sizes))
 
     def _empty(self, count: int) -> RealArray:
         """Make room whose pages are there already, brought in by each thread for itself.
 
         A step's batches reach all over it: its first ones would all wait for the same pages.
         """
-        numbers = empty(count, self.tables.dtype)
+        numbers = aligned_empty(count, self.tables.dtype)
         if self._threads > 1:
-            each = _TOUCHED // numbers.itemsize
+            each = PREFAULT_BYTES // numbers.itemsize
 
             def touch(piece: int, space: None, flag: NDArray[np.uint8]) -> None:
-                numbers[piece * each : (piece + 1) * each : _PAGE // numbers.itemsize] = 0
+                numbers[piece * each : (piece + 1) * each : PAGE_BYTES // numbers.itemsize] = 0
 
-            workers.run("", -(-count // each), lambda: None, touch, threads=self._threads, **NOBODY._asdict())
+            workers.parallel_for(
+                "", -(-count // each), lambda: None, touch, threads=self._threads, **NO_MONITOR._asdict()
+            )
         return numbers
 
-    def _run(self, stage: str, pieces: int, scratch: Callable[[], Any], work: Work, watch: Watch) -> None:
-        workers.run(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())
+    def _run(
+        self, stage: str, pieces: int, scratch: Callable[[], Any], work: WorkFunction, watch: ProgressMonitor
+    ) -> None:
+        workers.parallel_for(stage, pieces, scratch, work, threads=self._threads, **watch._asdict())
 
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ GENERIC_BLOCK = 2  # outputs a generic pass computes at once; the last block is 
 
 
 @dataclass(frozen=True, slots=True)
-class Transform:
+class FftTables:
     """Tables of one forward transform of ``size`` points.
 
     Parameters
@@ -46,7 +46,7 @@ class Transform:
     scratch: int
 
     @property
-    def factors(self) -> Factors:
+    def kernel_args(self) -> Factors:
         """The same for the kernels."""
         return Factors(self.size, self.radices, self.twiddles, self.twiddle_starts, self.generic, self.generic_starts)
 
@@ -89,7 +89,7 @@ def table_bytes(size: int) -> int:
 
 
 @lru_cache(maxsize=64)
-def transform(size: int, dtype: str) -> Transform:
+def transform(size: int, dtype: str) -> FftTables:
     """Tables for ``size`` points in float32 or float64 (cached)."""
     twiddles: list[NDArray[np.float64]] = []
     generic: list[NDArray[np.float64]] = []
@@ -105,7 +105,7 @@ def transform(size: int, dtype: str) -> Transform:
             generic.append(_generic_table(radix))
             scratch = max(scratch, 2 * (radix // 2) + 2)
         length //= radix
-    return Transform(
+    return FftTables(
         size,
         np.array(radices, np.int64),
         np.concatenate([*twiddles, np.zeros(1)]).astype(dtype),

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from steradian.core.jit import inner
+from steradian.core.jit import jit_inline
 from steradian.imaging.engines.numba.arguments import Factors
-from steradian.imaging.engines.numba.simd import load16, splat16, store
+from steradian.imaging.engines.numba.simd import broadcast16, load16, store
 
 
 class Pass(NamedTuple):
@@ -29,11 +29,11 @@ class Pass(NamedTuple):
     generic: int
 
 
-@inner
+@jit_inline
 def _pass2(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     for p in range(m):
-        wr, wi = splat16(tw[to + 2 * p]), splat16(tw[to + 2 * p + 1])
+        wr, wi = broadcast16(tw[to + 2 * p]), broadcast16(tw[to + 2 * p + 1])
         for q in range(s):
             i = xo + (q + s * p) * 32
             j = yo + (q + s * 2 * p) * 32
@@ -48,13 +48,13 @@ def _pass2(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, dr * wi + di * wr)
 
 
-@inner
+@jit_inline
 def _pass3(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
-    half, sine = splat16(x.dtype.type(0.5)), splat16(x.dtype.type(0.8660254037844386))
+    half, sine = broadcast16(x.dtype.type(0.5)), broadcast16(x.dtype.type(0.8660254037844386))
     for p in range(m):
         o = to + 4 * p
-        w1r, w1i, w2r, w2i = splat16(tw[o]), splat16(tw[o + 1]), splat16(tw[o + 2]), splat16(tw[o + 3])
+        w1r, w1i, w2r, w2i = broadcast16(tw[o]), broadcast16(tw[o + 1]), broadcast16(tw[o + 2]), broadcast16(tw[o + 3])
         for q in range(s):
             i = xo + (q + s * p) * 32
             j = yo + (q + s * 3 * p) * 32
@@ -76,14 +76,14 @@ def _pass3(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, cr * w2i + ci * w2r)
 
 
-@inner
+@jit_inline
 def _pass4(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     k = s * m * 32
     for p in range(m):
         o = to + 6 * p
-        w1r, w1i, w2r, w2i = splat16(tw[o]), splat16(tw[o + 1]), splat16(tw[o + 2]), splat16(tw[o + 3])
-        w3r, w3i = splat16(tw[o + 4]), splat16(tw[o + 5])
+        w1r, w1i, w2r, w2i = broadcast16(tw[o]), broadcast16(tw[o + 1]), broadcast16(tw[o + 2]), broadcast16(tw[o + 3])
+        w3r, w3i = broadcast16(tw[o + 4]), broadcast16(tw[o + 5])
         for q in range(s):
             i = xo + (q + s * p) * 32
             j = yo + (q + s * 4 * p) * 32
@@ -108,11 +108,11 @@ def _pass4(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             store(y, j + im, br * w3i + bi * w3r)
 
 
-@inner
+@jit_inline
 def _pass5(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
-    c1, c2 = splat16(x.dtype.type(0.30901699437494745)), splat16(x.dtype.type(-0.8090169943749475))
-    s1, s2 = splat16(x.dtype.type(0.9510565162951535)), splat16(x.dtype.type(0.5877852522924731))
+    c1, c2 = broadcast16(x.dtype.type(0.30901699437494745)), broadcast16(x.dtype.type(-0.8090169943749475))
+    s1, s2 = broadcast16(x.dtype.type(0.9510565162951535)), broadcast16(x.dtype.type(0.5877852522924731))
     k = s * m * 32
     for p in range(m):
         o = to + 8 * p
@@ -134,38 +134,38 @@ def _pass5(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             er, ei = s2 * ur - s1 * zr, s2 * ui - s1 * zi
             j += s * 32
             gr, gi = br + ci, bi - cr
-            wr, wi = splat16(tw[o]), splat16(tw[o + 1])
+            wr, wi = broadcast16(tw[o]), broadcast16(tw[o + 1])
             store(y, j + re, gr * wr - gi * wi)
             store(y, j + im, gr * wi + gi * wr)
             j += s * 32
             gr, gi = dr + ei, di - er
-            wr, wi = splat16(tw[o + 2]), splat16(tw[o + 3])
+            wr, wi = broadcast16(tw[o + 2]), broadcast16(tw[o + 3])
             store(y, j + re, gr * wr - gi * wi)
             store(y, j + im, gr * wi + gi * wr)
             j += s * 32
             gr, gi = dr - ei, di + er
-            wr, wi = splat16(tw[o + 4]), splat16(tw[o + 5])
+            wr, wi = broadcast16(tw[o + 4]), broadcast16(tw[o + 5])
             store(y, j + re, gr * wr - gi * wi)
             store(y, j + im, gr * wi + gi * wr)
             j += s * 32
             gr, gi = br - ci, bi + cr
-            wr, wi = splat16(tw[o + 6]), splat16(tw[o + 7])
+            wr, wi = broadcast16(tw[o + 6]), broadcast16(tw[o + 7])
             store(y, j + re, gr * wr - gi * wi)
             store(y, j + im, gr * wi + gi * wr)
 
 
-@inner
-def _turn(y: Any, j: int, re: int, im: int, ar: Any, ai: Any, tw: Any, o: int) -> None:
-    wr, wi = splat16(tw[o]), splat16(tw[o + 1])
+@jit_inline
+def _twiddle_multiply(y: Any, j: int, re: int, im: int, ar: Any, ai: Any, tw: Any, o: int) -> None:
+    wr, wi = broadcast16(tw[o]), broadcast16(tw[o + 1])
     store(y, j + re, ar * wr - ai * wi)
     store(y, j + im, ar * wi + ai * wr)
 
 
-@inner
+@jit_inline
 def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
     re, im, _, m, s, to, _ = at
     k, t = s * m * 32, s * 32
-    root = splat16(x.dtype.type(0.7071067811865476))
+    root = broadcast16(x.dtype.type(0.7071067811865476))
     for p in range(m):
         o = to + 14 * p
         for q in range(s):
@@ -188,19 +188,19 @@ def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
             ar, ai, cr, ci = er + gr, ei + gi, ei - gi, gr - er
             br, bi, dr, di = fr + hi, fi - hr, fr - hi, fi + hr
             br, bi = (br + bi) * root, (bi - br) * root
-            dr, di = (di - dr) * root, (splat16(x.dtype.type(0.0)) - dr - di) * root
+            dr, di = (di - dr) * root, (broadcast16(x.dtype.type(0.0)) - dr - di) * root
             store(y, j + re, e0r + ar)
             store(y, j + im, e0i + ai)
-            _turn(y, j + t, re, im, e1r + br, e1i + bi, tw, o)
-            _turn(y, j + 2 * t, re, im, e2r + cr, e2i + ci, tw, o + 2)
-            _turn(y, j + 3 * t, re, im, e3r + dr, e3i + di, tw, o + 4)
-            _turn(y, j + 4 * t, re, im, e0r - ar, e0i - ai, tw, o + 6)
-            _turn(y, j + 5 * t, re, im, e1r - br, e1i - bi, tw, o + 8)
-            _turn(y, j + 6 * t, re, im, e2r - cr, e2i - ci, tw, o + 10)
-            _turn(y, j + 7 * t, re, im, e3r - dr, e3i - di, tw, o + 12)
+            _twiddle_multiply(y, j + t, re, im, e1r + br, e1i + bi, tw, o)
+            _twiddle_multiply(y, j + 2 * t, re, im, e2r + cr, e2i + ci, tw, o + 2)
+            _twiddle_multiply(y, j + 3 * t, re, im, e3r + dr, e3i + di, tw, o + 4)
+            _twiddle_multiply(y, j + 4 * t, re, im, e0r - ar, e0i - ai, tw, o + 6)
+            _twiddle_multiply(y, j + 5 * t, re, im, e1r - br, e1i - bi, tw, o + 8)
+            _twiddle_multiply(y, j + 6 * t, re, im, e2r - cr, e2i - ci, tw, o + 10)
+            _twiddle_multiply(y, j + 7 * t, re, im, e3r - dr, e3i - di, tw, o + 12)
 
 
-@inner
+@jit_inline
 def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -> None:
     """Odd radix r: pairs n, r−n share their products, so r²/4 complex products a transform."""
     re, im, r, m, s, to, co = at
@@ -227,29 +227,29 @@ def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -
             store(y, j + im, ti)
             c = co
             for a in range(1, h + 1, 2):
-                zero = splat16(x.dtype.type(0.0))
+                zero = broadcast16(x.dtype.type(0.0))
                 er, ei, fr, fi, gr, gi, hr, hi = ar, ai, zero, zero, ar, ai, zero, zero
                 for n in range(h):
                     br, bi = load16(tmp, n * 64), load16(tmp, n * 64 + 16)
                     dr, di = load16(tmp, n * 64 + 32), load16(tmp, n * 64 + 48)
-                    w = splat16(cs[c])
+                    w = broadcast16(cs[c])
                     er, ei = er + w * br, ei + w * bi
-                    w = splat16(cs[c + 1])
+                    w = broadcast16(cs[c + 1])
                     fr, fi = fr + w * dr, fi + w * di
-                    w = splat16(cs[c + 2])
+                    w = broadcast16(cs[c + 2])
                     gr, gi = gr + w * br, gi + w * bi
-                    w = splat16(cs[c + 3])
+                    w = broadcast16(cs[c + 3])
                     hr, hi = hr + w * dr, hi + w * di
                     c += 4
-                _turn(y, j + a * step, re, im, er + fi, ei - fr, tw, o + 2 * a)
-                _turn(y, j + (r - a) * step, re, im, er - fi, ei + fr, tw, o + 2 * (r - a))
+                _twiddle_multiply(y, j + a * step, re, im, er + fi, ei - fr, tw, o + 2 * a)
+                _twiddle_multiply(y, j + (r - a) * step, re, im, er - fi, ei + fr, tw, o + 2 * (r - a))
                 if a + 1 <= h:
                     b = a + 1
-                    _turn(y, j + b * step, re, im, gr + hi, gi - hr, tw, o + 2 * b)
-                    _turn(y, j + (r - b) * step, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
+                    _twiddle_multiply(y, j + b * step, re, im, gr + hi, gi - hr, tw, o + 2 * b)
+                    _twiddle_multiply(y, j + (r - b) * step, re, im, gr - hi, gi + hr, tw, o + 2 * (r - b))
 
 
-@inner
+@jit_inline
 def fft(a: Any, ao: int, b: Any, bo: int, inverse: int, t: Factors, tmp: Any) -> int:
     """Transform cells at ``a[ao:]`` with ``b[bo:]`` as the other buffer; 0 if the result is in a, 1 if in b.
 

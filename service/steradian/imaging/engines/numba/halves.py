@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from steradian.core.jit import inner
+from steradian.core.jit import jit_inline
 from steradian.imaging.engines.numba.arguments import Batch
-from steradian.imaging.engines.numba.simd import load16, splat16, store, stream
+from steradian.imaging.engines.numba.simd import broadcast16, load16, store, stream_store
 
 
-class Cells(NamedTuple):
+class CellIndex(NamedTuple):
     """Cells ``index[i]`` of ``values``, counted from number ``start``."""
 
     values: Any
@@ -22,14 +22,14 @@ class Cells(NamedTuple):
     index: Any
 
 
-@inner
-def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add: bool) -> None:
+@jit_inline
+def split_real_pair(here: CellIndex, opposite: CellIndex, row: Any, batch: Batch, at: int, add: bool) -> None:
     """Write, or add, Â and B̂ of some modes from C there and at the opposite modes; the factor 2 is left in.
 
     The first mode's real parts of this batch are at ``row[at:]``, the imaginary ones a row further, the next mode's two
     rows further.
     """
-    p, q, stride, two, past = here.values, opposite.values, batch.stride, batch.number > 16, batch.past
+    p, q, stride, two, past = here.values, opposite.values, batch.stride, batch.number > 16, batch.non_temporal
     for i in range(here.index.size):
         po, qo, im_at = here.start + here.index[i] * 32, opposite.start + opposite.index[i] * 32, at + stride
         ar, ai, br, bi = load16(p, po), load16(p, po + 16), load16(q, qo), load16(q, qo + 16)
@@ -40,21 +40,21 @@ def separate(here: Cells, opposite: Cells, row: Any, batch: Batch, at: int, add:
                 store(row, at + 16, load16(row, at + 16) + ai + bi)
                 store(row, im_at + 16, load16(row, im_at + 16) + br - ar)
         else:
-            stream(row, at, ar + br, past)
-            stream(row, im_at, ai - bi, past)
+            stream_store(row, at, ar + br, past)
+            stream_store(row, im_at, ai - bi, past)
             if two:
-                stream(row, at + 16, ai + bi, past)
-                stream(row, im_at + 16, br - ar, past)
+                stream_store(row, at + 16, ai + bi, past)
+                stream_store(row, im_at + 16, br - ar, past)
         at += 2 * stride
 
 
-@inner
-def join(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: int, edges: bool) -> None:
+@jit_inline
+def merge_real_pair(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: int, edges: bool) -> None:
     """C = Â + iB̂ of one line of modes, from ``source[at:]``, into p and of the opposite modes into q, ``size`` cells.
 
     What is at N/2 counts as 0 without ``edges``.
     """
-    stride, two, nothing = batch.stride, batch.number > 16, splat16(p.dtype.type(0.0))
+    stride, two, nothing = batch.stride, batch.number > 16, broadcast16(p.dtype.type(0.0))
     if size > modes or not edges:
         p[: size * 32] = 0
         q[: size * 32] = 0

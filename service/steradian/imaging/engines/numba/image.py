@@ -11,25 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from steradian.core.jit import compiled, inner
-from steradian.imaging.engines.numba.arguments import Batch, Plane, Workspace
+from steradian.core.jit import jit, jit_inline
+from steradian.imaging.engines.numba.arguments import Batch, ImagePlane, Workspace
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.halves import join
-from steradian.imaging.engines.numba.simd import load16, settle, splat16, store, stream
+from steradian.imaging.engines.numba.halves import merge_real_pair
+from steradian.imaging.engines.numba.simd import broadcast16, load16, store, store_fence, stream_store
 
 
-@inner
+@jit_inline
 def _halve(a: Any, i: int, j: int) -> None:
     """Split the Nyquist cell i between i and j."""
-    half = splat16(a.dtype.type(0.5))
+    half = broadcast16(a.dtype.type(0.5))
     for o in (0, 16):
         v = load16(a, i + o) * half
         store(a, i + o, v)
         store(a, j + o, v)
 
 
-@compiled
-def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, space: Workspace, flag: Any) -> None:
+@jit
+def to_image(source: Any, batch: Batch, plane: ImagePlane, image: Any, depth: int, space: Workspace, flag: Any) -> None:
     """Image points of this batch's depths that the plane shows; its grid may be finer than the modes: it interpolates.
 
     ``image`` is flat [x][y][z], its lines ``depth`` values apart, a multiple of 16.
@@ -43,7 +43,7 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
     for k in range(half):
         if flag[0]:
             return
-        join(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, True)
+        merge_real_pair(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, True)
         if nx > modes_x and modes_x % 2 == 0:
             _halve(a, (nx - modes_x // 2) * 32, modes_x // 2 * 32)
             _halve(c, (nx - modes_x // 2) * 32, modes_x // 2 * 32)
@@ -78,14 +78,14 @@ def to_image(source: Any, batch: Batch, plane: Plane, image: Any, depth: int, sp
         o = 0 if plane.y.radices.size % 2 else o
         for y in range(out_y):
             at, i = (x * out_y + y) * depth + batch.start, o + (plane.first_y + y) * 32
-            stream(image, at, load16(p, i), batch.past)
+            stream_store(image, at, load16(p, i), batch.non_temporal)
             if batch.number > 16:
-                stream(image, at + 16, load16(p, i + 16), batch.past)
-    settle()
+                stream_store(image, at + 16, load16(p, i + 16), batch.non_temporal)
+    store_fence()
 
 
-@compiled
-def close_up(image: Any, lines: int, apart: int, depths: int) -> None:
+@jit
+def compact_rows(image: Any, lines: int, apart: int, depths: int) -> None:
     """Compact rows of ``depths`` values that begin ``apart`` values from each other."""
     for line in range(1, lines):
         for n in range(0, depths, 16):  # what is written beyond a line's end lies before the next one's beginning

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.engines.numba.arguments import Sensors, Stored
-from steradian.imaging.tables import Tables
-from steradian.imaging.transforms.lateral import Entries, Lateral, Stencils, numbers_of
+from steradian.imaging.engines.numba.arguments import Sensors, StoredModes
+from steradian.imaging.tables import TransformTables
+from steradian.imaging.transforms.lateral import GridEntries, LateralTransform, Stencils, numbers_of
 
 Ints = NDArray[np.int64]
 
 
-def sensors_of(lateral: Lateral, dtype: str) -> Sensors:
+def sensors_of(lateral: LateralTransform, dtype: str) -> Sensors:
     """Sort sensors by the lines of the grid that they meet first."""
     s, lines = lateral.sensors, np.arange(lateral.grid[0] + 1)
-    if isinstance(s, Entries):
+    if isinstance(s, GridEntries):
         return _entries(s, lateral.scale, lines, dtype)
     order = np.lexsort((s.first[:, 1], s.first[:, 0]))
     return Sensors(
@@ -30,7 +30,7 @@ def sensors_of(lateral: Lateral, dtype: str) -> Sensors:
     )
 
 
-def _entries(s: Entries, scale: NDArray[np.float64], lines: Ints, dtype: str) -> Sensors:
+def _entries(s: GridEntries, scale: NDArray[np.float64], lines: Ints, dtype: str) -> Sensors:
     order = np.lexsort((s.cells, s.lines))
     return Sensors(
         False,
@@ -44,16 +44,16 @@ def _entries(s: Entries, scale: NDArray[np.float64], lines: Ints, dtype: str) ->
     )
 
 
-def everywhere(tables: Tables) -> Sensors:
+def image_points_as_sensors(tables: TransformTables) -> Sensors:
     """Points of the image as sensors on the grid of the modes."""
-    (x, nx), (y, ny) = tables.shown
+    (x, nx), (y, ny) = tables.visible_region
     lines, cells = (v.ravel() for v in np.meshgrid(np.arange(x, x + nx), np.arange(y, y + ny), indexing="ij"))
     count = nx * ny
-    entries = Entries(lines, cells, np.arange(count), np.ones(count))
+    entries = GridEntries(lines, cells, np.arange(count), np.ones(count))
     return _entries(entries, np.ones(count), np.arange(tables.lateral.modes[0] + 1), tables.dtype)
 
 
-def part(sensors: Sensors, some: Ints) -> Sensors:
+def subset(sensors: Sensors, some: Ints) -> Sensors:
     """Take some of the sensors alone: for traces given one a row in the order of ``some`` (each once)."""
     row = np.full(len(sensors.scale), -1, np.int64)
     row[some] = np.arange(len(some))
@@ -71,7 +71,7 @@ def part(sensors: Sensors, some: Ints) -> Sensors:
     )
 
 
-def stored_of(lateral: Lateral, *, edges: bool) -> Stored:
+def stored_modes(lateral: LateralTransform, *, edges: bool) -> StoredModes:
     """Modes that are kept: those asked for, or, where the grid is coarser, all of its own.
 
     With ``edges`` the ones at +N/2 are kept beside those at −N/2 where they differ.
@@ -91,17 +91,17 @@ def stored_of(lateral: Lateral, *, edges: bool) -> Stored:
             edge_swap[kept[1] // 2] = True
         which = edge_rows >= 0
         edge_rows[which] = 2 * (len(jx) * len(jy) + np.arange(np.count_nonzero(which)))
-    return Stored(jx % nx, jy % ny, -jx % nx, -jy % ny, edge_jx % nx, -edge_jx % nx, edge_rows, edge_swap)
+    return StoredModes(jx % nx, jy % ny, -jx % nx, -jy % ny, edge_jx % nx, -edge_jx % nx, edge_rows, edge_swap)
 
 
-def all_stored(modes: tuple[int, int]) -> Stored:
+def all_stored(modes: tuple[int, int]) -> StoredModes:
     """Modes of a grid that has as many points."""
-    return stored_of(Lateral(modes, modes, _NOBODY, np.empty(0)), edges=False)
+    return stored_modes(LateralTransform(modes, modes, NO_SENSORS, np.empty(0)), edges=False)
 
 
-def rows_of(stored: Stored) -> int:
+def row_count(stored: StoredModes) -> int:
     """Rows of storage: real and imaginary part of each mode, those at +N/2 included."""
     return 2 * (len(stored.xs) * len(stored.ys) + int(np.count_nonzero(stored.edge_rows >= 0)))
 
 
-_NOBODY = Stencils(np.empty((0, 2), np.int64), np.empty((0, 1)), np.empty((0, 1)))
+NO_SENSORS = Stencils(np.empty((0, 2), np.int64), np.empty((0, 1)), np.empty((0, 1)))

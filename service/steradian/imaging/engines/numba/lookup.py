@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from steradian.core.jit import inner
+from steradian.core.jit import jit_inline
 
 
-@inner
-def look_up(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
+@jit_inline
+def interpolate_response(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
     """Interpolate the response bilinearly at κ and the angle with sine |j|/κ: amplitude and phase alternating.
 
     ``table`` has shape (2, frequencies, sines), ``steps`` the rows a unit of κ and the columns a unit of sine.

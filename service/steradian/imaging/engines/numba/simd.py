@@ -17,7 +17,7 @@ from numba.core.datamodel import models
 from numba.core.extending import intrinsic, lower_builtin, register_model
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from steradian.imaging.engines.numba.sizes import LINE
+from steradian.imaging.engines.numba.sizes import CACHE_LINE_BYTES
 
 _FAST = ("contract", "nsz", "nnan", "ninf", "arcp")
 
@@ -98,18 +98,18 @@ def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> A
     """Non-temporal store: bypass the caches, so that lines are not read first and useful data stay cached.
 
     Where the place is not on a line's boundary, or not ``past``, it is a plain store. Others see it after
-    :func:`settle`.
+    :func:`store_fence`.
     """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = context.get_value_type(vector)
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], kind)
         word = ir.IntType(64)
-        beside = builder.and_(builder.ptrtoint(pointer, word), ir.Constant(word, LINE - 1))
+        beside = builder.and_(builder.ptrtoint(pointer, word), ir.Constant(word, CACHE_LINE_BYTES - 1))
         at_start = builder.icmp_unsigned("==", beside, ir.Constant(word, 0))
         with builder.if_else(builder.and_(at_start, args[3])) as (whole, other):
             with whole:
-                stored = builder.store(args[2], pointer, align=LINE)
+                stored = builder.store(args[2], pointer, align=CACHE_LINE_BYTES)
                 once = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
                 stored.set_metadata("nontemporal", once)
             with other:
@@ -149,9 +149,9 @@ load4: Any = intrinsic(_load(4))
 load2: Any = intrinsic(_load(2))
 load1: Any = intrinsic(_load(1))
 store: Any = intrinsic(_store)
-stream: Any = intrinsic(_stream)
-settle: Any = intrinsic(_settle)
-splat16: Any = intrinsic(_splat(16))
+stream_store: Any = intrinsic(_stream)
+store_fence: Any = intrinsic(_settle)
+broadcast16: Any = intrinsic(_splat(16))
 splat4: Any = intrinsic(_splat(4))
 splat2: Any = intrinsic(_splat(2))
 splat1: Any = intrinsic(_splat(1))
@@ -212,5 +212,5 @@ def _distribute(typingctx: Any, source: Any, offset: Any, target: Any, rows: Any
     return types.void(source, types.intp, target, rows, types.intp), codegen
 
 
-collect: Any = intrinsic(_collect)
-distribute: Any = intrinsic(_distribute)
+transpose_gather: Any = intrinsic(_collect)
+transpose_scatter: Any = intrinsic(_distribute)

@@ -1,12 +1,12 @@
 """Constants shared by kernels and callers."""
 
-from steradian.imaging.transforms.windows import MOST_TAPS
+from steradian.imaging.transforms.windows import MAX_TAPS
 
 BATCH = 32
 """Samples or depths of a cell."""
-LINE = 64
+CACHE_LINE_BYTES = 64
 """Bytes of a line of the processor's caches."""
-PAD = MOST_TAPS // 2
+CELL_PADDING = MAX_TAPS // 2
 """Cells repeated at either end of a spectrum, so that no stencil has to wrap: half of the widest window."""
-PIECE = 64
+DEPTH_CHUNK = 64
 """Values of l interpolated for all groups of a block in turn: what they read then stays in the first cache."""

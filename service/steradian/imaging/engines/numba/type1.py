@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from steradian.core.jit import compiled, inner
-from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Stored, Workspace
+from steradian.core.jit import jit, jit_inline
+from steradian.imaging.engines.numba.arguments import Batch, ImagePlane, Sensors, StoredModes, Workspace
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.halves import Cells, separate
-from steradian.imaging.engines.numba.simd import load16, settle, splat16, store
+from steradian.imaging.engines.numba.halves import CellIndex, split_real_pair
+from steradian.imaging.engines.numba.simd import broadcast16, load16, store, store_fence
 
 
-@partial(compiled, fast=False)
+@partial(jit, fast=False)
 def pack(
     traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any, bits: Any, mask: int, most: int
 ) -> bool:
@@ -45,7 +45,7 @@ def pack(
     return bool(largest < most)
 
 
-@inner
+@jit_inline
 def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny: int) -> bool:
     """Add all sensors whose stencil meets grid line ``line``; False if there is none."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
@@ -57,11 +57,11 @@ def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny:
             if not hit:
                 row[: (ny + ay) * 32] = 0
                 hit = True
-            w = splat16(wx[m, t])
+            w = broadcast16(wx[m, t])
             a, b = load16(packed, m * 32) * w, load16(packed, m * 32 + 16) * w
             i = first[m] * 32
             for u in range(0, ay, 2):
-                v, w = splat16(wy[m, u]), splat16(wy[m, u + 1])
+                v, w = broadcast16(wy[m, u]), broadcast16(wy[m, u + 1])
                 p, q, r, s = load16(row, i), load16(row, i + 16), load16(row, i + 32), load16(row, i + 48)
                 store(row, i, p + a * v)
                 store(row, i + 16, q + b * v)
@@ -74,8 +74,8 @@ def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny:
     return hit
 
 
-@inner
-def _place_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> bool:
+@jit_inline
+def _add_on_grid_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> bool:
     """Add the (cell, sensor, weight) entries of grid line ``line``; False if there is none."""
     cells, senders, weights = sensors.first, sensors.sensors, sensors.wy
     first, last = sensors.starts[line], sensors.starts[line + 1]
@@ -83,15 +83,22 @@ def _place_row(row: Any, line: int, packed: Any, sensors: Sensors, ny: int) -> b
         return False
     row[: ny * 32] = 0
     for e in range(first, last):
-        w, i, m = splat16(weights[e, 0]), cells[e] * 32, senders[e] * 32
+        w, i, m = broadcast16(weights[e, 0]), cells[e] * 32, senders[e] * 32
         store(row, i, load16(row, i) + load16(packed, m) * w)
         store(row, i + 16, load16(row, i + 16) + load16(packed, m + 16) * w)
     return True
 
 
-@compiled
+@jit
 def type1(
-    sensors: Sensors, plane: Plane, stored: Stored, target: Any, batch: Batch, add: bool, space: Workspace, flag: Any
+    sensors: Sensors,
+    plane: ImagePlane,
+    stored: StoredModes,
+    target: Any,
+    batch: Batch,
+    add: bool,
+    space: Workspace,
+    flag: Any,
 ) -> None:
     """Spread, transform along y and x, and store or accumulate the modes' samples of this batch."""
     row, work, middle, tmp = space.a, space.b, space.middle, space.tmp
@@ -109,7 +116,7 @@ def type1(
         if sensors.separable:
             hit = _spread_row(row, line, space.packed, sensors, nx, ny)
         else:
-            hit = _place_row(row, line, space.packed, sensors, ny)
+            hit = _add_on_grid_row(row, line, space.packed, sensors, ny)
         if not hit and nx > 1:
             for k in range(2 * half):
                 o = (k * pitch + line) * 32
@@ -145,13 +152,13 @@ def type1(
                 q = row if fft(middle, qo, row, zero, zero, plane.x, tmp) else middle
                 qo = 0 if odd else qo
         at = 2 * k * xs.size * batch.stride + batch.start
-        separate(Cells(p, po, xs), Cells(q, qo, xs_opposite), target, batch, at, add)
+        split_real_pair(CellIndex(p, po, xs), CellIndex(q, qo, xs_opposite), target, batch, at, add)
         for i in range(xs.size):
             if edge_rows[i, k] >= 0:
                 at = edge_rows[i, k] * batch.stride + batch.start
                 a, b = edge_xs[i : i + 1], edge_xs_opposite[i : i + 1]
                 if stored.edge_swap[k]:
-                    separate(Cells(q, qo, a), Cells(p, po, b), target, batch, at, add)
+                    split_real_pair(CellIndex(q, qo, a), CellIndex(p, po, b), target, batch, at, add)
                 else:
-                    separate(Cells(p, po, a), Cells(q, qo, b), target, batch, at, add)
-    settle()
+                    split_real_pair(CellIndex(p, po, a), CellIndex(q, qo, b), target, batch, at, add)
+    store_fence()

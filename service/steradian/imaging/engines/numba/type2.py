@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from steradian.core.jit import compiled, inner
-from steradian.imaging.engines.numba.arguments import Batch, Plane, Sensors, Workspace
+from steradian.core.jit import jit, jit_inline
+from steradian.imaging.engines.numba.arguments import Batch, ImagePlane, Sensors, Workspace
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.halves import join
-from steradian.imaging.engines.numba.simd import load16, splat16, store
+from steradian.imaging.engines.numba.halves import merge_real_pair
+from steradian.imaging.engines.numba.simd import broadcast16, load16, store
 
 
-@inner
+@jit_inline
 def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int) -> None:
     """Add the contribution of grid line ``line`` to the sensors whose stencil contains it."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
@@ -26,29 +26,31 @@ def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int
         bin_ = (line - t + nx) % nx
         for m in range(starts[bin_], starts[bin_ + 1]):
             i = first[m] * 32
-            a, b = splat16(row.dtype.type(0.0)), splat16(row.dtype.type(0.0))
+            a, b = broadcast16(row.dtype.type(0.0)), broadcast16(row.dtype.type(0.0))
             for u in range(ay):
-                w = splat16(wy[m, u])
+                w = broadcast16(wy[m, u])
                 a = a + w * load16(row, i)
                 b = b + w * load16(row, i + 16)
                 i += 32
-            w = splat16(wx[m, t])
+            w = broadcast16(wx[m, t])
             store(packed, m * 32, load16(packed, m * 32) + a * w)
             store(packed, m * 32 + 16, load16(packed, m * 32 + 16) + b * w)
 
 
-@inner
-def _pick_row(row: Any, line: int, packed: Any, sensors: Sensors) -> None:
+@jit_inline
+def _read_on_grid_row(row: Any, line: int, packed: Any, sensors: Sensors) -> None:
     """Add the (cell, sensor, weight) entries of grid line ``line``."""
     cells, receivers, weights = sensors.first, sensors.sensors, sensors.wy
     for e in range(sensors.starts[line], sensors.starts[line + 1]):
-        w, i, m = splat16(weights[e, 0]), cells[e] * 32, receivers[e] * 32
+        w, i, m = broadcast16(weights[e, 0]), cells[e] * 32, receivers[e] * 32
         store(packed, m, load16(packed, m) + load16(row, i) * w)
         store(packed, m + 16, load16(packed, m + 16) + load16(row, i + 16) * w)
 
 
-@compiled
-def type2(source: Any, batch: Batch, plane: Plane, sensors: Sensors, traces: Any, space: Workspace, flag: Any) -> None:
+@jit
+def type2(
+    source: Any, batch: Batch, plane: ImagePlane, sensors: Sensors, traces: Any, space: Workspace, flag: Any
+) -> None:
     """Write this batch's samples of every sensor into ``traces`` (M, N_t). Modes at N/2 count as 0."""
     packed, a, b, c, d, middle, tmp = space
     nx, ny, modes_x = plane.x.size, plane.y.size, plane.modes_x
@@ -59,7 +61,7 @@ def type2(source: Any, batch: Batch, plane: Plane, sensors: Sensors, traces: Any
     for k in range(half):
         if flag[0]:
             return
-        join(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, False)
+        merge_real_pair(source, 2 * k * modes_x * batch.stride + batch.start, batch, modes_x, a, c, nx, False)
         p = b if nx > 1 and fft(a, zero, b, zero, one, plane.x, tmp) == 1 else a
         o = 2 * k * pitch * 32
         for x in range(nx * 2):
@@ -95,7 +97,7 @@ def type2(source: Any, batch: Batch, plane: Plane, sensors: Sensors, traces: Any
                 store(row, ny * 32 + o, load16(row, o))
             _interpolate_row(row, line, packed, sensors, nx)
         else:
-            _pick_row(row, line, packed, sensors)
+            _read_on_grid_row(row, line, packed, sensors)
     order, scale, start = sensors.order, sensors.scale, batch.start
     for m in range(order.size):
         for n in range(batch.number):

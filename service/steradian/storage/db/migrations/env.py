@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from alembic import context
 
-from steradian.storage.db.tables import Table
+from steradian.storage.db.tables import Base
 
 context.configure(
-    connection=context.config.attributes["connection"], target_metadata=Table.metadata, render_as_batch=True
+    connection=context.config.attributes["connection"], target_metadata=Base.metadata, render_as_batch=True
 )
 with context.begin_transaction():
     context.run_migrations()
