@@ -6,7 +6,7 @@ by :mod:`fabry_perot.hardware`; :func:`serve` makes a computer that has it a dev
 """
 
 from fabry_perot import faults
-from fabry_perot.device.serving import serve
+from fabry_perot.device.serve import serve
 from fabry_perot.errors import (
     DeviceError,
     DeviceFault,
@@ -29,9 +29,9 @@ from fabry_perot.hardware import ComposedInstrument, Instrument, InstrumentError
 from fabry_perot.host import RecoveryPolicy, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
 from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer
-from fabry_perot.host.asynchronous import AsyncScanner, connect_async
+from fabry_perot.host.asyncio_scanner import AsyncScanner, connect_async
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.connecting import DiscoveredPort, connect, discover
+from fabry_perot.host.discovery import DiscoveredPort, connect, discover
 from fabry_perot.host.monitor import Monitor
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.stopping import emergency_stop, port_status

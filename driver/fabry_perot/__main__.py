@@ -16,19 +16,19 @@ import numpy as np
 
 from fabry_perot import conformance, connect, discover, emergency_stop, faults
 from fabry_perot.errors import PlanInvalid, RequestRejected, ScannerError
-from fabry_perot.host import scanfile
+from fabry_perot.host import npy_scan_file
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.transport import open_transport
-from fabry_perot.wire import codes
+from fabry_perot.wire import constants
 from fabry_perot.wire.states import HoldCause
 
 Adder = Callable[..., object]
 _LASER = {
-    codes.LASER_ARMED: "armed",
-    codes.LASER_EMITTING: "emitting",
-    codes.SHUTTER_OPEN: "shutter open",
-    codes.INTERLOCK_CLOSED: "interlock closed",
-    codes.KEY_ON: "key on",
+    constants.LASER_ARMED: "armed",
+    constants.LASER_EMITTING: "emitting",
+    constants.SHUTTER_OPEN: "shutter open",
+    constants.INTERLOCK_CLOSED: "interlock closed",
+    constants.KEY_ON: "key on",
 }
 
 
@@ -115,7 +115,7 @@ def _clear_fault(given: argparse.Namespace) -> None:
 
 def _tune(given: argparse.Namespace) -> None:
     """Sweep the interrogation wavelength at points of the film, and print or save the optimum wavelengths."""
-    points = np.zeros((1, 2)) if given.points is None else scanfile.read_points(given.points)
+    points = np.zeros((1, 2)) if given.points is None else npy_scan_file.read_points(given.points)
     with _connect(given) as scanner:
         tuned = scanner.pretune(points, steps=given.steps)
     rows = zip(tuned.points.tolist(), tuned.wavelength, tuned.sensitivity, tuned.reflectivity, strict=True)
@@ -131,7 +131,7 @@ def _tune(given: argparse.Namespace) -> None:
 
 def _scan(given: argparse.Namespace) -> int:
     """Measure points and save the A-lines in a NumPy file; Ctrl-C turns the laser off and saves the A-lines so far."""
-    points, asked = scanfile.read_points(given.points), False
+    points, asked = npy_scan_file.read_points(given.points), False
 
     def stop(*_: object) -> None:
         nonlocal asked
@@ -147,10 +147,10 @@ def _scan(given: argparse.Namespace) -> int:
             pulse_rate=given.rate,
             averages=given.averages,
         )
-        rows = scanfile.create(given.output, points, given.samples)
+        rows = npy_scan_file.create(given.output, points, given.samples)
         before, done = signal.signal(signal.SIGINT, stop), False
         try:
-            done = scanfile.run_and_store(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
+            done = npy_scan_file.run_and_store(scanner, rows, stopping=lambda: asked, progress=_counter(len(points)))
         finally:
             signal.signal(signal.SIGINT, before)
             kept = f"{int(rows['stored'].sum())} of {len(points)} A-lines in {_path_with_size(given.output)}"

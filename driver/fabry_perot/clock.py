@@ -61,8 +61,8 @@ class VirtualClock:
 class ScaledClock:
     """A clock that runs ``rate`` times as fast as its base, and can be held back.
 
-    A simulator that cannot compute in time calls :meth:`rewind_to`: simulated time then continues from where the simulation
-    really is instead of jumping over work that was never done.
+    A simulator that cannot compute in time calls :meth:`rewind_to`: simulated time then continues from where the
+    simulation really is instead of jumping over work that was never done.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class RequestRejected(DeviceError):
     operation
         Name of the request.
     reason
-        The device's reason as a word (see :class:`fabry_perot.wire.codes.Result`).
+        The device's reason as a word (see :class:`fabry_perot.wire.constants.Result`).
     state
         Name of the state the device was in.
     """

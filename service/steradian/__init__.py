@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from steradian import quality
     from steradian.comparisons import compare_masks
     from steradian.core.exceptions import InvalidInput, SteradianError
-    from steradian.files import open as open
     from steradian.imaging import Iterative, ReconstructionPlan, Volume, reconstruct
+    from steradian.io import open as open
     from steradian.masks import (
         Mask,
         custom_mask,
@@ -45,7 +45,7 @@ _HOMES = {
     "grid_mask": "steradian.masks",
     "hexagonal_mask": "steradian.masks",
     "measure_width": "steradian.reconstructions.studies.width",
-    "open": "steradian.files",
+    "open": "steradian.io",
     "reconstruct": "steradian.imaging",
 }
 

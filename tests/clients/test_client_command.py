@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian_client.addresses import Address, config_file
 from steradian_client.cli import main
+from steradian_client.config import Address, config_file
 from support import recordings
 
 CLIENT = Path(__file__).parents[2] / "clients" / "python"

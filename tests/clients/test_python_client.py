@@ -49,7 +49,7 @@ def test_the_whole_walk(service, done, tmp_path):
     assert scan.state == "complete"
     assert scan.simulated
     assert service.scans.coverage(scan.id).stored == mask.count
-    assert matplotlib.image.imread(service.reconstructions.save_mip(job.id, tmp_path / "mip.png")).ndim == 3
+    assert matplotlib.image.imread(service.reconstructions.download_mip(job.id, tmp_path / "mip.png")).ndim == 3
     volume = np.load(service.reconstructions.save_volume(job.id, tmp_path / "volume.npy"))
     assert volume.shape == (32, 32, 256)
     assert job.id in {made.id for made in service.reconstructions.list()}

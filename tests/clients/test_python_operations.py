@@ -10,7 +10,7 @@ import pytest
 import steradian_client
 from steradian_client import AsyncClient, Client, routes
 from steradian_client.resources.base import Resource
-from steradian_client.worlds import dual_context_manager, dual_iterator, dual_method
+from steradian_client.sync_async import dual_context_manager, dual_iterator, dual_method
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(steradian_client.__file__).parent

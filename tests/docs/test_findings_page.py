@@ -12,9 +12,9 @@ from steradian import ScanPlan, equi_steradian_mask
 from steradian.api.schemas.reports import ReportView, SoundSpeedView
 from steradian.api.schemas.resources import MaskPreviewView
 from steradian.imaging.iterative.base import StopReason
-from steradian.plans import Link, ScannerLimits, findings, preview
+from steradian.plans import Link, ScannerLimits, preview, validation
 from steradian.reconstructions.pipeline.run import SHRINKAGE_NOTE
-from steradian.reconstructions.shots import FLAG_BITS
+from steradian.reconstructions.shot_normalisation import FLAG_BITS
 from steradian.scans.acquisition.resume_checks import Tolerance
 
 ROOT = Path(__file__).parents[2]
@@ -73,7 +73,7 @@ def test_what_stands_against_a_plan_is_on_the_page(name):
 def test_the_page_names_no_other_findings_of_a_plan():
     told = sorted(" ".join(row[:2]) for row in PAGE["Plans"][1:])
     assert told == sorted(name.split(",")[0] for name in REFUSED)
-    source = Path(findings.__file__).read_text("utf-8")
+    source = Path(validation.__file__).read_text("utf-8")
     assert source.count("Finding(") == 8, "one that is new has a row on the page, and a plan here"
 
 

@@ -9,13 +9,13 @@ import driver_scenarios as tests
 import pytest
 
 from fabry_perot.device import Device
-from fabry_perot.device import body as device_body
+from fabry_perot.device import state as device_body
 from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.ring import ALineRingBuffer
+from fabry_perot.device.plan_buffer import PlanBuffer
+from fabry_perot.device.ring_buffer import ALineRingBuffer
 from fabry_perot.host.aborts import Aborts
-from fabry_perot.host.assembly import AlineReassembler
-from fabry_perot.host.core import Host
+from fabry_perot.host.host import Host
+from fabry_perot.host.reassembly import AlineReassembler
 from fabry_perot.host.recovery import ScanRecovery
 from fabry_perot.host.uploader import Uploader
 from fabry_perot.wire import framing
@@ -152,7 +152,8 @@ MUTANTS = {
     "no CRC check": Mutant(_deframer(crc=False, length=True), tests.noise_that_only_a_checksum_finds),
     "no length check": Mutant(_deframer(crc=True, length=False), tests.a_length_that_lies_under_a_valid_checksum),
     "no tail-loss repair": Mutant(
-        lambda patch: patch.setattr(AlineReassembler, "mark_sent", lambda self, number: None), tests.the_last_a_line_is_lost
+        lambda patch: patch.setattr(AlineReassembler, "mark_sent", lambda self, number: None),
+        tests.the_last_a_line_is_lost,
     ),
     "no plan time-out": Mutant(
         lambda patch: patch.setattr(Uploader, "__init__", _with_period(Uploader.__init__, 1 << 60)),

@@ -10,7 +10,7 @@ from driver_world import World
 from fabry_perot.errors import RequestRejected
 from fabry_perot.host import Host
 from fabry_perot.simulator import faults
-from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import CRC, HEADER, VERSION, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD, Lease, pack
 from fabry_perot.wire.states import RUNNING, TRANSITIONS, DeviceState

@@ -12,7 +12,7 @@ import cobs.cobs
 from driver_bench import DEVICE_EPOCH, Bench, truth
 
 from fabry_perot.simulator.faults import FramesOfType
-from fabry_perot.wire.codes import AbortLevel, Operation, Result, Type
+from fabry_perot.wire.constants import AbortLevel, Operation, Result, Type
 from fabry_perot.wire.framing import CRC, HEADER, VERSION, Frame, crc32c, encode_frame
 from fabry_perot.wire.messages import (
     CAPS_HEAD,

@@ -10,9 +10,9 @@ import pytest
 from driver_bench import Bench
 
 import fabry_perot
-from fabry_perot.device.outbox import MAX_QUEUED
+from fabry_perot.device.transmit_queue import MAX_QUEUED
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import AbortLevel, Type
+from fabry_perot.wire.constants import AbortLevel, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import Abort, pack
 from fabry_perot.wire.states import DeviceState

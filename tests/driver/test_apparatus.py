@@ -13,13 +13,13 @@ import fabry_perot
 from fabry_perot.device import Device
 from fabry_perot.errors import RequestRejected
 from fabry_perot.hardware import InstrumentError, PlanSampling, TriggerRecord
-from fabry_perot.hardware.apparatus import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
 from fabry_perot.hardware.averaging import average_shots
+from fabry_perot.hardware.composed import FAULT_DIGITISER, FAULT_EXCITATION, FAULT_GALVO, FAULT_GUARD, FAULT_LASER
 from fabry_perot.host import WirePlan
 from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.film import Response
 from fabry_perot.simulator.instrument import SimulatedInstrument
-from fabry_perot.wire.codes import FLAG_GATE, MISFIRE, AbortLevel, Operation
+from fabry_perot.wire.constants import FLAG_GATE, MISFIRE, AbortLevel, Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
 

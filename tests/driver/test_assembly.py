@@ -7,7 +7,7 @@ import pytest
 
 from fabry_perot.errors import FrameError
 from fabry_perot.host.aline import META, ALineBatch, parse_record
-from fabry_perot.host.assembly import AlineReassembler
+from fabry_perot.host.reassembly import AlineReassembler
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import LAYOUT, ALineHead, ALineMeta, pack
 

@@ -14,10 +14,10 @@ import fabry_perot
 from fabry_perot.device.scan import Scan
 from fabry_perot.errors import FrameError, PlanInvalid
 from fabry_perot.hardware import InstrumentError, PlanSampling
-from fabry_perot.hardware.apparatus import FAULT_DIGITISER
+from fabry_perot.hardware.composed import FAULT_DIGITISER
 from fabry_perot.host import WirePlan
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.ledger import ShotLedger
+from fabry_perot.host.shot_accounting import ShotLedger
 from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.options import pattern

@@ -15,9 +15,9 @@ from driver_holders import report
 import fabry_perot
 from fabry_perot import faults
 from fabry_perot.host import HostTiming
-from fabry_perot.host.tap import format_frame
+from fabry_perot.host.monitoring_transport import format_frame
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Frame
 from fabry_perot.wire.messages import Fault, pack
 from fabry_perot.wire.states import DeviceState, Event

@@ -15,7 +15,7 @@ from driver_mutants import MUTANTS
 from fabry_perot.conformance import SCENARIOS, ConformanceHost, as_junit, run
 from fabry_perot.device import operations
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Operation, Result
+from fabry_perot.wire.constants import Operation, Result
 
 NAMES = [scenario.run.__name__ for scenario in SCENARIOS]
 KILLERS = {

@@ -19,7 +19,7 @@ import serial
 from serial import rfc2217
 
 import fabry_perot
-from fabry_perot.host import HostTiming, connecting
+from fabry_perot.host import HostTiming, discovery
 from fabry_perot.simulator import launch
 from fabry_perot.wire import framing
 
@@ -51,7 +51,7 @@ def test_a_port_that_another_process_holds_is_reported_as_busy():
 
 
 def test_without_probing_nothing_is_sent_to_anybody(monkeypatch, tmp_path):
-    monkeypatch.setattr(connecting, "connect", lambda *_, **__: pytest.fail("a port was opened"))
+    monkeypatch.setattr(discovery, "connect", lambda *_, **__: pytest.fail("a port was opened"))
     assert fabry_perot.discover([str(tmp_path)])[0].url == str(tmp_path)
     assert isinstance(fabry_perot.discover(), list)
 

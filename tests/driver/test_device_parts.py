@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.operations import execute
-from fabry_perot.device.outbox import MAX_QUEUED, TransmitQueue
-from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.replies import ReplyCache
-from fabry_perot.device.ring import ALineRingBuffer
-from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.device.plan_buffer import PlanBuffer
+from fabry_perot.device.reply_cache import ReplyCache
+from fabry_perot.device.ring_buffer import ALineRingBuffer
+from fabry_perot.device.transmit_queue import MAX_QUEUED, TransmitQueue
+from fabry_perot.wire.constants import Operation, Result, Type
 from fabry_perot.wire.framing import Deframer
 from fabry_perot.wire.messages import LAYOUT, POINT, ALineHead
 from fabry_perot.wire.states import RUNNING, TRANSITIONS, DeviceState, Event

@@ -11,7 +11,7 @@ from driver_bench import Bench, NotReached
 
 from fabry_perot.errors import RequestRejected, ScannerError
 from fabry_perot.host import Host
-from fabry_perot.wire.codes import (
+from fabry_perot.wire.constants import (
     FAULT_INTERLOCK,
     FAULT_KEY,
     FAULT_SHUTTER,

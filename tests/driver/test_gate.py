@@ -10,7 +10,7 @@ from fabry_perot.errors import PlanInvalid
 from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.instrument import SimulatedInstrument
-from fabry_perot.wire.codes import FLAG_GATE
+from fabry_perot.wire.constants import FLAG_GATE
 from fabry_perot.wire.messages import POINT
 
 PERIOD = 70_000

@@ -11,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_sta
 
 from fabry_perot.errors import ScannerError
 from fabry_perot.simulator import faults
-from fabry_perot.wire.codes import AbortLevel, Type
+from fabry_perot.wire.constants import AbortLevel, Type
 
 WAYS = st.sampled_from(["up", "down"])
 SEEDS = st.integers(0, 10_000)

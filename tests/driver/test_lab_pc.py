@@ -25,8 +25,8 @@ from scpi_laser import ScpiLaser  # noqa: E402
 
 import fabry_perot  # noqa: E402
 from fabry_perot.hardware import BeamPath, ComposedInstrument, GalvoCalibration, InstrumentError, PlanSampling  # noqa: E402
-from fabry_perot.hardware.apparatus import FAULT_GALVO, FAULT_LASER  # noqa: E402
-from fabry_perot.wire.codes import FLAG_GATE  # noqa: E402
+from fabry_perot.hardware.composed import FAULT_GALVO, FAULT_LASER  # noqa: E402
+from fabry_perot.wire.constants import FLAG_GATE  # noqa: E402
 from fabry_perot.wire.messages import POINT  # noqa: E402
 from fabry_perot.wire.states import DeviceState  # noqa: E402
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fabry_perot.host.ledger import ScanReport, ShotLedger
 from fabry_perot.host.plan import WirePlan
+from fabry_perot.host.shot_accounting import ScanReport, ShotLedger
 from fabry_perot.wire.messages import POINT
 
 

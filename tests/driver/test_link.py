@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fabry_perot.errors import RequestRejected
-from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import pack_body
 from fabry_perot.wire.states import RUNNING, DeviceState

@@ -14,7 +14,7 @@ from driver_holders import FAST, FOREIGN, program, report, scan_of
 import fabry_perot
 from fabry_perot.host.passive import Passive
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import PROTOCOL, Operation, Type
+from fabry_perot.wire.constants import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import Hello, HelloAck, pack, unpack
 from support.waiting import until

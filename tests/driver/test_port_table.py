@@ -25,7 +25,7 @@ from fabry_perot.errors import LinkLost, ProtocolMismatch
 from fabry_perot.host import HostTiming, ports
 from fabry_perot.host.transport import open_transport
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Type
+from fabry_perot.wire.constants import Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import Hello, HelloAck, pack, unpack
 

@@ -22,14 +22,14 @@ from fabry_perot.errors import (
     ResponseTimeout,
     ScanAborted,
 )
-from fabry_perot.host import HostTiming, RecoveryPolicy, streaming, transport
-from fabry_perot.host.connecting import connect
+from fabry_perot.host import HostTiming, RecoveryPolicy, io_pump, transport
+from fabry_perot.host.discovery import connect
+from fabry_perot.host.io_pump import IoPump, stream_end_reason
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.session import Session
-from fabry_perot.host.streaming import IoPump, stream_end_reason
 from fabry_perot.host.transport import SocketTransport, TerminalTransport
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.states import DeviceState, HoldCause
 
 EAGER = HostTiming(hello_period=1_000, hello_tries=3)
@@ -116,7 +116,7 @@ def test_waiting_for_what_does_not_come_ends_in_time():
 
 
 def test_a_port_that_takes_no_bytes_any_more_is_opened_anew_after_as_many_tries_as_it_needs(monkeypatch):
-    monkeypatch.setattr(streaming, "INITIAL_BACKOFF", 0.001)
+    monkeypatch.setattr(io_pump, "INITIAL_BACKOFF", 0.001)
     wire, tries = Wire(device()), []
 
     def reopen() -> Wire:
@@ -142,7 +142,7 @@ def test_a_port_that_takes_no_bytes_any_more_is_opened_anew_after_as_many_tries_
 
 
 def test_a_lost_port_that_does_not_come_back_fails_everything_under_way(monkeypatch):
-    monkeypatch.setattr(streaming, "INITIAL_BACKOFF", 0.001)
+    monkeypatch.setattr(io_pump, "INITIAL_BACKOFF", 0.001)
     wire = Wire(device())
 
     def reopen() -> Wire:

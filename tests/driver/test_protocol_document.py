@@ -14,7 +14,7 @@ from fabry_perot.device.handlers import MIN_PAYLOAD
 from fabry_perot.device.operations import MAX_STEPS
 from fabry_perot.errors import FrameError
 from fabry_perot.host import HostTiming, RecoveryPolicy
-from fabry_perot.wire.codes import MAX_GROUP, MAX_MISSING, Operation, Result, Type
+from fabry_perot.wire.constants import MAX_GROUP, MAX_MISSING, Operation, Result, Type
 from fabry_perot.wire.encoding import Encoding, encode
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.wire.messages import (

@@ -11,7 +11,7 @@ from driver_reference import ALines, castagnoli, frames
 
 from fabry_perot.host import WirePlan
 from fabry_perot.simulator import faults
-from fabry_perot.wire.codes import Type
+from fabry_perot.wire.constants import Type
 from fabry_perot.wire.encoding import Encoding
 from fabry_perot.wire.framing import Deframer
 from fabry_perot.wire.messages import POINT

@@ -15,7 +15,7 @@ import fabry_perot
 from fabry_perot import RecoveryPolicy
 from fabry_perot.simulator import faults, launch, phantoms
 from fabry_perot.simulator.recorder import peak_pressure
-from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.states import DeviceState
 from support.waiting import until
 

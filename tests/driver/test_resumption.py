@@ -10,7 +10,7 @@ from driver_bench import Bench
 from driver_world import World
 
 from fabry_perot.errors import LeaseExpired
-from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Frame, encode_frame
 from fabry_perot.wire.messages import Lease, pack
 from fabry_perot.wire.states import DeviceState

@@ -9,7 +9,7 @@ import pytest
 from fabry_perot.errors import DeviceRestarted, PlanInvalid, RequestRejected
 from fabry_perot.hardware.instrument import InstrumentError
 from fabry_perot.host import Host
-from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import Frame, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD, Lease, pack
 from fabry_perot.wire.states import DeviceState
@@ -51,7 +51,7 @@ def test_a_hung_consumer_drops_the_laser_although_the_link_stays_alive(bench):
     bench.run(1500)
     assert bench.device.state is DeviceState.SAFE_HOLD
     assert bench.instrument.log[-1][0] < hung + TTL
-    assert bench.host.silent_for(bench.clock.now()) < 200_000
+    assert bench.host.time_since_heard(bench.clock.now()) < 200_000
 
 
 def test_a_lapsed_lease_keeps_plan_and_data_and_an_explicit_resume_finishes_the_scan(bench):

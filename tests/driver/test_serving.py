@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import fabry_perot
-from fabry_perot.device.serving import DeviceServer
+from fabry_perot.device.serve import DeviceServer
 from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.errors import DeviceFault, PortBusy, PortUnavailable
 from fabry_perot.hardware import ComposedInstrument, InstrumentError
-from fabry_perot.hardware.apparatus import FAULT_DIGITISER
+from fabry_perot.hardware.composed import FAULT_DIGITISER
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.simulator import phantoms
 from fabry_perot.simulator.instrument import SimulatedInstrument

@@ -14,7 +14,7 @@ from fabry_perot.device.operations import LONGEST_TEXT
 from fabry_perot.errors import DeviceFault
 from fabry_perot.hardware import InstrumentError
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.states import DeviceState
 
 

@@ -11,7 +11,7 @@ from driver_bench import Bench
 
 from fabry_perot.device.operations import execute
 from fabry_perot.host import Host
-from fabry_perot.wire.codes import AbortLevel, Operation, Type
+from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import AbortAck, Hello, HelloAck, pack, unpack
 from fabry_perot.wire.states import DeviceState

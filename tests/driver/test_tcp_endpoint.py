@@ -15,9 +15,9 @@ import fabry_perot
 from fabry_perot.device import Device
 from fabry_perot.device.tcp import MOST_OBSERVERS, SILENCE, TcpEndpoint
 from fabry_perot.host import HostTiming
-from fabry_perot.host.core import Host
+from fabry_perot.host.host import Host
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Type
+from fabry_perot.wire.constants import PROTOCOL, AbortLevel, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import Abort, AbortAck, Hello, HelloAck, Status, pack, unpack
 from fabry_perot.wire.states import DeviceState

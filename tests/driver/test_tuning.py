@@ -12,7 +12,7 @@ from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import launch, phantoms, shapes
 from fabry_perot.simulator.film import BANDWIDTH, Film, Response, directivity, low_pass
 from fabry_perot.simulator.instrument import SimulatedInstrument
-from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState
 

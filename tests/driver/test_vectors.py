@@ -10,7 +10,7 @@ from driver_bench import truth
 from driver_reference import ALines, frames
 
 from fabry_perot.host import Host
-from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.wire.constants import Operation, Result, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import REPLY_HEAD, unpack_exact
 from fabry_perot.wire.states import DeviceState

@@ -10,7 +10,7 @@ from fabry_perot.device import Device
 from fabry_perot.errors import DeviceRestarted, FrameError, ProtocolMismatch, ScannerError
 from fabry_perot.hardware.instrument import PlanSampling, PointRecord
 from fabry_perot.host import Host, WirePlan
-from fabry_perot.wire.codes import PROTOCOL, Operation, Type
+from fabry_perot.wire.constants import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import POINT, Hello, pack
 

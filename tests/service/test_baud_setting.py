@@ -14,7 +14,7 @@ from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_json
-from steradian.plans.scanner import Link
+from steradian.plans.scanner_model import Link
 
 
 def plan_with(link):
@@ -60,7 +60,7 @@ def test_scan_run_opens_the_port_at_the_plans_baud_rate(tmp_path):
                 raise ScanFailed("seen")
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("fabry_perot.host.connecting.Scanner", Watch)
+            patch.setattr("fabry_perot.host.discovery.Scanner", Watch)
             with suppress(ScanFailed):
                 words = ["scan", "run", tmp_path / "plan.json", "--scanner", url, "-o", tmp_path / "s.h5"]
                 CliRunner().invoke(app, [str(word) for word in words])

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import linregress
 
 from steradian.benchmarks.load import load
-from steradian.benchmarks.load_page import BEGIN, END, write_page
+from steradian.benchmarks.load_report import BEGIN, END, write_page
 from steradian.benchmarks.memory import MemorySampler, _growth
-from steradian.benchmarks.mixed import WEIGHTS
+from steradian.benchmarks.mixed_load import WEIGHTS
 from steradian.benchmarks.service import running_service
 from steradian.core.settings import Settings
 

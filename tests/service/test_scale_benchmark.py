@@ -2,10 +2,10 @@
 
 import pytest
 
-from steradian.benchmarks.arrivals import load_of_scanners
-from steradian.benchmarks.mixed import WEIGHTS
+from steradian.benchmarks.mixed_load import WEIGHTS
+from steradian.benchmarks.queueing_model import load_of_scanners
 from steradian.benchmarks.scale import MULTI_NODE, SINGLE_SERVICE, _with_shares, scale
-from steradian.benchmarks.scale_page import BEGIN, END, tables, write_page
+from steradian.benchmarks.scale_report import BEGIN, END, tables, write_page
 
 
 @pytest.mark.soak

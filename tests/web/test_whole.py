@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from fabry_perot.simulator import launch
-from steradian.quality.spread import direct_fwhm
+from steradian.quality.resolution import direct_fwhm
 from steradian_client import Client
 from support.services import Service
 from support.views import VIEWS, brightest_pixel, crosshair, drag, drawn, figure, pixel_of, spacing

@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from steradian_client import routes
-from steradian_client.addresses import Address
+from steradian_client.config import Address
 from steradian_client.events import Events
 from steradian_client.models import Health, Readiness, Service, Storage
 from steradian_client.resources.batches import Batches
@@ -18,8 +18,8 @@ from steradian_client.resources.scanners import Scanners
 from steradian_client.resources.scans import Scans
 from steradian_client.resources.transfers import Exports, Imports, Uploads
 from steradian_client.session import RETRY_TIMEOUT, RequestSession
+from steradian_client.sync_async import AsyncMode, Mode, Resource, SyncMode, dual_method
 from steradian_client.transport import AsyncTransport, SyncTransport
-from steradian_client.worlds import AsyncMode, Mode, Resource, SyncMode, dual_method
 
 
 class _ClientBase(Resource[Mode]):

@@ -13,7 +13,7 @@ from steradian_client import routes
 from steradian_client.errors import ConnectionFailed, ServiceError
 from steradian_client.models import Event, Ticket
 from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
-from steradian_client.worlds import Mode, Resource, dual_iterator, dual_method
+from steradian_client.sync_async import Mode, Resource, dual_iterator, dual_method
 
 KEEPALIVE_TIMEOUT: Final = 30.0
 """Seconds without a sign of life, of which the service gives one every 15 s, after which a stream counts as broken."""

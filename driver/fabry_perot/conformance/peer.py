@@ -12,7 +12,7 @@ import numpy as np
 from fabry_perot.clock import Clock, RealClock
 from fabry_perot.errors import FrameError
 from fabry_perot.host.transport import Transport
-from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Operation, Type
+from fabry_perot.wire.constants import PROTOCOL, AbortLevel, Operation, Type
 from fabry_perot.wire.framing import FLAG_RETRANSMISSION, MAX_PAYLOAD, Deframer, Frame, crc32c, encode_frame
 from fabry_perot.wire.messages import (
     CAPS_HEAD,

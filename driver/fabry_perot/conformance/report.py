@@ -8,9 +8,9 @@ from typing import NamedTuple
 from xml.etree import ElementTree  # it is written only
 
 from fabry_perot.conformance.peer import ConformanceHost, Failed
-from fabry_perot.conformance.scenarios import SCENARIOS, ConformanceFunction, ConformanceTest
+from fabry_perot.conformance.registry import SCENARIOS, ConformanceFunction, ConformanceTest
 from fabry_perot.errors import LinkLost
-from fabry_perot.wire.codes import AbortLevel
+from fabry_perot.wire.constants import AbortLevel
 
 ABSENCE_TIMEOUT = 0.15
 """Seconds: a host that did not look at the line for longer tells nothing of the device; the scenario is tried again."""

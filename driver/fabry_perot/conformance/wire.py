@@ -5,8 +5,8 @@ from __future__ import annotations
 from cobs import cobs
 
 from fabry_perot.conformance.peer import QUIET_PERIOD, ConformanceHost
-from fabry_perot.conformance.scenarios import ConformanceFunction, conformance_test
-from fabry_perot.wire.codes import Operation, Result, Type
+from fabry_perot.conformance.registry import ConformanceFunction, conformance_test
+from fabry_perot.wire.constants import Operation, Result, Type
 from fabry_perot.wire.framing import CRC, HEADER, VERSION, crc32c
 from fabry_perot.wire.messages import REQUEST_HEAD
 

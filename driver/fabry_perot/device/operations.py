@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from fabry_perot import faults
-from fabry_perot.device.body import DeviceBody
+from fabry_perot.device.state import DeviceBody
 from fabry_perot.hardware.instrument import InstrumentError, PlanSampling
-from fabry_perot.wire.codes import (
+from fabry_perot.wire.constants import (
     INTERLOCK_CLOSED,
     KEY_ON,
     LASER_EMITTING,

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.planbuffer import PlanBuffer
-from fabry_perot.device.ring import ALineRingBuffer
+from fabry_perot.device.plan_buffer import PlanBuffer
+from fabry_perot.device.ring_buffer import ALineRingBuffer
 from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
 from fabry_perot.wire.encoding import encode
 from fabry_perot.wire.framing import crc32c

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fabry_perot.device.endpoints import CHUNK
-from fabry_perot.wire.codes import Type
+from fabry_perot.wire.constants import Type
 from fabry_perot.wire.framing import FLAG_URGENT, MAX_PAYLOAD, VERSION, Deframer, Frame, encode_frame, encoded_size
 
 SILENCE = 4.0

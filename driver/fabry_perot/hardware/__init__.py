@@ -1,9 +1,7 @@
 """Hardware abstraction: component protocols and the apparatus that combines them."""
 
-from fabry_perot.hardware.apparatus import ComposedInstrument
 from fabry_perot.hardware.calibration import GalvoCalibration, time_zero
-from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
-from fabry_perot.hardware.roles import (
+from fabry_perot.hardware.components import (
     BeamPath,
     Digitiser,
     ExcitationLaser,
@@ -13,6 +11,8 @@ from fabry_perot.hardware.roles import (
     Shutter,
     TriggerRecord,
 )
+from fabry_perot.hardware.composed import ComposedInstrument
+from fabry_perot.hardware.instrument import Instrument, InstrumentError, PlanSampling, PointRecord
 
 __all__ = [
     "BeamPath",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fabry_perot.hardware.components import TriggerRecord
 from fabry_perot.hardware.instrument import PointRecord
-from fabry_perot.hardware.roles import TriggerRecord
-from fabry_perot.wire.codes import MISFIRE
+from fabry_perot.wire.constants import MISFIRE
 
 MISSING_ENERGY = (0, 1 << 31)
 """Where a laser says no range."""

@@ -97,8 +97,8 @@ class PointRecord:
 class Instrument(Protocol):
     """The hardware as the device sees it; :class:`~fabry_perot.hardware.ComposedInstrument` makes one of its parts.
 
-    No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`sweep_result` tells when it is over.
-    Points are worked through by the hardware's own triggers, many to a call. All times are device time in µs.
+    No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`sweep_result` tells when it is
+    over. Points are worked through by the hardware's own triggers, many to a call. All times are device time in µs.
 
     Any call may raise :class:`InstrumentError`; the device latches it as a fault, closes the shutter and stops. What a
     read-back cannot tell counts as the worse of both: open, emitting, key off, interlock open.
@@ -132,7 +132,7 @@ class Instrument(Protocol):
         ...
 
     def next_due(self, now: int) -> int | None:
-        """Return when :meth:`poll` or :meth:`sweep_result` has something to do next; ``None`` while nothing was started."""
+        """Time of the next work of :meth:`poll` or :meth:`sweep_result`; ``None`` while nothing was started."""
         ...
 
     def stop(self, now: int) -> None:

@@ -1,9 +1,9 @@
 """The host side of the link: a state machine of bytes in, bytes out and an explicit time."""
 
-from fabry_perot.host.core import Host
-from fabry_perot.host.ledger import ScanReport
+from fabry_perot.host.host import Host
 from fabry_perot.host.plan import WirePlan
 from fabry_perot.host.recovery import RecoveryPolicy, ScanRecovery
+from fabry_perot.host.shot_accounting import ScanReport
 from fabry_perot.host.timing import HostTiming
 
 __all__ = ["Host", "HostTiming", "RecoveryPolicy", "ScanRecovery", "ScanReport", "WirePlan"]

@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any, Literal
 
 from fabry_perot import faults
-from fabry_perot.wire.codes import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN
+from fabry_perot.wire.constants import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import RUNNING, DeviceState
 

@@ -8,7 +8,7 @@ from fabry_perot.errors import LinkError, ProtocolMismatch, ResponseTimeout
 from fabry_perot.host.diagnosis import Trouble
 from fabry_perot.host.timing import HostTiming
 from fabry_perot.host.traffic import Traffic
-from fabry_perot.wire.codes import PROTOCOL
+from fabry_perot.wire.constants import PROTOCOL
 
 ANY_VERSION = (1, 255)
 """Versions of a HELLO that asks which one the device speaks."""

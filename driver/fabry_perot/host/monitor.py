@@ -13,7 +13,7 @@ from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer, answe
 from fabry_perot.host.passive import Passive
 from fabry_perot.host.stopping import emergency_stop
 from fabry_perot.host.watching import Watching
-from fabry_perot.wire.codes import Operation
+from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import LATCHED_STATES, DeviceState
 

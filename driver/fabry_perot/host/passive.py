@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from fabry_perot.errors import FrameError, PortBusy, ProtocolMismatch, RequestRejected, ScannerError
 from fabry_perot.host.aborts import Aborts
-from fabry_perot.wire.codes import PROTOCOL, AbortLevel, Operation, Result, Type
+from fabry_perot.wire.constants import PROTOCOL, AbortLevel, Operation, Result, Type
 from fabry_perot.wire.framing import FLAG_RETRANSMISSION, FLAG_URGENT, UART_PAYLOAD, Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import (
     REPLY_HEAD,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabry_perot.wire.codes import FLAG_GATE, MAX_GROUP
+from fabry_perot.wire.constants import FLAG_GATE, MAX_GROUP
 from fabry_perot.wire.framing import crc32c
 from fabry_perot.wire.messages import PLAN_HEAD, POINT
 

@@ -1,10 +1,10 @@
 """Automatic recovery of an interrupted scan within the safety policy.
 
-Like the host it is sans-I/O: :meth:`ScanRecovery.poll` is told the time and looks at the host. It acts only on a scan that a
-person started and nobody stopped, only within :attr:`RecoveryPolicy.within` seconds of the last proof that application and
-device heard of each other, and only on a device that has kept power and whose interlock stayed closed. Everything else
-waits for :meth:`ScanRecovery.resume`, a person's decision, which also plans again what a restarted device has lost. The
-laser is armed anew by the full sequence RELEASE, ARM, START, never by a shortcut.
+Like the host it is sans-I/O: :meth:`ScanRecovery.poll` is told the time and looks at the host. It acts only on a scan
+that a person started and nobody stopped, only within :attr:`RecoveryPolicy.within` seconds of the last proof that
+application and device heard of each other, and only on a device that has kept power and whose interlock stayed closed.
+Everything else waits for :meth:`ScanRecovery.resume`, a person's decision, which also plans again what a restarted
+device has lost. The laser is armed anew by the full sequence RELEASE, ARM, START, never by a shortcut.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from fabry_perot.errors import LeaseExpired, LinkLost, ScannerError
-from fabry_perot.host.core import Host
-from fabry_perot.host.ledger import ShotLedger
+from fabry_perot.host.host import Host
 from fabry_perot.host.phase import HostState
 from fabry_perot.host.plan import WirePlan
-from fabry_perot.wire.codes import SAFE_BITS, Operation
+from fabry_perot.host.shot_accounting import ShotLedger
+from fabry_perot.wire.constants import SAFE_BITS, Operation
 from fabry_perot.wire.states import DeviceState, HoldCause
 
 _FIRST_WAIT, _LONGEST_WAIT = 50_000, 1_000_000

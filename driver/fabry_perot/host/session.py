@@ -12,10 +12,10 @@ from fabry_perot.host import Host, HostTiming
 from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.greeting import new_nonce
+from fabry_perot.host.io_pump import IoPump
 from fabry_perot.host.phase import HostState
-from fabry_perot.host.streaming import IoPump
 from fabry_perot.host.transport import Transport
-from fabry_perot.wire.codes import AbortLevel, Operation
+from fabry_perot.wire.constants import AbortLevel, Operation
 
 POLL_STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Final
 
-_log = logging.getLogger("fabry_perot.host.streaming")
+_log = logging.getLogger("fabry_perot.host.io_pump")
 TOLD_AFTER: Final = 1_000_000
 """Shortest silence that is logged, in µs: a scan goes on after shorter ones as if nothing had been."""
 LOOK: Final = 100_000

@@ -12,8 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fabry_perot.simulator.commands import Commands
-from fabry_perot.simulator.machine import PoweredDevice
 from fabry_perot.simulator.options import Options, parse
+from fabry_perot.simulator.power import PoweredDevice
 from fabry_perot.simulator.server import Server, open_endpoint
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fabry_perot.hardware import ComposedInstrument, PointRecord
 from fabry_perot.hardware.averaging import average_shots
-from fabry_perot.simulator.parts import (
+from fabry_perot.simulator.components import (
     TUNING_STEP,
     SimulatedDigitiser,
     SimulatedExcitation,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from fabry_perot.simulator.film import RESONANCE_PROFILES, Response
 from fabry_perot.simulator.shapes import NAMES
-from fabry_perot.wire.codes import MOST_BEAMS
+from fabry_perot.wire.constants import MOST_BEAMS
 
 FILMS = {
     "ideal": Response(),

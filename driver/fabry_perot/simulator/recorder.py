@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fabry_perot.hardware import PlanSampling, TriggerRecord
 from fabry_perot.simulator.film import LINEWIDTH, MAX_MODULATION, Film, Response, directivity, low_pass
 from fabry_perot.simulator.phantoms import Balls, pressure
-from fabry_perot.wire.codes import MISTUNED, SATURATED
+from fabry_perot.wire.constants import MISTUNED, SATURATED
 
 REFERENCE_POWER = 1000
 """Nominal interrogation power in µW."""

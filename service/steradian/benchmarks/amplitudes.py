@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms
-from steradian.benchmarks.pages import replace_between_markers
+from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.geometry.polygons import Outline, contains

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.hardware_time import simulated_scan_seconds
-from steradian.benchmarks.pages import replace_between_markers
+from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning

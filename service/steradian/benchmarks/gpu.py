@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
-from steradian.benchmarks.gpu_peers import cufinufft_row, patminton_row
+from steradian.benchmarks.gpu_reference_libraries import cufinufft_row, patminton_row
+from steradian.benchmarks.speed_cases import INTERVAL, SPEED, YARN
 from steradian.core.progress import Progress
 from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, spectrum_of
 from steradian.imaging.engines.cuda.backend import Backend, device

@@ -80,8 +80,8 @@ def _port(kind: str, quick: bool) -> Row:
 
 def _frames(kind: str, count: int) -> Iterator[bytes]:
     """Yield the frames of ``count`` A-lines as a device with a full ring sends them."""
-    from fabry_perot.device.ring import ALineRingBuffer
-    from fabry_perot.wire.codes import MAX_GROUP, Type
+    from fabry_perot.device.ring_buffer import ALineRingBuffer
+    from fabry_perot.wire.constants import MAX_GROUP, Type
     from fabry_perot.wire.framing import MAX_PAYLOAD, USB_PAYLOAD, Frame, crc32c, encode_frame
     from fabry_perot.wire.messages import ALineMeta, pack
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.simulator import phantoms
-from steradian.benchmarks.cases import INTERVAL, SPEED, YARN
+from steradian.benchmarks.speed_cases import INTERVAL, SPEED, YARN
 from steradian.core.progress import Progress
 from steradian.imaging import Volume
 from steradian.imaging._reconstruct import reconstruct_with
@@ -25,7 +25,7 @@ from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.scans.importing.writing import ImportedAline
+from steradian.scans.importing.write_scan import ImportedAline
 
 Row: TypeAlias = dict[str, Any]
 Order = Literal["progressive", "snake"]

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from steradian.benchmarks.http_client import Connection
-from steradian.benchmarks.mixed import SAMPLES, V1, mixed, spread
-from steradian.benchmarks.rude import measure_under_abuse
+from steradian.benchmarks.misbehaving_clients import measure_under_abuse
+from steradian.benchmarks.mixed_load import SAMPLES, V1, mixed, spread
 from steradian.benchmarks.service import RunningService, make_scan, running_service, wait_for_reconstruction
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings

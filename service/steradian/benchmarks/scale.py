@@ -17,9 +17,9 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from steradian.benchmarks.arrivals import JOBS, load_of_scanners, measure_poisson_arrivals
 from steradian.benchmarks.load import create_fixtures
-from steradian.benchmarks.mixed import mixed
+from steradian.benchmarks.mixed_load import mixed
+from steradian.benchmarks.queueing_model import JOBS, load_of_scanners, measure_poisson_arrivals
 from steradian.benchmarks.service import (
     RunningService,
     busy_seconds,
@@ -61,7 +61,8 @@ def scale(
     shared
         What the nodes share: ``database_url`` of an empty PostgreSQL database, ``store``, ``store_endpoint``.
     seconds, clients, streams
-        For how long mixed clients ask and event streams listen, and how many; see :mod:`steradian.benchmarks.mixed`.
+        For how long mixed clients ask and event streams listen, and how many; see
+        :mod:`steradian.benchmarks.mixed_load`.
     jobs
         Reconstructions that each number of workers makes; twice as many come by chance.
 
@@ -71,7 +72,7 @@ def scale(
         Rows of *route*, *total* and *memory*, as of the load, and of *jobs*: ``jobs_per_second``, ``cpu_s_per_job`` (of
         the service's own processes), ``machine_s_per_job`` (of all on this machine, database and store too) and
         ``share``: of the jobs a second that all processors could make of what one costs the machine with one worker.
-        ``where`` tells them apart. Then *arrivals* and *scanners*, of :mod:`steradian.benchmarks.arrivals`.
+        ``where`` tells them apart. Then *arrivals* and *scanners*, of :mod:`steradian.benchmarks.queueing_model`.
     """
     stages = [
         f"{SINGLE_SERVICE}: jobs",

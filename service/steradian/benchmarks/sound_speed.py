@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from steradian import phantoms
-from steradian.benchmarks.pages import replace_between_markers
+from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
 from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve

@@ -9,8 +9,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.benchmarks.cases import INTERVAL, SPEED, Case, speed_cases
-from steradian.benchmarks.yardsticks import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
+from steradian.benchmarks.baselines import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
+from steradian.benchmarks.speed_cases import INTERVAL, SPEED, Case, speed_cases
 from steradian.core.progress import Progress
 from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, reconstruct
 from steradian.imaging.compute.thread_pool import available_threads

@@ -13,17 +13,16 @@ from steradian.cli import (
     backup,
     benchmark,
     benchmark_look,
+    benchmark_scale,
     check,
     demo,
-    exporting,
-    importing,
+    export,
     key,
     look,
     mask,
     measure,
     plan,
     reconstruct,
-    scaling,
     scan,
     scanner,
     serve,
@@ -32,6 +31,9 @@ from steradian.cli import (
     storage,
     what_if,
     worker,
+)
+from steradian.cli import (
+    import_ as importing,
 )
 from steradian.cli.console import print_error
 from steradian.core.exceptions import (
@@ -95,8 +97,8 @@ app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)
 app.command("measure")(measure.measure)
 app.command("import")(importing.import_)
-app.command("export")(exporting.export)
-benchmark.app.command("scale")(scaling.scale)
+app.command("export")(export.export)
+benchmark.app.command("scale")(benchmark_scale.scale)
 benchmark.app.command("look")(benchmark_look.look)
 benchmark.app.command("sound-speed")(sound_speed_benchmark.sound_speeds)
 app.add_typer(benchmark.app, name="benchmark")

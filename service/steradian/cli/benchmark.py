@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from steradian.benchmarks.pages import with_environment
+from steradian.benchmarks.report_pages import with_environment
+from steradian.cli.benchmark_output import print_and_save, save
 from steradian.cli.console import console, finish_with_summary, progress_bar
-from steradian.cli.figures import print_and_save, save
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
@@ -38,7 +38,7 @@ def speed(
     """
     from steradian.benchmarks.speed import limit_violations
     from steradian.benchmarks.speed import speed as measure
-    from steradian.benchmarks.speed_page import write_page
+    from steradian.benchmarks.speed_report import write_page
 
     with progress_bar() as progress:
         rows = measure(quick=quick, repeats=repeats, progress=progress)
@@ -66,7 +66,7 @@ def gpu(
     volume, 'faster' than two processors.
     """
     from steradian.benchmarks import gpu as measured
-    from steradian.benchmarks.gpu_page import write_page
+    from steradian.benchmarks.gpu_report import write_page
 
     if figures is not None and page is not None:
         write_page(page, json.loads(figures.read_text(encoding="utf-8")))
@@ -234,7 +234,7 @@ def load(
     the mixed clients ask: with --seconds 600 its growth a minute, after a quarter of them, tells whether it is flat.
     """
     from steradian.benchmarks.load import load as measure
-    from steradian.benchmarks.load_page import write_page
+    from steradian.benchmarks.load_report import write_page
 
     with progress_bar() as progress:
         rows = measure(seconds=seconds, progress=progress)

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from steradian.cli.benchmark import JsonFile
+from steradian.cli.benchmark_output import print_and_save
 from steradian.cli.console import console, progress_bar
-from steradian.cli.figures import print_and_save
 
 
 def look(

@@ -68,7 +68,7 @@ def look(
 def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
     """Print a line for each frame, and return its statistics."""
     from steradian.scans.file.read import list_frames
-    from steradian.scans.importing.opening import is_scan_file
+    from steradian.scans.importing.detect import is_scan_file
     from steradian.scans.inspection import inspect_scan
 
     rows: list[dict[str, object]] = []

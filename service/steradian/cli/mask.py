@@ -302,14 +302,14 @@ def _save_and_show(mask: Mask, output: Path, plot: Path | None, points: str = ""
 
 def _save_plot(mask: Mask, plot: Path | None) -> None:
     if plot is not None:
-        from steradian.masks.picture import draw_mask
+        from steradian.masks.figures import draw_mask
 
         draw_mask(mask, plot)
 
 
 def _figures(mask: Mask, points: str) -> dict[str, object]:
     """Return the mask's metrics for the table."""
-    from steradian.masks.promises import evaluate_mask
+    from steradian.masks.metrics import evaluate_mask
 
     seen = evaluate_mask(mask)
     figures: dict[str, object] = {

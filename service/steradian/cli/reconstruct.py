@@ -18,7 +18,7 @@ from steradian.cli.console import (
     speed,
 )
 from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
-from steradian.cli.importing import DescriptionOption, parse_description
+from steradian.cli.import_ import DescriptionOption, parse_description
 from steradian.cli.report import show_report
 from steradian.core.exceptions import InvalidInput
 
@@ -144,7 +144,7 @@ def reconstruct(
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.scans.frames import FrameChoice
-    from steradian.scans.importing.opening import is_scan_file
+    from steradian.scans.importing.detect import is_scan_file
     from steradian.scans.opening import FIRST
 
     parameters = ReconstructionParameters.create(
@@ -203,7 +203,7 @@ def reconstruct(
     if each == "frame" and average:
         raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
     if description is not None or ((each is not None or choice != FIRST) and file.is_file() and not is_scan_file(file)):
-        from steradian.scans.importing.guarded import import_in_sandbox
+        from steradian.scans.importing.sandbox import import_in_sandbox
 
         path, options = parse_description(description)
         output.mkdir(parents=True, exist_ok=True)

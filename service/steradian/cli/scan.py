@@ -173,7 +173,7 @@ def _run_with_scanner(
     file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, SessionControl], ScanSummary]
 ) -> ScanSummary:
     """Run ``work(port, control)`` with handling of Ctrl-C; a simulated scanner runs until the laser is off."""
-    from steradian.cli.interrupt import terminal_scan_control
+    from steradian.cli.terminal_control import terminal_scan_control
     from steradian.reconstructions.warmup import warmup_in_background
 
     needed = () if phantom is None else ("--phantom", phantom)

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from steradian.comparisons.promised import MaskMetricsRow, Point, evaluate
-from steradian.comparisons.simulated import METHODS, Method, Simulation, SimulationResult
+from steradian.comparisons.mask_metrics import MaskMetricsRow, Point, evaluate
+from steradian.comparisons.simulation import METHODS, Method, Simulation, SimulationResult
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume

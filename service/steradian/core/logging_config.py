@@ -88,7 +88,7 @@ class _Text(logging.Formatter):
 
 
 class _RateLimitFilter(logging.Filter):
-    """Lets :data:`MAX_BURST` lines of one kind through in :data:`WINDOW` seconds; the next says how many were left out."""
+    """Rate limit of log lines: :data:`MAX_BURST` of one kind in :data:`WINDOW` seconds, then the count of those left out."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,8 +1,8 @@
 """Film transfer function over frequency and angle, and its regularised inverse.
 
 In the spectrum of the A-lines over the film the angle is known: a lateral mode j at the frequency κ is a plane wave
-from sin θ = |j|/κ. So the response is one number at each (j, κ), which :class:`InverseFilter` divides out with a bound on
-the noise, and which the forward model of the iterative reconstruction holds as it is.
+from sin θ = |j|/κ. So the response is one number at each (j, κ), which :class:`InverseFilter` divides out with a bound
+on the noise, and which the forward model of the iterative reconstruction holds as it is.
 
 Signs: S multiplies e^{+2πift}, as in ``numpy.fft.rfft``. θ is the angle to the film's normal in the coupling medium.
 """

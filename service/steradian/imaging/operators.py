@@ -8,9 +8,9 @@ with the lateral padding, L depth frequencies, and κ(j, l) = √(l² + Σ(L·Δ
 with the discrete Fourier transform f̂ of the volume, zero around it. It is the exact solution of the wave equation
 for the band-limited function through the voxels' values, periodic over X and, together with its mirror image at the
 film, over L·Δz. L is chosen such that no copy along the depth is heard within the record; the lateral padding does
-the same sideways (:func:`artefact_free_padding`). Lateral modes at the Nyquist frequency of an even N, and all κ beyond the
-Nyquist frequency of time or beyond ``highest_frequency``, are left out. S is the film's response (:mod:`.response`),
-or 1.
+the same sideways (:func:`artefact_free_padding`). Lateral modes at the Nyquist frequency of an even N, and all κ beyond
+the Nyquist frequency of time or beyond ``highest_frequency``, are left out. S is the film's response
+(:mod:`.response`), or 1.
 
 The paper's formula (equation 7) is the pseudo-inverse of this for sensors everywhere, up to the waves that leave
 downwards along the film.
@@ -32,15 +32,15 @@ from steradian.imaging import validation as checks
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
-from steradian.imaging.engines.chosen import AnyEngine, EngineSelector
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import min_bytes
+from steradian.imaging.engines.numba.memory_plan import min_bytes
+from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.film_response import FilmResponse, InverseFilter
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, geometry
 from steradian.imaging.parameters import Device, Parameters
 from steradian.imaging.tables import TransformTables, forward_tables
-from steradian.imaging.transforms.sizes import fast_size
+from steradian.imaging.transforms.grid_sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import RealArray
@@ -67,8 +67,8 @@ class ForwardOperator(_LinearOperator):
         As in :func:`steradian.imaging._reconstruct`; volumes have the shape of its image.
     lateral_padding
         Factor by which the aperture is extended sideways. None: as much as keeps the periodic copies of the volume out
-        of the record (:func:`artefact_free_padding`), about (aperture + c·duration)/aperture; transforms and memory grow by it
-        along each axis. With less, copies are heard: 1 is exact for a medium that repeats.
+        of the record (:func:`artefact_free_padding`), about (aperture + c·duration)/aperture; transforms and memory
+        grow by it along each axis. With less, copies are heard: 1 is exact for a medium that repeats.
     response
         The film's response inside the model; None: an ideal sensor.
     highest_frequency

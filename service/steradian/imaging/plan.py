@@ -15,9 +15,9 @@ from steradian.imaging import validation as checks
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor, run_inverse
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
-from steradian.imaging.engines.chosen import AnyEngine, EngineSelector
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import min_bytes
+from steradian.imaging.engines.numba.memory_plan import min_bytes
+from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.film_response import InverseFilter
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, geometry
 from steradian.imaging.parameters import Device, DirectMethod, Method, Parameters

@@ -17,9 +17,14 @@ from steradian.imaging.film_response import FilmResponse, tabulate
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.parameters import Method, Parameters, Precision
 from steradian.imaging.transforms.decimation import Decimation, plan_decimation
-from steradian.imaging.transforms.depth import KappaMap, TimeInterpolation, nearest_or_linear, window_interpolation
+from steradian.imaging.transforms.grid_sizes import lateral_grid
 from steradian.imaging.transforms.lateral import LateralTransform, detect_grid, linearly_gridded, non_uniform, on_grid
-from steradian.imaging.transforms.sizes import lateral_grid
+from steradian.imaging.transforms.time_to_depth import (
+    KappaMap,
+    TimeInterpolation,
+    nearest_or_linear,
+    window_interpolation,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,17 +7,17 @@ from typing import Annotated, TypeAlias
 from pydantic import Field
 
 from steradian.masks.beams import multi_beam_mask
+from steradian.masks.by_count import Counted, mask_by_count, nearest_square, with_point_of_interest
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
-from steradian.masks.counted import Counted, mask_by_count, nearest_square, with_point_of_interest
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
-from steradian.masks.files import read_mask
 from steradian.masks.grid import Grid, grid_mask
 from steradian.masks.hexagonal import Hexagonal, hexagonal_interval, hexagonal_mask
+from steradian.masks.io import read_mask
 from steradian.masks.mask import Mask
 from steradian.masks.points import Points, custom_mask
-from steradian.masks.scattered import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.random_masks import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
+from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
 from steradian.masks.weights import Weighting, voronoi_areas, with_weights
 from steradian.masks.writing import write_mask

@@ -15,7 +15,7 @@ from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.equi_steradian import EquiSteradian, EquiSteradianPattern
 from steradian.masks.mask import Mask
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.weights import Weighting, expand_outline, weights_for
 
 MIN_SPACING_RATIO = 0.6

@@ -14,11 +14,11 @@ from steradian.core.units import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.aim import check_offset
-from steradian.masks.equalise import equalise_solid_angles, unit_angle
+from steradian.masks.base import check_offset
 from steradian.masks.mask import Mask
+from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.slices import Slices, convenient_below, convenient_slices
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.solid_angle_solver import equalise_solid_angles, unit_angle
 from steradian.masks.weights import Weighting, expand_outline, weights_for
 
 
@@ -219,7 +219,7 @@ def equi_steradian_mask(
     Notes
     -----
     Paper, appendix A and section 4.2, with one change: the slices are moved a little so that their Voronoi cells, and
-    not only the units, are equal (:mod:`steradian.masks.equalise`).
+    not only the units, are equal (:mod:`steradian.masks.solid_angle_solver`).
 
     Examples
     --------

@@ -11,9 +11,9 @@ from pydantic import Field
 from steradian.core.units import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.aim import check_offset
+from steradian.masks.base import check_offset
 from steradian.masks.mask import Mask
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.weights import Weighting, expand_outline, weights_for
 
 

@@ -10,7 +10,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.aim import ArrangementBase
+from steradian.masks.base import ArrangementBase
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 

@@ -15,7 +15,7 @@ from steradian.core.units import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.aim import COUNT_FIELD, ArrangementBase, closeness_key, count_along_side, require_exactly_one
+from steradian.masks.base import COUNT_FIELD, ArrangementBase, closeness_key, count_along_side, require_exactly_one
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 

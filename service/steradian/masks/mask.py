@@ -13,7 +13,7 @@ from pydantic import Field, computed_field, model_validator
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import LENGTH
 from steradian.core.validation import FloatArray, content_hash, quantity_field
-from steradian.drawing.shown import DisplayableValue
+from steradian.drawing.displayable import DisplayableValue
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.validation import MAX_AREA_RATIO
 
@@ -166,19 +166,19 @@ class Mask(DisplayableValue):
         return np.empty((0, 3)) if self.depth is None else np.array([[*self.offset, self.depth]])
 
     def __repr__(self) -> str:
-        from steradian.masks.picture import title_of
+        from steradian.masks.figures import title_of
 
         name, _, rest = title_of(self).partition(" mask, ")
         return f"<Mask: {name.lower()}, {rest}>"
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.plotted import draw_into_axes
-        from steradian.masks.picture import points_plot
+        from steradian.drawing.mpl_renderer import draw_into_axes
+        from steradian.masks.figures import points_plot
 
         draw_into_axes(points_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
-        from steradian.masks.picture import draw_mask
+        from steradian.masks.figures import draw_mask
 
         draw_mask(self, path)
 

@@ -5,13 +5,13 @@ whose waves :func:`propagate_2d` propagates exactly in wavenumbers. Neither shar
 """
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, yarn
-from steradian.phantoms.flat import propagate_2d
+from steradian.phantoms.film import angular_response, band_limited
 from steradian.phantoms.forward import pressure, rasterise
 from steradian.phantoms.noise import add_noise
-from steradian.phantoms.sensor import angular_response, band_limited
 from steradian.phantoms.targets import chart, star
 from steradian.phantoms.tree import tree
 from steradian.phantoms.vessels import vessels
+from steradian.phantoms.waves_2d import propagate_2d
 
 __all__ = [
     "Balls",

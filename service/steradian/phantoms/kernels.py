@@ -1,4 +1,4 @@
-"""The compiled inner loops of :mod:`steradian.phantoms.forward` and :mod:`steradian.phantoms.flat`."""
+"""The compiled inner loops of :mod:`steradian.phantoms.forward` and :mod:`steradian.phantoms.waves_2d`."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from steradian.plans.order import VisitOrder, path_length, visit_order
 from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import PlanCost, PlanIssue, preview
 from steradian.plans.progressive import Progressive, progressive
-from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
 from steradian.plans.tuning_map import TuningMap
 
 __all__ = [

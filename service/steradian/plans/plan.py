@@ -13,15 +13,15 @@ from pydantic import Field, model_validator
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import SAMPLING_INTERVAL, SOUND_SPEED
 from steradian.core.validation import FloatArray, content_hash, quantity_field
-from steradian.drawing.shown import DisplayableValue
+from steradian.drawing.displayable import DisplayableValue
 from steradian.masks import Mask, subset_mask
 from steradian.masks.beams import MOST_BEAMS, NANOMETRE, check_beams
-from steradian.plans.bands import TunedOrder, hold_wavelength, order_by_bands
 from steradian.plans.fringe import Fringe
 from steradian.plans.order import VisitOrder, visit_order
-from steradian.plans.pace import MotionTiming
 from steradian.plans.progressive import progressive
-from steradian.plans.scanner import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.timing import MotionTiming
+from steradian.plans.wavelength_bands import TunedOrder, hold_wavelength, order_by_bands
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -243,13 +243,13 @@ class ScanPlan(DisplayableValue):
         )
 
     def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.plotted import draw_into_axes
-        from steradian.plans.picture import path_plot
+        from steradian.drawing.mpl_renderer import draw_into_axes
+        from steradian.plans.figures import path_plot
 
         draw_into_axes(path_plot(self), axes)
 
     def _draw_page(self, path: Path) -> None:
-        from steradian.plans.picture import draw_plan
+        from steradian.plans.figures import draw_plan
 
         draw_plan(self, path)
 

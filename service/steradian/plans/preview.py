@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plans.findings import PlanIssue, validate_plan
 from steradian.plans.order import path_length
+from steradian.plans.validation import PlanIssue, validate_plan
 
 if TYPE_CHECKING:
     from steradian.plans.plan import ScanPlan
@@ -101,8 +101,8 @@ def preview(
 
     Notes
     -----
-    What a point waits for is in :class:`~steradian.plans.pace.MotionTiming`. Tuning the excitation laser between frames, and
-    the way back to the first point, are not counted.
+    What a point waits for is in :class:`~steradian.plans.timing.MotionTiming`. Tuning the excitation laser between
+    frames, and the way back to the first point, are not counted.
     """
     alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
     points, shots = plan.path, alines // plan.beam_count

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans.curves import hilbert
-from steradian.plans.moves import distance, exact, length, or_opt, reverse, reverse_segment, two_opt
+from steradian.plans.local_search import distance, exact, length, or_opt, reverse, reverse_segment, two_opt
 
 NEIGHBOURS = 8
 BUDGET = 400_000_000

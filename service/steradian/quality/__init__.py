@@ -7,8 +7,8 @@ from steradian.quality.comparison import compare
 from steradian.quality.contrasts import contrast, contrast_to_noise, modulation, peak_to_background
 from steradian.quality.pearson import correlation
 from steradian.quality.regions import above_threshold, bounding_slices, disc
+from steradian.quality.resolution import SpreadFit, direct_fwhm, edge_spread, line_spread
 from steradian.quality.sharpness import sobel, tenenbaum
-from steradian.quality.spread import SpreadFit, direct_fwhm, edge_spread, line_spread
 from steradian.quality.width import Width, width
 
 __all__ = [

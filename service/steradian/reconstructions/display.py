@@ -6,8 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from steradian.drawing.inline import WIDTH, html_card, resolve_axes
-from steradian.drawing.page import colour_bar, style_axes
+from steradian.drawing.mpl_figure import colour_bar, style_axes
+from steradian.drawing.notebook import WIDTH, html_card, resolve_axes
 from steradian.imaging import Display, Volume
 from steradian.reconstructions.exporting import export_volume, format_of
 from steradian.reconstructions.volumes.file import write_volume

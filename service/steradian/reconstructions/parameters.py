@@ -12,8 +12,8 @@ from steradian.core.units import SOUND_SPEED
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.iterative_options import Iterative
 from steradian.imaging.signal.conditioning import Conditioning, Display
-from steradian.reconstructions.film import Film
-from steradian.reconstructions.shots import ShotTreatment
+from steradian.reconstructions.film_correction import Film
+from steradian.reconstructions.shot_normalisation import ShotTreatment
 
 LARGE = 1_000_000_000
 """Bytes of a volume file above which it is not made unasked."""

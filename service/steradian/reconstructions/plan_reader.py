@@ -13,7 +13,7 @@ from steradian.scans.file import schema
 from steradian.scans.file.corruption import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.origin import notes_of, read_origin
-from steradian.scans.importing.planned import read_plan
+from steradian.scans.importing.plan_reader import read_plan
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from steradian.core.settings import PREFIX, Settings
 from steradian.runtime.managed_process import ManagedProcess
 from steradian.runtime.singleton_locks import hold_database_lock, hold_scanner_lock
 from steradian.runtime.watchdog import Watchdog, responds
-from steradian.security.admission import require_api_key
+from steradian.security.bootstrap import require_api_key
 from steradian.storage import deployment_binding as belonging
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url

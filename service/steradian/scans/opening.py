@@ -8,7 +8,7 @@ from pathlib import Path
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
-from steradian.scans.importing.opening import is_scan_file, open_recording_source
+from steradian.scans.importing.detect import is_scan_file, open_recording_source
 from steradian.scans.importing.source import RecordingSource
 from steradian.scans.recording import Recording
 

@@ -89,7 +89,7 @@ class Recording:
         Identifiers of mask, plan, scan and scanner, for the volume's own record.
     shots
         What differed from A-line to A-line, where the file tells; ``None`` when nothing does any more
-        (:func:`steradian.reconstructions.shots.normalise_shots`).
+        (:func:`steradian.reconstructions.shot_normalisation.normalise_shots`).
     points
         (M,) numbers of the mask's points, where several A-lines belong to one because frames are to be averaged; else
         ``None``.

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from steradian.masks import equi_steradian_mask
+from steradian.masks.metrics import evaluate_mask
 from steradian.masks.point_spread import point_spread
-from steradian.masks.promises import evaluate_mask
 from steradian.plans import ScanPlan, preview
 
 from .conftest import EQUI

@@ -6,7 +6,7 @@ import matplotlib.image
 import pytest
 
 from steradian.masks import equi_steradian_mask
-from steradian.masks.promises import evaluate_mask
+from steradian.masks.metrics import evaluate_mask
 
 from .conftest import EQUI
 

@@ -203,9 +203,9 @@ def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_p
         (folder / "volume.h5").write_bytes(bytes(30 * MIB))
         for looked_at in (measured, services.measure()):
             with services.database.write() as session, pytest.raises(DiskFull):
-                services.require_room(session, 30 * MIB, "the volume", looked_at)
+                services.require_disk_space(session, 30 * MIB, "the volume", looked_at)
             with services.database.write() as session:
-                services.require_room(session, 5 * MIB, "the volume", looked_at)
+                services.require_disk_space(session, 5 * MIB, "the volume", looked_at)
     finally:
         services.database.close()
         server.close()
@@ -219,7 +219,7 @@ def test_a_scan_needs_room_where_its_scanner_is_and_on_no_other_node(tmp_path, r
     try:
         measured = services.measure()
         with services.database.write() as session, expected:
-            services.require_room(session, 2 * QUOTA, "the scan", measured, for_scan=True)
+            services.require_disk_space(session, 2 * QUOTA, "the scan", measured, for_scan=True)
     finally:
         services.database.close()
         server.close()
@@ -240,7 +240,7 @@ def test_the_folder_is_measured_while_others_write(small, monkeypatch):
     monkeypatch.setattr(disk, "size_of", walk)
     measured = services.measure()
     with services.database.write() as session:
-        services.require_room(session, 1, "the volume", measured)
+        services.require_disk_space(session, 1, "the volume", measured)
     assert services.available < QUOTA
     assert walks == [server.data.root], "once, and not by who only wants to know how much is free"
     services.database.close()

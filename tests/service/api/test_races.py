@@ -270,7 +270,7 @@ def test_an_emergency_stop_and_a_wish_to_go_on_never_wait_for_each_other(bench):
     scan, services = bench.make("/scans", plan_id=bench.plan()), bench.services
     for state in (ScanState.ARMING, ScanState.RUNNING):
         services.scans.transition(scan, state, why="test")
-    services.scans.desire(scan, DesiredScanState.PAUSED, None)
+    services.scans.set_desired_state(scan, DesiredScanState.PAUSED, None)
     answers = []
     put = {"json": {"state": "running"}}
     going_on = threading.Thread(target=lambda: answers.append(bench.ask("PUT", f"/scans/{scan}/desired-state", **put)))

@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
-from steradian.security.rates import MAX_CALLERS, RateLimiter, RateLimitExceeded
+from steradian.security.rate_limit import MAX_CALLERS, RateLimiter, RateLimitExceeded
 from support.waiting import until
 
 from .conftest import api_of

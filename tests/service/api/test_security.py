@@ -10,7 +10,7 @@ from steradian.api import app as application
 from steradian.api.middleware.authentication import PUBLIC, SCOPES
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
-from steradian.security.admission import require_api_key
+from steradian.security.bootstrap import require_api_key
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.storage.db.database import Database
 from support.apis import ApiProcess

@@ -79,7 +79,7 @@ def test_the_newest_a_line_is_the_one_stored_last_also_when_the_scanner_has_boot
     visit = scan_with_alines["visit"]
     assert shots(http, here)["newest"] == visit[4]
     rows = visit[5:]
-    store.note_upload(UploadRecord(rows, 99, 5, 5))
+    store.record_upload(UploadRecord(rows, 99, 5, 5))
     assert shots(http, here)["newest"] == visit[4], "nothing of the new session is there yet"
     store.append([line(store, 0, shot=1, scale=0.25, time_zero_offset_s=2e-6, quality=2)], rows)
     assert shots(http, here)["newest"] == rows[0]

@@ -6,8 +6,8 @@ from math import factorial
 import numpy as np
 import pytest
 
-from steradian.benchmarks import arrivals
-from steradian.benchmarks.arrivals import SCANNERS, fifo_waiting_times, load_of_scanners, required_workers
+from steradian.benchmarks import queueing_model
+from steradian.benchmarks.queueing_model import SCANNERS, fifo_waiting_times, load_of_scanners, required_workers
 
 
 def erlang_c(load, workers):
@@ -33,7 +33,7 @@ def test_the_mean_wait_of_equal_jobs_is_that_of_pollaczek_and_khinchine():
 
 
 def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
-    monkeypatch.setattr(arrivals, "PATIENCE", 5.0)
+    monkeypatch.setattr(queueing_model, "PATIENCE", 5.0)
     chance = np.random.default_rng(5)
     lasting = chance.exponential(4.0, 5000)
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, limit_violations
-from steradian.benchmarks.gpu_page import BEGIN, END, tables
+from steradian.benchmarks.gpu_report import BEGIN, END, tables
 from steradian.cli.benchmark import app
 from steradian.imaging.engines.cuda import backend
 

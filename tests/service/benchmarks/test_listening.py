@@ -5,8 +5,8 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 
-from steradian.benchmarks import listening
-from steradian.benchmarks.listening import DeliveryReport, compare
+from steradian.benchmarks import event_listeners
+from steradian.benchmarks.event_listeners import DeliveryReport, compare
 
 
 def frames(numbers):
@@ -37,7 +37,7 @@ async def log_of(numbers, heard, whole=None):
 
 
 async def met(numbers, heard, whole=None):
-    async with log_of(numbers, heard, whole) as url, listening.open_listeners([url], len(heard)) as listeners:
+    async with log_of(numbers, heard, whole) as url, event_listeners.open_listeners([url], len(heard)) as listeners:
         async with asyncio.timeout(250):
             for listener, one in zip(listeners, heard, strict=True):
                 await listener.wait_for(one[-1])
@@ -59,11 +59,11 @@ def test_what_each_listener_was_told_is_compared_with_the_log(heard, told):
 
 
 def test_a_stream_that_ends_early_has_lost_the_rest(monkeypatch):
-    monkeypatch.setattr(listening, "PATIENCE", 0.5)
+    monkeypatch.setattr(event_listeners, "PATIENCE", 0.5)
     assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == DeliveryReport(1, 2, 0)
 
 
 def test_where_the_log_itself_is_cut_off_nothing_is_said_of_losses(monkeypatch):
-    monkeypatch.setattr(listening, "PATIENCE", 0.5)
+    monkeypatch.setattr(event_listeners, "PATIENCE", 0.5)
     with pytest.raises(RuntimeError, match="as far as event 7"):
         asyncio.run(met([4, 5, 6, 7], [[4, 5]], whole=[4, 5]))

@@ -7,7 +7,7 @@ import pytest
 from sqlalchemy import text
 
 from steradian.core.settings import Settings
-from steradian.security.admission import require_api_key
+from steradian.security.bootstrap import require_api_key
 from steradian.security.keys import KeyStore
 from steradian.storage.db.database import Database, metadata_url
 

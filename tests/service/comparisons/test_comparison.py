@@ -14,7 +14,7 @@ from steradian.comparisons import Simulation, compare_masks, evaluate, phantom
 from steradian.core.exceptions import Cancelled
 from steradian.imaging import Volume, VoxelAxes
 from steradian.masks import equiangular_mask, mask_by_count, write_mask
-from steradian.masks.promises import evaluate_mask
+from steradian.masks.metrics import evaluate_mask
 from steradian.phantoms import Balls, rasterise
 
 APERTURE, DEPTH = 6e-3, 1.5e-3

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from steradian.drawing.painting import render_page
-from steradian.drawing.plots import (
+from steradian.drawing.mpl_renderer import to_figure
+from steradian.drawing.plot_spec import (
     Bars,
     Colours,
     Curve,
@@ -20,13 +20,13 @@ from steradian.drawing.plots import (
     VerticalLine,
     histogram,
 )
-from steradian.drawing.plotted import to_figure
+from steradian.drawing.raster import render_page
 from steradian.drawing.ticks import Axis, LogAxis, NamedRows
 from steradian.masks import equi_steradian_mask, equiangular_mask
+from steradian.masks.figures import draw_mask, mask_figure
 from steradian.masks.limited_view import limited_view
-from steradian.masks.picture import draw_mask, mask_figure
 from steradian.plans import ScanPlan
-from steradian.plans.picture import draw_plan, plan_figure
+from steradian.plans.figures import draw_plan, plan_figure
 
 RED = (255, 0, 0)
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from steradian.benchmarks import accuracy, speed
-from steradian.benchmarks.cases import speed_cases
+from steradian.benchmarks.baselines import fft_pair_baselines
 from steradian.benchmarks.speed import limit_violations
-from steradian.benchmarks.speed_page import BEGIN, END, table, write_page
-from steradian.benchmarks.yardsticks import fft_pair_baselines
+from steradian.benchmarks.speed_cases import speed_cases
+from steradian.benchmarks.speed_report import BEGIN, END, table, write_page
 
 
 @pytest.mark.long

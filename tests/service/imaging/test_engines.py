@@ -11,9 +11,9 @@ from steradian.core.exceptions import Cancelled
 from steradian.imaging import ElasticFilm, InverseFilter, ReconstructionPlan, kaiser_bessel
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
+from steradian.imaging.engines.numba.constants import CACHE_LINE_BYTES
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.engines.numba.room import aligned_empty
-from steradian.imaging.engines.numba.sizes import CACHE_LINE_BYTES
+from steradian.imaging.engines.numba.memory_plan import aligned_empty
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 

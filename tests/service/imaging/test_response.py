@@ -12,8 +12,8 @@ from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import ElasticFilm, InverseFilter, MeasuredFilm, reconstruct
 from steradian.imaging.film_response import tabulate
-from steradian.masks.sensor import attenuation_db
-from steradian.reconstructions.film import Film, SimulatedFilmResponse
+from steradian.masks.film_attenuation import attenuation_db
+from steradian.reconstructions.film_correction import Film, SimulatedFilmResponse
 
 SPEED, INTERVAL, SIDE, DEPTH = 1500.0, 10e-9, 6.4e-3, 1.4e-3
 COMMON: dict[str, Any] = {

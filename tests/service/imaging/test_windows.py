@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from steradian.imaging.transforms.sizes import lateral_grid, time_grid
+from steradian.imaging.transforms.grid_sizes import lateral_grid, time_grid
 from steradian.imaging.transforms.windows import Shape, kaiser_bessel, narrowest_window
 
 

@@ -51,7 +51,7 @@ def test_what_an_earlier_start_says_is_refused(ledger, change, wanted):
     old = ledger.start("job", "cut-off").fence
     new = ledger.start("job", "other").fence
     if not wanted:
-        ledger.want_cancelled("job", "somebody", None)
+        ledger.request_cancellation("job", "somebody", None)
     before = seen(ledger)
     with pytest.raises(StaleFence, match=f"start {old} of job job counts no more"):
         change(ledger, old)

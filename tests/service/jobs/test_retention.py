@@ -129,7 +129,7 @@ def test_an_upload_that_an_import_waits_for_stays_until_it_is_over(services):
         services.ledger.add(session, to_job_request("j1", ImportRequest.create(upload_id="u1", companion_id="u2")))
     apply_retention(services)
     assert (path.exists(), beside.exists()) == (True, True)
-    services.ledger.want_cancelled("j1", "ada", None)
+    services.ledger.request_cancellation("j1", "ada", None)
     services.ledger.cancelled("j1", "ada")
     apply_retention(services)
     assert (path.exists(), beside.exists()) == (False, False)
@@ -178,7 +178,7 @@ def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(
     assert [folder.exists() for folder in (image, reference, other)] == [True, True, False]
     assert {row.id for row in services.ledger.page(10).rows} == {"image", "reference", "j1", "j2"}
     for export in exports:
-        services.ledger.want_cancelled(export.id, "ada", None)
+        services.ledger.request_cancellation(export.id, "ada", None)
         services.ledger.cancelled(export.id, "ada")
     apply_retention(services)
     assert [folder.exists() for folder in (image, reference)] == [False, False]

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from steradian import InvalidInput
 from steradian.cli.mask import app
-from steradian.drawing.page import page, save
+from steradian.drawing.mpl_figure import page, save
 from steradian.masks import read_mask
 
 COMMANDS = [
@@ -55,7 +55,7 @@ def test_counts_beside_the_wanted_one_are_told(tmp_path):
 
 def test_spacing_is_one_thing_in_table_and_picture(tmp_path):
     """The least and the greatest distance to the nearest sensor."""
-    from steradian.masks.promises import spacing_map
+    from steradian.masks.metrics import spacing_map
 
     told = run(
         "equi-steradian", "--aperture", "10mm", "--depth", "3mm", "--count", 300, "-o", tmp_path / "a.json"

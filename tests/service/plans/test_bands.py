@@ -6,8 +6,8 @@ import pytest
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
 from steradian.benchmarks.tuning import optimal_wavelengths, simulated_seconds
 from steradian.plans import Fringe, Link, Tuning, VisitOrder, preview
-from steradian.plans.bands import hold_wavelength, partition_bands
 from steradian.plans.files import read_json, write_json
+from steradian.plans.wavelength_bands import hold_wavelength, partition_bands
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
 SLOW = Tuning(settling=5e-3, speed=1.0)

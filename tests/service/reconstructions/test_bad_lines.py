@@ -16,7 +16,7 @@ from steradian.quality.signals import inspect_signals
 from steradian.reconstructions.live.follow import reconstruct_live
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write, reconstruct_in_memory
-from steradian.reconstructions.shots import ShotTreatment, normalise_shots
+from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
 from steradian.scans.recording import Recording, ShotMetadata
 from support.commands import run_here
 from support.faulty import KINDS, SPEED, STEP, points, pressure, spoil, square, vessels

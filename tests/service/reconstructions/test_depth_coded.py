@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from steradian import InvalidInput
-from steradian.drawing.sheet import Layout
+from steradian.drawing.image_figure import Layout
 from steradian.imaging import Volume, VoxelAxes
 from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.volumes.images import draw_depth_coded

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from steradian.drawing.sheet import SHORT_SIDE
+from steradian.drawing.image_figure import SHORT_SIDE
 from steradian.drawing.ticks import ticks
 from steradian.imaging import ReconstructionPlan, Volume, VoxelAxes
 from steradian.imaging.engines.cuda import backend

@@ -8,7 +8,7 @@ import pytest
 from fabry_perot.simulator.film import Film
 from steradian import ScanPlan, grid_mask
 from steradian.plans import preview
-from steradian.reconstructions.shots import ShotTreatment, normalise_new_shots, normalise_shots
+from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_new_shots, normalise_shots
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.tail import ScanTail
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file

@@ -16,7 +16,7 @@ from steradian.plans import ScanPlan
 from steradian.reconstructions.live.follow import LiveReconstruction
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory, reconstruct_scan
-from steradian.reconstructions.shots import ShotTreatment, normalise_shots
+from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
 from steradian.scans.acquisition.run import run_scan
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from steradian.core.exceptions import InvalidInput
-from steradian.scans.importing import guarded
+from steradian.scans.importing import sandbox
 
 PLACES = json.loads(Path(sys.argv[1]).read_text())
 FREE = "free" in sys.argv[2:]
@@ -61,7 +61,7 @@ def take_over(source, destination, **_):
     raise InvalidInput("done", json.dumps(done), score)
 
 
-guarded.import_scan = take_over
+sandbox.import_scan = take_over
 if FREE:
-    guarded.restrict_filesystem = lambda *_: False
-guarded.main()
+    sandbox.restrict_filesystem = lambda *_: False
+sandbox.main()

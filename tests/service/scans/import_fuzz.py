@@ -33,7 +33,7 @@ from steradian.core.exceptions import DamagedFile, SteradianError
 from steradian.reconstructions.plan_reader import read_stored_plan
 from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.guarded import import_in_sandbox
+from steradian.scans.importing.sandbox import import_in_sandbox
 
 BATCH = 100
 MEMORY = 512 << 20

@@ -42,7 +42,7 @@ def test_a_queued_scan_runs_to_its_end_and_every_shot_is_accounted_for(bench):
 
 def test_a_stopped_scan_is_a_success_that_keeps_what_was_measured(bench):
     identifier = bench.queue(pulse_rate=1.0)
-    bench.when_running(identifier, lambda: bench.scans.desire(identifier, W.STOPPED, "seen enough"))
+    bench.when_running(identifier, lambda: bench.scans.set_desired_state(identifier, W.STOPPED, "seen enough"))
     row = bench.scans.get(identifier)
     assert bench.states(identifier)[-3:] == ["running", "stopping", "partial"]
     assert 0 < row.summary["stored"] < row.summary["points"]
@@ -51,7 +51,7 @@ def test_a_stopped_scan_is_a_success_that_keeps_what_was_measured(bench):
 
 def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(bench):
     earlier = bench.queue(pulse_rate=1.0)
-    bench.when_running(earlier, lambda: bench.scans.desire(earlier, W.STOPPED, "lunch"))
+    bench.when_running(earlier, lambda: bench.scans.set_desired_state(earlier, W.STOPPED, "lunch"))
     kept = bench.data.scan_file(earlier).read_bytes()
     held = bench.scans.get(earlier).summary["stored"]
     assert 0 < held < 53
@@ -111,7 +111,7 @@ def test_the_scanners_row_during_and_after_a_scan_shows_interlock_key_and_shutte
 
 def test_an_aborted_scan_ends_aborted_and_the_next_one_runs(bench):
     identifier = bench.queue(pulse_rate=1.0)
-    bench.when_running(identifier, lambda: bench.scans.desire(identifier, W.ABORTED, "smoke"))
+    bench.when_running(identifier, lambda: bench.scans.set_desired_state(identifier, W.ABORTED, "smoke"))
     assert bench.states(identifier)[-2:] == ["aborting", "aborted"]
     following = bench.queue()
     bench.work.step()
@@ -120,7 +120,7 @@ def test_an_aborted_scan_ends_aborted_and_the_next_one_runs(bench):
 
 def test_a_scan_that_is_not_wanted_any_more_never_fires(bench):
     identifier = bench.queue()
-    bench.scans.desire(identifier, W.STOPPED, None)
+    bench.scans.set_desired_state(identifier, W.STOPPED, None)
     bench.work.step()
     assert bench.states(identifier) == ["queued", "aborted"]
     assert not bench.data.scan_file(identifier).exists()
@@ -201,12 +201,12 @@ def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
 
     def act():
         bench.until(identifier, S.RUNNING)
-        bench.scans.desire(identifier, W.PAUSED, "coffee", "ann")
+        bench.scans.set_desired_state(identifier, W.PAUSED, "coffee", "ann")
         bench.until(identifier, S.PAUSED)
         fired.append(count_alines(bench.data.scan_file(identifier))["stored"])
         threading.Event().wait(0.5)
         fired.append(count_alines(bench.data.scan_file(identifier))["stored"])
-        bench.scans.desire(identifier, W.RUNNING, "back", "ann")
+        bench.scans.set_desired_state(identifier, W.RUNNING, "back", "ann")
 
     bench.meanwhile(act)
     row = bench.scans.get(identifier)
@@ -225,9 +225,9 @@ def test_a_paused_scan_can_be_ended(bench, wish, end):
 
     def act():
         bench.until(identifier, S.RUNNING)
-        bench.scans.desire(identifier, W.PAUSED, None)
+        bench.scans.set_desired_state(identifier, W.PAUSED, None)
         bench.until(identifier, S.PAUSED)
-        bench.scans.desire(identifier, wish, None)
+        bench.scans.set_desired_state(identifier, wish, None)
 
     bench.meanwhile(act)
     assert bench.states(identifier)[-3:] == ["paused", *end]
@@ -235,9 +235,9 @@ def test_a_paused_scan_can_be_ended(bench, wish, end):
 
 def test_a_wish_to_abort_cannot_be_taken_back(bench):
     identifier = bench.queue()
-    bench.scans.desire(identifier, W.ABORTED, "smoke")
+    bench.scans.set_desired_state(identifier, W.ABORTED, "smoke")
     with pytest.raises(Conflict, match="cannot be"):
-        bench.scans.desire(identifier, W.STOPPED, "never mind")
+        bench.scans.set_desired_state(identifier, W.STOPPED, "never mind")
     bench.work.step()
     assert bench.scans.get(identifier).state is S.ABORTED
 
@@ -257,7 +257,7 @@ def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
     bench.work.step()
     assert bench.scans.get(identifier).state is S.INTERRUPTED, "the laser never starts by itself"
     assert bench.scans.get(identifier).desired_state is W.PAUSED
-    bench.scans.desire(identifier, W.RUNNING, "again", "ann")
+    bench.scans.set_desired_state(identifier, W.RUNNING, "again", "ann")
     bench.work.step()
     row = bench.scans.get(identifier)
     states = [one for one in bench.states(identifier) if one != "recovering"]  # where the scanner still held some
@@ -268,12 +268,12 @@ def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
 
 def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
     identifier = interrupted(bench)
-    bench.scans.desire(identifier, W.RUNNING, None)
+    bench.scans.set_desired_state(identifier, W.RUNNING, None)
     bench.work._begin()  # the acquisition process starts anew
     bench.work.step()
     row = bench.scans.get(identifier)
     assert (row.state, row.desired_state, row.reason) == (S.INTERRUPTED, W.PAUSED, "the service was restarted")
-    bench.scans.desire(identifier, W.STOPPED, None)
+    bench.scans.set_desired_state(identifier, W.STOPPED, None)
     bench.work.step()
     assert bench.scans.get(identifier).state is S.PARTIAL
 

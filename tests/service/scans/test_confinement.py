@@ -11,7 +11,7 @@ import pytest
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.sandbox import minimal_environment
-from steradian.scans.importing import guarded
+from steradian.scans.importing import sandbox
 
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
@@ -59,11 +59,11 @@ def import_hostile(data, listener, monkeypatch, *mode):
     }
     (data.parent / "places.json").write_text(json.dumps(places))
     reader = str(Path(__file__).with_name("hostile_reader.py"))
-    monkeypatch.setattr(guarded, "COMMAND", (sys.executable, "-P", reader, str(data.parent / "places.json"), *mode))
+    monkeypatch.setattr(sandbox, "COMMAND", (sys.executable, "-P", reader, str(data.parent / "places.json"), *mode))
     source = data / "upload"
     source.write_bytes(b"a recording")
     with pytest.raises(InvalidInput) as said:
-        guarded.import_in_sandbox(source, data / "scans" / "new.h5")
+        sandbox.import_in_sandbox(source, data / "scans" / "new.h5")
     assert sorted(path.name for path in (data / "scans").iterdir() if path.name != "forged.h5") == ["other.h5"]
     return set(json.loads(said.value.value)), said.value.allowed
 
@@ -104,7 +104,7 @@ path = json.loads(sys.stdin.readline())["paths"][1]
 os.symlink({str(tmp_path / "secret")!r}, path)
 print(json.dumps({{"result": {{"format": "x", "points": 1, "samples": 1}}}}), flush=True)
 """)
-    monkeypatch.setattr(guarded, "COMMAND", (sys.executable, "-P", str(program)))
+    monkeypatch.setattr(sandbox, "COMMAND", (sys.executable, "-P", str(program)))
     with pytest.raises(DamagedFile, match="left no file"):
-        guarded.import_in_sandbox(source, tmp_path / "scan.h5", description=description)
+        sandbox.import_in_sandbox(source, tmp_path / "scan.h5", description=description)
     assert not (tmp_path / "scan.h5").exists()

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench, Port
 
 from fabry_perot.simulator import launch
-from fabry_perot.wire.codes import Operation, Type
+from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Deframer, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD
 from steradian.scans.acquisition.control import Command, SessionControl

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
-from steradian.reconstructions.shots import ShotTreatment, normalise_shots
+from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing import import_scan
 from steradian.scans.opening import open_recording
@@ -161,7 +161,7 @@ def test_sensors_away_from_the_origin_are_centred_and_the_shift_is_kept(tmp_path
 
 def test_progress_counts_alines_and_a_stop_leaves_nothing(tmp_path, scan, monkeypatch):
     """Progress rises to the whole; a cancelled import removes everything it wrote and can be repeated."""
-    monkeypatch.setattr("steradian.scans.importing.tables.BLOCK_BYTES", 16 * foreign.SAMPLES * 4)
+    monkeypatch.setattr("steradian.scans.importing.trace_blocks.BLOCK_BYTES", 16 * foreign.SAMPLES * 4)
     source, description = foreign.npy_time_first(tmp_path)
     seen = []
     stop = iter([False, False, True])
@@ -237,26 +237,26 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
     """Names in the page's table are those of the code, in the order in which they are looked for."""
     import re
 
-    from steradian.scans.importing import arrays, names
+    from steradian.scans.importing import arrays, variable_aliases
 
     page = (Path(__file__).parents[3] / "docs" / "formats.md").read_text()
     rows = re.findall(r"^\| ([^|]+) \| ((?:`[^`|]+`,? ?)+)\|", page.split("### Names")[1], re.MULTILINE)
     told = {what.split(" (")[0]: tuple(re.findall("`([^`]+)`", row)) for what, row in rows}
     assert told == {
         "A-lines": arrays.TRACES,
-        "time between samples": names.INTERVAL,
-        "samples a second": names.RATE,
-        "speed of sound": names.SPEED,
-        "time of the first sample": names.TIME_ZERO,
-        "pulse energies, of each A-line, sensor or frame, in any unit": names.ENERGIES,
-        "positions": names.POSITIONS,
-        "mask": names.MASK,
-        "areas": names.WEIGHTS,
-        "side of the aperture": names.APERTURE,
-        "distance of the point of interest": names.DEPTH,
-        "pitches along x, y, z": (*names.STEPS, *names.KGRID),
-        "pitch along x of `p` in an archive": names.LATERAL_STEPS[0],
-        "pitch along y of `p` in an archive": names.LATERAL_STEPS[1],
+        "time between samples": variable_aliases.INTERVAL,
+        "samples a second": variable_aliases.RATE,
+        "speed of sound": variable_aliases.SPEED,
+        "time of the first sample": variable_aliases.TIME_ZERO,
+        "pulse energies, of each A-line, sensor or frame, in any unit": variable_aliases.ENERGIES,
+        "positions": variable_aliases.POSITIONS,
+        "mask": variable_aliases.MASK,
+        "areas": variable_aliases.WEIGHTS,
+        "side of the aperture": variable_aliases.APERTURE,
+        "distance of the point of interest": variable_aliases.DEPTH,
+        "pitches along x, y, z": (*variable_aliases.STEPS, *variable_aliases.KGRID),
+        "pitch along x of `p` in an archive": variable_aliases.LATERAL_STEPS[0],
+        "pitch along y of `p` in an archive": variable_aliases.LATERAL_STEPS[1],
     }
 
 

@@ -17,7 +17,7 @@ import import_fuzz
 
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidInput, NotFound
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.guarded import import_in_sandbox
+from steradian.scans.importing.sandbox import import_in_sandbox
 
 
 def _endless(path):

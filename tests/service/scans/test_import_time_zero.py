@@ -14,7 +14,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.looking import inspect_recording
+from steradian.scans.importing.inspect import inspect_recording
 from steradian.scans.opening import open_recording
 
 LATE = 0.9e-6

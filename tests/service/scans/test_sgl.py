@@ -16,7 +16,7 @@ from sgl_files import NAME, TRAILER, read_sgl, write_sgl
 from steradian.core.exceptions import DamagedFile, InvalidInput, SteradianError
 from steradian.scans.exporting import export_scan
 from steradian.scans.importing import import_scan
-from steradian.scans.importing.looking import inspect_recording
+from steradian.scans.importing.inspect import inspect_recording
 from steradian.scans.opening import open_recording
 
 

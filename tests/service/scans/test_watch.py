@@ -128,12 +128,12 @@ def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_i
 
 
 def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
-    desk.scans.desire(desk.id, DesiredScanState.PAUSED, "let me see")
+    desk.scans.set_desired_state(desk.id, DesiredScanState.PAUSED, "let me see")
     watch = desk.watch()
     assert watch.wish() is Command.PAUSE, "at once, before anything is fired"
-    desk.scans.desire(desk.id, DesiredScanState.RUNNING, "go on")
+    desk.scans.set_desired_state(desk.id, DesiredScanState.RUNNING, "go on")
     desk.until(lambda: watch.wish() is Command.RUN)
-    desk.scans.desire(desk.id, DesiredScanState.STOPPED, "enough")
+    desk.scans.set_desired_state(desk.id, DesiredScanState.STOPPED, "enough")
     desk.until(lambda: watch.wish() is Command.STOP)
     watch.close()
     assert watch.wish() is Command.STOP

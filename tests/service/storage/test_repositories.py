@@ -113,12 +113,12 @@ def test_a_scanner_s_node_has_to_do_with_its_own_scans_alone(database, clock, pl
 
 
 def test_a_wish_can_be_repeated_but_not_made_of_a_finished_scan(scans, scan):
-    scans.desire(scan.id, DesiredScanState.STOPPED, "enough")
-    scans.desire(scan.id, DesiredScanState.STOPPED, "again")
+    scans.set_desired_state(scan.id, DesiredScanState.STOPPED, "enough")
+    scans.set_desired_state(scan.id, DesiredScanState.STOPPED, "again")
     assert scans.get(scan.id).reason == "enough"
     lead(scans, scan, S.ARMING, S.FAILED)
     with pytest.raises(Conflict, match="it is over"):
-        scans.desire(scan.id, DesiredScanState.ABORTED, None)
+        scans.set_desired_state(scan.id, DesiredScanState.ABORTED, None)
 
 
 def test_a_repeated_key_gets_the_same_answer_for_a_day(database, clock):

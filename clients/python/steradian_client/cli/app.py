@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian_client.cli import measuring, working
+from steradian_client.cli import acquisition_commands, processing_commands
 from steradian_client.cli.common import client_of
 from steradian_client.cli.show import AsJson, print_item
 from steradian_client.client import Client
@@ -19,7 +19,7 @@ app = typer.Typer(
 
     Address and key: STERADIAN_URL and STERADIAN_KEY, or url and key in ~/.config/steradian/client.toml.""",
 )
-for name, commands in {**measuring.NOUNS, **working.NOUNS}.items():
+for name, commands in {**acquisition_commands.NOUNS, **processing_commands.NOUNS}.items():
     app.add_typer(commands, name=name)
 
 

@@ -10,7 +10,7 @@ import typer
 from steradian_client.cli.show import AsJson, Timeout, print_item, print_table, progress_reporter, settings
 from steradian_client.client import Client
 from steradian_client.resources.base import AwaitableResource, CrudResource, drop_none
-from steradian_client.worlds import SyncMode
+from steradian_client.sync_async import SyncMode
 
 ResourceId: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
 Reason: TypeAlias = Annotated[str | None, typer.Option(help="Why.")]

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from steradian_client.models import ResponseModel
-from steradian_client.waiting import Report
+from steradian_client.polling import Report
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 Settings: TypeAlias = Annotated[

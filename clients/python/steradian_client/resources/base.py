@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
 
 from steradian_client.models import ResponseModel
+from steradian_client.polling import CompletionWaiter, Report
+from steradian_client.polling import Kind as WorkKind
 from steradian_client.routes import Route
-from steradian_client.waiting import CompletionWaiter, Report
-from steradian_client.waiting import Kind as WorkKind
-from steradian_client.worlds import Mode, Resource, dual_method
+from steradian_client.sync_async import Mode, Resource, dual_method
 
 ModelT = TypeVar("ModelT", bound=ResponseModel)
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from steradian_client import routes
 from steradian_client.models import Batch
 from steradian_client.resources.base import AwaitableResource, drop_none
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 
 class Batches(AwaitableResource[Mode, Batch]):

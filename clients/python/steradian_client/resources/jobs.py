@@ -10,7 +10,7 @@ from steradian_client import routes
 from steradian_client.downloads import Report, download
 from steradian_client.models import Attempt, Job
 from steradian_client.resources.base import AwaitableResource
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 
 class Jobs(AwaitableResource[Mode, Job]):

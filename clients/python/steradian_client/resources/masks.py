@@ -9,7 +9,7 @@ from steradian_client import routes
 from steradian_client.downloads import download
 from steradian_client.models import Mask, MaskPreview, Points, PointSpread
 from steradian_client.resources.base import CrudResource
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 
 class Masks(CrudResource[Mode, Mask]):

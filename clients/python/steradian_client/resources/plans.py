@@ -8,7 +8,7 @@ from typing import Any
 from steradian_client import routes
 from steradian_client.models import DesignPreview, Plan, Preview
 from steradian_client.resources.base import CrudResource
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 
 class Plans(CrudResource[Mode, Plan]):

@@ -12,7 +12,7 @@ from steradian_client.arrays import RAW, Volume, parse_array, slice_axes
 from steradian_client.downloads import Report, download
 from steradian_client.models import Attempt, Job, Quality, Reconstruction, Revision
 from steradian_client.resources.base import AwaitableResource, drop_none
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 
 class Reconstructions(AwaitableResource[Mode, Reconstruction]):

@@ -9,7 +9,7 @@ from typing import Final
 from steradian_client import routes
 from steradian_client.errors import ClientError
 from steradian_client.models import EmergencyStop, Lease, Scanner
-from steradian_client.worlds import Mode, Resource, dual_context_manager, dual_method
+from steradian_client.sync_async import Mode, Resource, dual_context_manager, dual_method
 
 SCANNER: Final = "scanner-0"
 """The scanner of a service that has one."""

@@ -12,7 +12,7 @@ from steradian_client.downloads import Report, download
 from steradian_client.models import Coverage, Lease, Scan, Shots, Signals
 from steradian_client.resources.base import AwaitableResource, drop_none
 from steradian_client.resources.scanners import lease_header
-from steradian_client.worlds import Mode, dual_method
+from steradian_client.sync_async import Mode, dual_method
 
 if TYPE_CHECKING:
     from steradian_client.arrays import Array

@@ -17,11 +17,11 @@ from steradian_client.downloads import Report as BytesReport
 from steradian_client.downloads import download
 from steradian_client.errors import Conflict, ConnectionFailed, CorruptTransfer, InvalidInput, NotFound, ServiceError
 from steradian_client.models import Job, Scan, Upload, UploadPreview
+from steradian_client.polling import Report
 from steradian_client.resources.base import AwaitableResource, drop_none, id_of
 from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
+from steradian_client.sync_async import Mode, Resource, dual_method
 from steradian_client.transport import UploadFile
-from steradian_client.waiting import Report
-from steradian_client.worlds import Mode, Resource, dual_method
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -1,7 +1,8 @@
 """The optical table, made up: mirrors with a lens behind them, film, object, pulsed laser, shutter, and the cables.
 
 Nothing here is known to the parts that are tried on it: mirrors bend the scan field, the film has its own sensitivity
-at every place, the digitiser starts late. What a lab would measure, :func:`calibration_marks` and the scanner's own sweeps do.
+at every place, the digitiser starts late. What a lab would measure, :func:`calibration_marks` and the scanner's own
+sweeps do.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from steradian.api.params.filters import reject_unknown_query_params
 from steradian.core.settings import Settings
 from steradian.security.keys import Forbidden, KeyStore, Principal, Unauthorized
 from steradian.security.keys import Scope as Need
-from steradian.security.rates import RateLimiter, RateLimitExceeded
+from steradian.security.rate_limit import RateLimiter, RateLimitExceeded
 from steradian.security.sessions import SessionStore, ValidSession
 from steradian.security.stop_tickets import StopTickets
 

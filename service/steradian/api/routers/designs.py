@@ -99,7 +99,7 @@ async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest
 
 def _look(wanted: DesignRequest) -> bytes:
     from steradian.masks.limited_view import visible_fraction
-    from steradian.masks.promises import evaluate_mask
+    from steradian.masks.metrics import evaluate_mask
 
     plan = wanted.plan(_mask(wanted.arrangement))
     mask = plan.mask  # with several beams another

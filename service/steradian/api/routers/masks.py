@@ -153,21 +153,21 @@ def _build(arrangement: Arrangement) -> dict[str, Any]:
 
 
 def _mask_metrics(arrangement: Arrangement) -> bytes:
-    from steradian.masks.promises import evaluate_mask
+    from steradian.masks.metrics import evaluate_mask
 
     mask = arrangement.build()
     return MaskPreviewView.of(mask, evaluate_mask(mask)).model_dump_json().encode()
 
 
 def _picture(arrangement: Arrangement) -> bytes:
-    from steradian.drawing.painting import render_page
-    from steradian.masks.picture import mask_figure
+    from steradian.drawing.raster import render_page
+    from steradian.masks.figures import mask_figure
 
     return render_page(mask_figure(arrangement.build(), with_point_spread=False)).png()
 
 
 def _draw(mask: Mask, path: Path) -> None:
-    from steradian.masks.picture import draw_mask  # the API's own process draws nothing
+    from steradian.masks.figures import draw_mask  # the API's own process draws nothing
 
     draw_mask(mask, path, with_point_spread=False)
 

@@ -219,8 +219,8 @@ def delete_upload(services: ServicesDep, upload_id: UPLOAD_ID) -> Response:
 
 
 def _inspect(description: dict[str, Any] | None, *uploads: Path) -> bytes:
-    from steradian.scans.importing.guarded import inspect_in_sandbox
-    from steradian.scans.importing.uploaded import stage_upload
+    from steradian.scans.importing.sandbox import inspect_in_sandbox
+    from steradian.scans.importing.staging import stage_upload
 
     with tempfile.TemporaryDirectory(prefix="steradian-look-") as name:
         source, said = stage_upload(Path(name), description, *uploads)

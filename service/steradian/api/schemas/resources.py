@@ -20,7 +20,7 @@ from steradian.storage.states import DesiredJobState, DesiredScanState, Reconstr
 
 if TYPE_CHECKING:
     from steradian.masks import Mask
-    from steradian.masks.promises import MaskMetrics
+    from steradian.masks.metrics import MaskMetrics
 
 Item = TypeVar("Item")
 RequestId: TypeAlias = Annotated[

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
+from steradian.benchmarks.baselines import timed
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import SectionContext, SectionModule
-from steradian.benchmarks.yardsticks import timed
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
 from steradian.imaging.iterative.solve import IterativeResult, reconstruct_iteratively

@@ -18,7 +18,7 @@ from steradian.benchmarks.paper.markdown import number, percent, picture, spread
 from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionModule
 from steradian.imaging import Volume, reconstruct
 from steradian.masks import Mask, equiangular_mask
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.scanner_grid import ScannerGrid
 
 SPACING, SPEED, NOISE_DB = 60e-6, 1500.0, 30.0
 COUNT = 32

@@ -107,7 +107,8 @@ def _reasons(part: SectionModule, yarns: list[SectionModule]) -> list[str]:
     volumes = {name: spread([row["masks"][name]["truth_volume"] for row in yarns], 2) for name in (EQUI, "interval 4")}
     return [
         f"- *Noise.* The least gain, {percent(relative_improvement(worst, worst['best']))}, is with "
-        f"{worst['setting']}: there {percent(worst['share_of_disc'])} of the disc's pixels reach 4 % of the maximum, because a projection",
+        f"{worst['setting']}: there {percent(worst['share_of_disc'])} of the disc's pixels reach 4 % of the "
+        "maximum, because a projection",
         "  keeps the largest noise of its depths. Large weights amplify the outer sensors' noise, and modes beyond the"
         " object's band add nothing else.",
         f"  The paper counts {number(PAPER['pixels'], 0)} pixels in its disc of 8.4 mm, {percent(PAPER['share'])} of it"

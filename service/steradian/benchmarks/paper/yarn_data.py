@@ -18,7 +18,7 @@ from steradian.benchmarks.paper.sections import SectionContext, SectionModule
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask
-from steradian.masks.snapping import ScannerGrid
+from steradian.masks.scanner_grid import ScannerGrid
 
 SIDE, PITCH, INTERVAL, SPEED, DEPTH = 226, 60e-6, 8e-9, 1480.0, 3.6e-3
 SAMPLES, POINTS, GRID = 1024, 1600, 41

@@ -14,7 +14,7 @@ from steradian.imaging import validation as checks
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensor_areas
 from steradian.imaging.parameters import Parameters
-from steradian.imaging.transforms.sizes import fast_multiple, fast_record_length
+from steradian.imaging.transforms.grid_sizes import fast_multiple, fast_record_length
 from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import VoxelAxes
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.compute import thread_pool as workers
-from steradian.imaging.transforms.sizes import LINE
+from steradian.imaging.transforms.grid_sizes import LINE
 from steradian.imaging.volume import RealArray
 
 _OVERSAMPLINGS = (1.06, 1.08, 1.1, 1.12, 1.15, 1.2, 1.25, 1.3, 1.4, 1.5, 1.75, 2.0)
@@ -63,7 +63,7 @@ class Decimation:
         cancelled: CancelCheck | None = None,
     ) -> RealArray:
         """Decimate A-lines (M, N), of any real type; values that are not finite stay so."""
-        from steradian.imaging.transforms.summing import weighted_sums
+        from steradian.imaging.transforms.sparse_sums import weighted_sums
 
         result: RealArray = np.empty((len(traces), self.samples), dtype)
         taps = self.taps.astype(dtype)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.transforms.filling import linear_gridding_weights
+from steradian.imaging.transforms.linear_gridding import linear_gridding_weights
 from steradian.imaging.transforms.windows import Window
 
 Ints = NDArray[np.int64]

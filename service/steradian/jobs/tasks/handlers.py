@@ -88,7 +88,7 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
 def reconstruct_subset(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
     from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write
-    from steradian.reconstructions.shots import normalise_shots
+    from steradian.reconstructions.shot_normalisation import normalise_shots
     from steradian.reconstructions.studies.what_if import TimedImage, compare_subset, select_subset
     from steradian.reconstructions.volumes.file import read_volume
     from steradian.scans.opening import open_recording
@@ -237,8 +237,8 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
 def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload."""
     from steradian.reconstructions.plan_reader import read_stored_plan
-    from steradian.scans.importing.guarded import import_in_sandbox
-    from steradian.scans.importing.uploaded import stage_upload
+    from steradian.scans.importing.sandbox import import_in_sandbox
+    from steradian.scans.importing.staging import stage_upload
     from steradian.storage.repositories.imports import register_import
 
     uploads = [upload_name(name) for name in (job.upload_id, job.companion_id) if name is not None]

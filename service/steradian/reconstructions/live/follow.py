@@ -30,7 +30,7 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.coverage import largest_gap
 from steradian.reconstructions.pipeline.resolve import modes_of, to_imaging_parameters
 from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json
-from steradian.reconstructions.shots import normalise_new_shots
+from steradian.reconstructions.shot_normalisation import normalise_new_shots
 from steradian.reconstructions.volumes.file import write_projections
 from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
 from steradian.reconstructions.volumes.projections import Projections, project, project_below_depth

@@ -31,7 +31,7 @@ from steradian.reconstructions.pipeline.resolve import (
     weights_of,
 )
 from steradian.reconstructions.pipeline.size_limit import require_agreed
-from steradian.reconstructions.shots import ShotVariation, normalise_shots
+from steradian.reconstructions.shot_normalisation import ShotVariation, normalise_shots
 from steradian.reconstructions.volumes.file import write_volume
 from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
 from steradian.reconstructions.volumes.projections import project, project_below_depth

@@ -32,7 +32,7 @@ from steradian.reconstructions.pipeline.resolve import (
     weights_of,
 )
 from steradian.reconstructions.pipeline.run import write_json
-from steradian.reconstructions.shots import normalise_shots
+from steradian.reconstructions.shot_normalisation import normalise_shots
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
 from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views

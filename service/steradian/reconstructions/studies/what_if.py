@@ -24,7 +24,7 @@ from steradian.quality import above_threshold, compare, correlation, disc
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import effective_parameters, film_of
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory, write_json
-from steradian.reconstructions.shots import normalise_shots
+from steradian.reconstructions.shot_normalisation import normalise_shots
 from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing.pen import ColourBar
-from steradian.drawing.sheet import ImageFigure, Layout
+from steradian.drawing.canvas import ColourBar
+from steradian.drawing.image_figure import ImageFigure, Layout
 from steradian.drawing.style import colours, depth_colours
 from steradian.drawing.ticks import Axis as Scale
 from steradian.imaging import Volume

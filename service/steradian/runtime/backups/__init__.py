@@ -5,8 +5,8 @@ BACKUP/database.sqlite  metadata, whichever database the service uses, and of an
 BACKUP/scans, jobs, …   files, as they lie in the data folder
 """
 
-from steradian.runtime.backups.making import create_backup
+from steradian.runtime.backups.create import create_backup
 from steradian.runtime.backups.manifest import Manifest
-from steradian.runtime.backups.restoring import restore
+from steradian.runtime.backups.restore import restore
 
 __all__ = ["Manifest", "create_backup", "restore"]

@@ -14,9 +14,9 @@ from typing import Any
 from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Cancelled, Conflict, NotFound
 from steradian.core.progress import CancelCheck, Progress
-from steradian.scans.importing import own
-from steradian.scans.importing.opening import is_scan_file, open_recording_source
-from steradian.scans.importing.writing import write_scan
+from steradian.scans.importing import scan_files
+from steradian.scans.importing.detect import is_scan_file, open_recording_source
+from steradian.scans.importing.write_scan import write_scan
 
 __all__ = ["ImportSummary", "import_scan"]
 
@@ -45,7 +45,7 @@ def import_scan(
 
     A-lines pass in blocks of a few tens of megabytes. Integers of at most 16 bits are kept as they are, other numbers
     as float32. The file appears under its name only when it is whole. A file from a stranger is better read in a
-    process of its own, by :func:`steradian.scans.importing.guarded.import_in_sandbox`.
+    process of its own, by :func:`steradian.scans.importing.sandbox.import_in_sandbox`.
 
     Parameters
     ----------
@@ -84,8 +84,8 @@ def import_scan(
     notes: tuple[str, ...] = ()
     try:
         if is_scan_file(source):
-            points, samples = own.sanitise_scan(source, draft, progress=progress, cancelled=cancelled)
-            kind = own.FORMAT
+            points, samples = scan_files.sanitise_scan(source, draft, progress=progress, cancelled=cancelled)
+            kind = scan_files.FORMAT
         else:
 
             def note(stage: str, done: int, total: int) -> None:

@@ -21,17 +21,17 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.scans.importing import names
+from steradian.scans.importing import variable_aliases
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.kwave_p import order_of_p, order_of_square, require_line
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.tables import RawTraceBlocks, TraceBlocks, mapped, spill_to_disk, temporary_file
+from steradian.scans.importing.trace_blocks import RawTraceBlocks, TraceBlocks, mapped, spill_to_disk, temporary_file
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
-TRACES = (*names.TRACES, "p")
+TRACES = (*variable_aliases.TRACES, "p")
 MAX_MEMBERS = 1000
 MOST_AXES = 4
 """Frame, x, y and time."""
@@ -93,7 +93,7 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
                 raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
             table, lateral, kwave = _member_table(archive, held, name, said, spare)
             stated = _metadata_of(archive, held, said, lateral, simulated=kwave)
-            by_pitch = kwave and not any(each in held for each in names.POSITIONS)
+            by_pitch = kwave and not any(each in held for each in variable_aliases.POSITIONS)
             if (
                 by_pitch
                 and len(lateral) == 1
@@ -206,7 +206,7 @@ def _member_table(
             raise DamagedFile(f"{_name(archive)}: p has shape {shape}; expected (time, y, z) or (time, y)")
         count = prod(shape)
         spill_to_disk(_chunks(file, kind), spare, count, 1, time_first=False)
-    known = next((_shape(archive, held[each])[0] for each in names.POSITIONS if each in held), 0)
+    known = next((_shape(archive, held[each])[0] for each in variable_aliases.POSITIONS if each in held), 0)
     guessed = is_p and said.order is None
     is_square = len(shape) == 2 and shape[0] == shape[1] and said.order is None
     order = order_in(shape, said, member.filename, ("time", "point") if is_p else ("point", "time"), known)
@@ -255,26 +255,29 @@ def _metadata_of(
 
     def time_zero() -> float | NDArray[np.float64]:
         """Of all A-lines, or of each point where there is one for each; none at all is 0."""
-        member = find(names.TIME_ZERO)
+        member = find(variable_aliases.TIME_ZERO)
         if said.time_zero is not None or member is None or prod(_shape(archive, member)) == 1:
-            return number(*names.TIME_ZERO) or 0.0
+            return number(*variable_aliases.TIME_ZERO) or 0.0
         values = _small(archive, member).astype(np.float64)
         return values.reshape(-1) if values.shape == lateral else values
 
-    points = small(*names.POSITIONS)
-    steps = names.LATERAL_STEPS if simulated else (names.STEPS[:1], names.STEPS[1::-1])
+    points = small(*variable_aliases.POSITIONS)
+    steps = variable_aliases.LATERAL_STEPS if simulated else (variable_aliases.STEPS[:1], variable_aliases.STEPS[1::-1])
     pitches = [next((step for name in wanted if (step := number(name))), None) for wanted in steps]
     if points is None and lateral is not None and (pitch := pitches[0]) is not None:
         points = grid_points(lateral, (pitch, pitches[1] or pitch)[: len(lateral)])
     return Metadata(
         points=points,
-        weights=None if (weights := small(*names.WEIGHTS)) is None else weights.astype(np.float64).reshape(-1),
-        aperture=number(*names.APERTURE),
-        sampling_interval=number(*names.INTERVAL) or (1 / rate if (rate := number(*names.RATE)) else None),
-        sound_speed=number(*names.SPEED),
+        weights=None
+        if (weights := small(*variable_aliases.WEIGHTS)) is None
+        else weights.astype(np.float64).reshape(-1),
+        aperture=number(*variable_aliases.APERTURE),
+        sampling_interval=number(*variable_aliases.INTERVAL)
+        or (1 / rate if (rate := number(*variable_aliases.RATE)) else None),
+        sound_speed=number(*variable_aliases.SPEED),
         time_zero=time_zero(),
-        depth=number(*names.DEPTH),
-        energies=small(*names.ENERGIES),
+        depth=number(*variable_aliases.DEPTH),
+        energies=small(*variable_aliases.ENERGIES),
         simulated=simulated,
     )
 

@@ -24,7 +24,7 @@ from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import refuse_sideways
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.tables import Hdf5TraceBlocks
+from steradian.scans.importing.trace_blocks import Hdf5TraceBlocks
 
 FORMAT = "ipasc"
 NANOMETRES = (200.0, 3000.0)

@@ -22,7 +22,7 @@ from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.tables import iter_slabs, spill_to_disk, temporary_file
+from steradian.scans.importing.trace_blocks import iter_slabs, spill_to_disk, temporary_file
 
 FORMAT = "k-wave"
 GRID = ("Nx", "Ny", "Nz", "Nt")

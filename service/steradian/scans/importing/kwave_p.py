@@ -11,7 +11,7 @@ from steradian.scans.importing.description import Description
 from steradian.scans.importing.evidence import first_break, longest_delay, time_axis
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Metadata
-from steradian.scans.importing.tables import RawTraceBlocks, TraceBlocks, mapped
+from steradian.scans.importing.trace_blocks import RawTraceBlocks, TraceBlocks, mapped
 
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.scans.importing.evidence import likeness
 from steradian.scans.importing.remarks import remark
-from steradian.scans.importing.tables import TraceBlocks
+from steradian.scans.importing.trace_blocks import TraceBlocks
 
 Order = Literal["matlab", "python"]
 WORDS = {"matlab": "MATLAB's (first axis fastest)", "python": "Python's (last axis fastest)"}

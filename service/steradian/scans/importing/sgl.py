@@ -26,7 +26,7 @@ from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.sgl_name import NameSays, read_name
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.tables import RawTraceBlocks
+from steradian.scans.importing.trace_blocks import RawTraceBlocks
 
 FORMAT, SUFFIX = "sgl", ".sgl"
 KIND = np.dtype(">f4")

@@ -18,7 +18,7 @@ from steradian.scans.importing.geometry import SensorPlacement, fit_sensor_plane
 from steradian.scans.importing.noticing import noticed
 from steradian.scans.importing.pulse_energies import relative_energies
 from steradian.scans.importing.remarks import remark, remarks
-from steradian.scans.importing.tables import TraceBlocks
+from steradian.scans.importing.trace_blocks import TraceBlocks
 from steradian.scans.importing.units import require_extent, unit_hint, unit_of_times
 from steradian.scans.recording import Recording, ShotMetadata
 

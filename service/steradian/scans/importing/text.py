@@ -23,7 +23,7 @@ from steradian.scans.importing.description import Description
 from steradian.scans.importing.kwave_p import order_of_square
 from steradian.scans.importing.remarks import remark
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.tables import mapped, temporary_file
+from steradian.scans.importing.trace_blocks import mapped, temporary_file
 
 LINE_BYTES = 16 << 20
 SHOWN = 40

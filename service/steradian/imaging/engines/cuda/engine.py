@@ -16,17 +16,8 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
-from steradian.imaging.engines.cuda.arguments import DecimationArgs, Sparse
 from steradian.imaging.engines.cuda.backend import Backend, device
-from steradian.imaging.engines.cuda.image import (
-    image_in_chunks,
-    image_of_spectrum,
-    lateral_axes,
-    run_chunks,
-    spectrum_in_chunks,
-    spectrum_of_image,
-)
-from steradian.imaging.engines.cuda.layout import (
+from steradian.imaging.engines.cuda.device_tables import (
     all_orbits,
     axis_of,
     frequencies,
@@ -35,7 +26,16 @@ from steradian.imaging.engines.cuda.layout import (
     orbit_slice,
     sparse,
 )
-from steradian.imaging.engines.cuda.room import MAX_FREE_FRACTION, MemoryPlan, plan_memory
+from steradian.imaging.engines.cuda.fft import (
+    image_in_chunks,
+    image_of_spectrum,
+    lateral_axes,
+    run_chunks,
+    spectrum_in_chunks,
+    spectrum_of_image,
+)
+from steradian.imaging.engines.cuda.kernel_args import DecimationArgs, Sparse
+from steradian.imaging.engines.cuda.memory_plan import MAX_FREE_FRACTION, MemoryPlan, plan_memory
 from steradian.imaging.tables import TransformTables
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 

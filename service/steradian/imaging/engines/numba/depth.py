@@ -1,9 +1,9 @@
 """Time to depth for 16 lateral modes at once, and the transpose of that (compiled).
 
 Per mode: window and transform over time, interpolation at κ (paper, NER-NUFFT, equation 5), the factor of
-:class:`steradian.imaging.transforms.depth.KappaMap`, inverse transform over depth; all within the processor's second
-cache. Four modes (two, if κ grows differently along x and y; one in 2-D) with the same |j|² share one stencil. The two
-ways are each other's transposes to rounding, whatever the window's accuracy.
+:class:`steradian.imaging.transforms.time_to_depth.KappaMap`, inverse transform over depth; all within the processor's
+second cache. Four modes (two, if κ grows differently along x and y; one in 2-D) with the same |j|² share one stencil.
+The two ways are each other's transposes to rounding, whatever the window's accuracy.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steradian.core.jit import jit, jit_inline
-from steradian.imaging.engines.numba.arguments import AxisTransform, DepthWorkspace, KappaMap
+from steradian.imaging.engines.numba.constants import CELL_PADDING, DEPTH_CHUNK
 from steradian.imaging.engines.numba.fft import fft
+from steradian.imaging.engines.numba.kernel_args import AxisTransform, DepthWorkspace, KappaMap
 from steradian.imaging.engines.numba.lookup import interpolate_response
 from steradian.imaging.engines.numba.simd import (
     broadcast16,
@@ -29,7 +30,6 @@ from steradian.imaging.engines.numba.simd import (
     transpose_gather,
     transpose_scatter,
 )
-from steradian.imaging.engines.numba.sizes import CELL_PADDING, DEPTH_CHUNK
 
 
 class DepthChunk(NamedTuple):

@@ -13,7 +13,9 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
-from steradian.imaging.engines.numba.arguments import (
+from steradian.imaging.engines.numba.constants import BATCH, CELL_PADDING, DEPTH_CHUNK
+from steradian.imaging.engines.numba.fft_tables import FftTables, transform
+from steradian.imaging.engines.numba.kernel_args import (
     AxisTransform,
     Batch,
     DepthWorkspace,
@@ -23,11 +25,15 @@ from steradian.imaging.engines.numba.arguments import (
     StoredModes,
     Workspace,
 )
-from steradian.imaging.engines.numba.blocks import ModeBlocks, group_modes
-from steradian.imaging.engines.numba.factors import FftTables, transform
-from steradian.imaging.engines.numba.layout import all_stored, image_points_as_sensors, sensors_of, stored_modes, subset
-from steradian.imaging.engines.numba.room import MemoryPlan, aligned_empty, plan_memory, round_up_to_vector
-from steradian.imaging.engines.numba.sizes import BATCH, CELL_PADDING, DEPTH_CHUNK
+from steradian.imaging.engines.numba.kernel_tables import (
+    all_stored,
+    image_points_as_sensors,
+    sensors_of,
+    stored_modes,
+    subset,
+)
+from steradian.imaging.engines.numba.memory_plan import MemoryPlan, aligned_empty, plan_memory, round_up_to_vector
+from steradian.imaging.engines.numba.mode_blocks import ModeBlocks, group_modes
 from steradian.imaging.tables import TransformTables
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 from steradian.imaging.volume import RealArray

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steradian.core.jit import jit_inline
-from steradian.imaging.engines.numba.arguments import Factors
+from steradian.imaging.engines.numba.kernel_args import Factors
 from steradian.imaging.engines.numba.simd import broadcast16, load16, store
 
 

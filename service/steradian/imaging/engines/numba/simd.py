@@ -17,7 +17,7 @@ from numba.core.datamodel import models
 from numba.core.extending import intrinsic, lower_builtin, register_model
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from steradian.imaging.engines.numba.sizes import CACHE_LINE_BYTES
+from steradian.imaging.engines.numba.constants import CACHE_LINE_BYTES
 
 _FAST = ("contract", "nsz", "nnan", "ninf", "arcp")
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from steradian.core.jit import jit, jit_inline
-from steradian.imaging.engines.numba.arguments import Batch, ImagePlane, Sensors, StoredModes, Workspace
 from steradian.imaging.engines.numba.fft import fft
-from steradian.imaging.engines.numba.halves import CellIndex, split_real_pair
+from steradian.imaging.engines.numba.kernel_args import Batch, ImagePlane, Sensors, StoredModes, Workspace
+from steradian.imaging.engines.numba.real_pairs import CellIndex, split_real_pair
 from steradian.imaging.engines.numba.simd import broadcast16, load16, store, store_fence
 
 

@@ -1,0 +1,46 @@
+"""Print benchmark rows as a table and save them as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from steradian.benchmarks.report_pages import with_environment
+from steradian.cli.console import console, finish_with_summary
+
+Row = dict[str, Any]
+
+
+def print_and_save(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
+    """Print ``columns`` (none: all) as a table and write rows and machine information to ``path``."""
+    columns = columns or list(dict.fromkeys(key for row in rows for key in row))
+    table = Table(title=name, title_justify="left", box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column.replace("_", " "), justify="left" if _is_text(rows, column) else "right")
+    for row in rows:
+        table.add_row(*(_shown(row.get(column)) for column in columns))
+    console().print(table)
+    save(name, rows, path)
+
+
+def save(name: str, rows: list[Row], path: Path | None) -> None:
+    """Write rows and machine information to a file, if one is given."""
+    if path is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(with_environment(name, rows), indent=2) + "\n", encoding="utf-8")
+    finish_with_summary(("figures", path))
+
+
+def _is_text(rows: Iterable[Row], column: str) -> bool:
+    return any(isinstance(row.get(column), str) for row in rows)
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,74 @@
+"""Argument tuples of the CUDA kernels."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class Sparse(NamedTuple):
+    """A sparse matrix by rows: row r has ``weights[e]`` in column ``columns[e]``, e from starts[r] to starts[r + 1]."""
+
+    starts: Any
+    columns: Any
+    weights: Any
+
+
+class ModeOrbits(NamedTuple):
+    """Lateral modes (±jx, ±jy), which share κ; orbit a·len(squares_y) + b has line a along x and b along y.
+
+    Parameters
+    ----------
+    lines_x, lines_y
+        (A, 4) and (B, 4): where jx and −jx (jy and −jy) are among modes over frequencies, and among modes over depth.
+    factors_x, factors_y
+        (A, 2) and (B, 2) complex: lateral factors of jx and −jx (jy and −jy).
+    squares_x, squares_y
+        (A,) and (B,): their parts of κ².
+    """
+
+    lines_x: Any
+    lines_y: Any
+    factors_x: Any
+    factors_y: Any
+    squares_x: Any
+    squares_y: Any
+
+
+class KappaMap(NamedTuple):
+    """From κ to a place among the frequencies, and the factor (:mod:`steradian.imaging.transforms.time_to_depth`).
+
+    Parameters
+    ----------
+    taps
+        (w, D + 1) polynomials.
+    table, steps
+        The response.
+    ratio
+        Frequencies a unit of κ.
+    turns, band
+        As in :class:`~steradian.imaging.transforms.time_to_depth.KappaMap`.
+    lowest
+        Number of the first frequency.
+    depths
+        Depth frequencies l that there can be, from 0.
+    both, nearest
+        Waves go both ways; no stencil.
+    """
+
+    taps: Any
+    table: Any
+    steps: Any
+    ratio: float
+    turns: float
+    band: float
+    lowest: int
+    depths: int
+    both: bool
+    nearest: bool
+
+
+class DecimationArgs(NamedTuple):
+    """A-lines with fewer samples (:class:`steradian.imaging.transforms.decimation.Decimation`)."""
+
+    starts: Any
+    taps: Any
