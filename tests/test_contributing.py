@@ -27,12 +27,12 @@ assert (mask.count, mask.depth, mask.arrangement["arrangement"]) == (12, 2e-3, "
 FORMAT = """
 import numpy as np
 from pathlib import Path
-from steradian.imaging import Axes, Volume
+from steradian.imaging import VoxelAxes, Volume
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.volumes.file import write_volume
 
 values = np.random.default_rng(1).normal(size=(3, 4, 5)).astype(np.float32)
-axes = Axes(*(np.arange(count) * 1e-3 for count in values.shape))
+axes = VoxelAxes(*(np.arange(count) * 1e-3 for count in values.shape))
 write_volume(Path("volume.h5"), Volume(values, axes, (1e-3,) * 3), parameters={}, provenance={})
 export_volume(Path("volume.h5"), Path("volume.raw"), format="raw")
 assert (np.fromfile("volume.raw", np.float32).reshape(values.shape[::-1]) == values.T).all()
@@ -40,35 +40,35 @@ assert (np.fromfile("volume.raw", np.float32).reshape(values.shape[::-1]) == val
 JOB = """
 import numpy as np
 from pathlib import Path
-from steradian.jobs.registry import KINDS
-from steradian.jobs.tasks.context import Work
+from steradian.jobs.registry import JOB_TYPES
+from steradian.jobs.tasks.context import JobContext
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
-from steradian.reconstructions.pipeline.plan_cache import KeptPlans
-from steradian.scans.file.writer import AlineStore, create_scan_file
-from steradian.storage.blobs.interface import Folder
+from steradian.reconstructions.pipeline.plan_cache import PlanCache
+from steradian.scans.file.writer import ScanFileWriter, create_scan_file
+from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.data_dir.layout import DataDirectory
 from support.alines import Aline
 
 data, plan, said = DataDirectory(Path("data")), ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64), []
 data.create()
 create_scan_file(data.scan_file("s1"), plan, scan_id="s1")
-with AlineStore(data.scan_file("s1")) as store:
+with ScanFileWriter(data.scan_file("s1")) as store:
     store.append([Aline(point, np.ones(64, np.int16), point + 1) for point in range(4)])
-work = Work(data, data.job("j1").root, "ada", KeptPlans(), lambda *told: said.append(told), Folder(data))
-assert KINDS["count"].run(work, {"scan_id": "s1"}) == {"alines": 4, "planned": 9}
+work = JobContext(data, data.job("j1").root, "ada", PlanCache(), lambda *told: said.append(told), FolderBlobStore(data))
+assert JOB_TYPES["count"].run(work, {"scan_id": "s1"}) == {"alines": 4, "planned": 9}
 assert said == [("counting", 1, 1)]
 """
 ENGINES = """
 import numpy as np
 from steradian.imaging import ReconstructionPlan
-from steradian.imaging.engines import image_of
+from steradian.imaging.engines import run_inverse
 
 random = np.random.default_rng(1)
 positions, traces = (random.random((20, 2)) - 0.5) * 0.01, random.normal(size=(20, 64))
 plan = ReconstructionPlan(positions, samples=64, sampling_interval=8e-9, sound_speed=1500.0, aperture=0.01, modes=8)
 engine = CountingEngine(plan.tables)
-image = image_of(engine, traces)
+image = run_inverse(engine, traces)
 assert engine.made == 1
 ours = plan.run(traces).values
 assert np.abs(image - ours).max() < 1e-4 * np.abs(ours).max()

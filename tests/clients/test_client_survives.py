@@ -57,7 +57,7 @@ def recorded(service):
     along = np.arange(32) * 1e-4
     positions = np.stack(np.meshgrid(along, along, indexing="ij"), -1).reshape(-1, 2)
     traces = np.random.default_rng(1).normal(size=(1024, 1024)).astype(np.float32)
-    return service.imports.arrays(traces, positions, sampling_interval=16e-9, sound_speed=1500.0, timeout=250)
+    return service.imports.import_arrays(traces, positions, sampling_interval=16e-9, sound_speed=1500.0, timeout=250)
 
 
 def test_a_download_that_is_cut_in_half_is_taken_up_there(service, shaky, line, recorded, tmp_path):
@@ -119,8 +119,8 @@ def test_what_makes_the_laser_fire_is_not_sent_again_unasked(service, shaky, lin
     service.scanners.emergency_stop()
     line.lose_answer(b"DELETE /api/v1/scanners")
     with pytest.raises(ConnectionFailed, match="look before you repeat it"):
-        shaky.scanners.release_stop()
-    service.scanners.release_stop()
+        shaky.scanners.release_emergency_stop()
+    service.scanners.release_emergency_stop()
 
 
 class Rogue(BaseHTTPRequestHandler):

@@ -50,7 +50,7 @@ def test_the_whole_walk(service, done, tmp_path):
     assert scan.simulated
     assert service.scans.coverage(scan.id).stored == mask.count
     assert matplotlib.image.imread(service.reconstructions.download_mip(job.id, tmp_path / "mip.png")).ndim == 3
-    volume = np.load(service.reconstructions.save_volume(job.id, tmp_path / "volume.npy"))
+    volume = np.load(service.reconstructions.download_volume(job.id, tmp_path / "volume.npy"))
     assert volume.shape == (32, 32, 256)
     assert job.id in {made.id for made in service.reconstructions.list()}
     assert "reconstruct" in service.reconstructions.log(job.id) or service.reconstructions.attempts(job.id)
@@ -67,7 +67,7 @@ def test_volumes_come_with_their_axes(service, done, tmp_path, monkeypatch):
     whole = service.reconstructions.volume(job.id)
     assert whole.values.shape == (len(whole.x), len(whole.y), len(whole.z)) == (32, 32, 256)
     np.testing.assert_array_equal(
-        np.load(service.reconstructions.save_volume(job.id, tmp_path / "v.npy")), whole.values
+        np.load(service.reconstructions.download_volume(job.id, tmp_path / "v.npy")), whole.values
     )
     part = service.reconstructions.volume(job.id, "4:10:2, 5")
     np.testing.assert_array_equal(part.values, whole.values[4:10:2, 5])
@@ -86,7 +86,7 @@ def test_arrays_become_a_scan(service):
     traces = random.normal(size=(25, 64)).astype(np.float32)
     positions = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), indexing="ij"), -1).reshape(-1, 2) * 1e-4
     said = []
-    scan = service.imports.arrays(
+    scan = service.imports.import_arrays(
         traces,
         positions,
         sampling_interval=16e-9,
@@ -108,10 +108,10 @@ def test_sgl_goes_in_and_comes_out_with_the_same_bytes(service, tmp_path):
     numbers = np.concatenate([[5, 4, 64, 100, 120, 16], samples.ravel(), [1, 8, 1, 20, 750, 21.5, 3, -2]])
     source = tmp_path / "palm@750nm_t0[-7]_dx[100µm]_avg8_2D_raw.SGL"
     source.write_bytes(numbers.astype(">f4").tobytes())
-    scan = service.imports.run(source, timeout=250)
+    scan = service.imports.import_file(source, timeout=250)
     with h5py.File(service.scans.save_file(scan.id, tmp_path / "scan.h5")) as file:
         assert file["plan"].attrs["time_zero_s"] == pytest.approx(-7 * 16e-9)
-    (made,) = service.exports.run("sgl", tmp_path / "new", scan_id=scan.id, timeout=250)
+    (made,) = service.exports.export_and_download("sgl", tmp_path / "new", scan_id=scan.id, timeout=250)
     assert made.suffix == ".sgl"
     assert made.read_bytes() == source.read_bytes()
 
@@ -128,7 +128,7 @@ def uploaded(service, content):
 @pytest.mark.long
 def test_exports_and_comparisons_are_jobs_with_files(service, done, tmp_path):
     *_, job = done
-    (path,) = service.exports.run("nrrd", tmp_path / "new", reconstruction_id=job.id, timeout=250)
+    (path,) = service.exports.export_and_download("nrrd", tmp_path / "new", reconstruction_id=job.id, timeout=250)
     assert path.read_bytes()[:4] == b"NRRD"
     service.jobs.wait(service.reconstructions.compare(job.id, job.id), timeout=250)
     (quality,) = service.reconstructions.quality(job.id)
@@ -231,17 +231,17 @@ def test_the_emergency_stop_aborts_and_holds_until_it_is_released(service):
             service.scans.create(plan.id)
         second = service.scanners.emergency_stop("more smoke")
         with pytest.raises(Conflict):
-            service.scanners.release_stop(first)
-        assert service.scanners.release_stop(second).emergency_stop is None
+            service.scanners.release_emergency_stop(first)
+        assert service.scanners.release_emergency_stop(second).emergency_stop is None
     finally:
-        service.scanners.release_stop()
+        service.scanners.release_emergency_stop()
 
 
 def test_a_scan_that_is_aborted_is_a_failure_to_wait_for(service):
     """Waiting for a scan that somebody aborts raises, naming its state."""
     plan = service.plans.create(service.masks.grid(aperture=0.01, count=30, interval=3e-4).id, pulse_rate=1)
     scan = service.scans.create(plan.id)
-    assert service.scans.label(scan.id, {"phantom": "yarn"}).labels == {"phantom": "yarn"}
+    assert service.scans.set_labels(scan.id, {"phantom": "yarn"}).labels == {"phantom": "yarn"}
     with pytest.raises(TimeoutError, match=scan.id):
         service.scans.wait(scan, timeout=0.5)
     service.scans.abort(scan.id, "enough")
@@ -274,7 +274,7 @@ def test_filters_hold_on_every_page(service, monkeypatch):
 
 def test_the_service_says_how_it_is(service):
     assert service.health().status == "ok"
-    assert service.about().mode == "simulated"
+    assert service.service_info().mode == "simulated"
     assert set(service.readiness().checks) >= {"database", "disk", "queue"}
     assert service.storage().used_bytes["database_and_rest"] > 0
     assert "# HELP" in service.metrics()

@@ -74,7 +74,7 @@ def test_the_page_names_no_other_findings_of_a_plan():
     told = sorted(" ".join(row[:2]) for row in PAGE["Plans"][1:])
     assert told == sorted(name.split(",")[0] for name in REFUSED)
     source = Path(validation.__file__).read_text("utf-8")
-    assert source.count("Finding(") == 8, "one that is new has a row on the page, and a plan here"
+    assert source.count("PlanIssue(") == 8, "one that is new has a row on the page, and a plan here"
 
 
 def test_figures_of_a_mask_and_of_a_report_are_called_so():
@@ -127,4 +127,4 @@ def test_the_kinds_of_what_is_wrong_with_a_folder_are_listed_with_it():
     service = JOBS.parent
     source = "".join((service / name).read_text("utf-8") for name in ("runtime/fsck.py", "cli/check.py"))
     told = {row[0] for row in tables("data-folder.md")["A damaged folder"][1:]}
-    assert told == set(re.findall(r'Finding\("([a-z-]+)"', source))
+    assert told == set(re.findall(r'Inconsistency\(\s*"([a-z-]+)"', source))

@@ -74,7 +74,7 @@ class CountingInstrument:
         self.samples, self.beams = sampling.samples, sampling.beams
         self.period = round(1e9 / sampling.pulse_rate_mhz)
 
-    def queue(self, first: int, points, now: int) -> None:
+    def queue_points(self, first: int, points, now: int) -> None:
         for index, point in enumerate(points, start=first):
             self.waiting.append((index, max(1, int(point["averages"])), 100 * int(point["settle"])))
         self.aim(now)
@@ -123,7 +123,7 @@ class CountingInstrument:
     def sweep(self, x: int, y: int, wavelengths, now: int) -> None:
         self.sweeping = now + self.tuning, [int(w % 1000) for w in wavelengths]
 
-    def swept(self, now: int) -> list[int] | None:
+    def sweep_result(self, now: int) -> list[int] | None:
         if self.sweeping is None or now < self.sweeping[0]:
             return None
         (_, levels), self.sweeping = self.sweeping, None

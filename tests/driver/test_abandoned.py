@@ -43,7 +43,7 @@ def test_a_cancelled_consumers_lease_is_not_renewed_while_the_next_a_line_takes_
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
-            await until(lambda: simulator.command("report")["state"] == "safe_hold")
+            await until(lambda: simulator.send_command("report")["state"] == "safe_hold")
 
     with launch() as simulator:
         asyncio.run(cancel(simulator))

@@ -136,7 +136,7 @@ def test_a_sweep_is_a_job_that_ends_and_nobody_waits_for_it():
 
 
 PARTS = {
-    "galvo": ("follow", FAULT_GALVO),
+    "galvo": ("start_path", FAULT_GALVO),
     "laser": ("tune", FAULT_LASER),
     "digitiser": ("arm", FAULT_DIGITISER),
     "excitation": ("fire", FAULT_EXCITATION),

@@ -154,7 +154,9 @@ def of_three(monkeypatch):
 
 
 def test_a_device_of_three_beams_passes_what_is_tried_of_beams(of_three):
-    assert outcomes("beams", "together", "full_ring", ring=15) == dict.fromkeys(["beams", "together", "full_ring"], "")
+    assert outcomes("beams", "multi_beam_order", "full_ring", ring=15) == dict.fromkeys(
+        ["beams", "multi_beam_order", "full_ring"], ""
+    )
 
 
 def _taken(change):
@@ -181,8 +183,8 @@ def _of_a_shot_each(scan, taken):
 
 
 MUTANTS = {
-    "a shot a beam": (_taken(_of_a_shot_each), "together"),
-    "the first beam alone": (_taken(lambda scan, taken: [each for each in taken if not each.beam]), "together"),
+    "a shot a beam": (_taken(_of_a_shot_each), "multi_beam_order"),
+    "the first beam alone": (_taken(lambda scan, taken: [each for each in taken if not each.beam]), "multi_beam_order"),
     "any number of beams": (lambda patch: patch.setitem(CAPABILITIES, "beams", 5), "beams"),
 }
 

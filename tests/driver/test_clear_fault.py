@@ -59,7 +59,7 @@ def interrupted(scanner, simulator, lines):
     """Run a scan into an interlock that opens, and return the error."""
     scanner.upload(WHERE, **PARAMETERS)
     scanner.start(scanner.arm())
-    error = scan_until_it_stops(scanner, lines, then=lambda: simulator.command("interlock", closed=False))
+    error = scan_until_it_stops(scanner, lines, then=lambda: simulator.send_command("interlock", closed=False))
     assert isinstance(error, fabry_perot.DeviceFault)
     assert not report(simulator)["shutter"]
     return error
@@ -90,7 +90,7 @@ def test_a_fault_is_not_cleared_while_its_cause_stands_and_then_the_scan_goes_on
             scanner.clear_fault("Kim")
         assert (stands.value.fault, stands.value.code) == (1, "fault-stands")
         assert scanner.state == "fault"
-        simulator.command("interlock", closed=True)
+        simulator.send_command("interlock", closed=True)
         until(lambda: scanner.status.laser & 8)
         cleared = scanner.clear_fault("Kim")
         assert (cleared.fault.name, cleared.by, cleared.state) == ("interlock-opened", "Kim", "safe_hold")
@@ -109,7 +109,7 @@ def test_a_scan_whose_fault_was_cleared_goes_on_exactly_once_after_a_restart_of_
     refused = command("clear-fault", simulator.url, "--by", "Kim")
     assert refused.returncode == 1
     assert refused.stderr.startswith("error: the interlock is open, so the fault interlock-opened was not cleared")
-    simulator.command("interlock", closed=True)
+    simulator.send_command("interlock", closed=True)
     cleared = command("clear-fault", simulator.url, "--by", "Kim")
     assert cleared.returncode == 0, cleared.stderr
     assert re.fullmatch(

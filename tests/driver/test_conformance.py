@@ -22,16 +22,16 @@ KILLERS = {
     "no CRC check": "checksum",
     "no length check": "length",
     "ring overwrites": "full_ring",
-    "plan gaps accepted": "gaps",
+    "plan gaps accepted": "plan_gaps",
     "session not checked": "session",
-    "boot id not checked": "boot",
+    "boot id not checked": "stale_boot_frames",
     "lease kept over a new session": "earlier_session",
-    "lease by arrival time": "old_echo",
+    "lease by arrival time": "stale_echo",
     "no credit check": "credit",
-    "shutter left open": "silence",
+    "shutter left open": "lease_expiry",
     "interlock not watched": "interlock",
-    "token used again": "token",
-    "echoes of the future": "future",
+    "token used again": "arm_token",
+    "echoes of the future": "future_echo",
 }
 OF_THE_HOST = {"no tail-loss repair", "no plan time-out", "abort not repeated", "laser comes back at any time"}
 
@@ -44,7 +44,7 @@ def test_the_device_passes_every_scenario(limits):
 @pytest.mark.parametrize("speed", [20, 200])
 def test_conformance_of_a_device_whose_time_runs_faster_passes_what_looks_at_a_scan(speed, monkeypatch):
     monkeypatch.setitem(CAPABILITIES, "clock_rate", float(speed))
-    wanted = ("credit", "silence", "old_echo", "future", "new_session", "aborts")
+    wanted = ("credit", "lease_expiry", "stale_echo", "future_echo", "new_session", "abort_levels")
     assert outcomes(*wanted, speed=speed) == dict.fromkeys(wanted, "")
 
 
@@ -96,7 +96,7 @@ def test_a_silent_line_fails_every_scenario_and_ends():
             return b""
 
     line = Silent()
-    found = run(ConformanceHost(line, line.clock), only=["hello", "credit"])
+    found = run(ConformanceHost(line, line.clock), only=["hello_nonce", "credit"])
     assert [each.failure for each in found] == ["HELLO of version 2 is not answered"] * 2
 
 
@@ -104,7 +104,16 @@ def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_pa
     command = [sys.executable, "-m", "fabry_perot", "conformance"]
     with launch(ring=32) as simulator:
         good = subprocess.run(
-            [*command, simulator.url, "--junit", str(tmp_path / "good.xml"), "--only", "hello", "token", "reboot"],
+            [
+                *command,
+                simulator.url,
+                "--junit",
+                str(tmp_path / "good.xml"),
+                "--only",
+                "hello_nonce",
+                "arm_token",
+                "reboot",
+            ],
             capture_output=True,
             text=True,
             timeout=300,
@@ -112,23 +121,24 @@ def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_pa
         )
     assert good.returncode == 0, good.stdout + good.stderr
     assert re.findall(r"(?m)^(ok|FAILED|skipped) +\w+ +(\w+)", good.stdout) == [
-        ("ok", "token"),
+        ("ok", "arm_token"),
         ("skipped", "reboot"),
-        ("ok", "hello"),
+        ("ok", "hello_nonce"),
     ]
     assert good.stdout.endswith("2 passed, 0 failed, 1 skipped\n")
     suite = ElementTree.parse(tmp_path / "good.xml").getroot()  # noqa: S314
     assert {case.get("name"): [child.tag for child in case] for case in suite} == {
-        "token": [],
+        "arm_token": [],
         "reboot": ["skipped"],
-        "hello": [],
+        "hello_nonce": [],
     }
 
 
 def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
     MUTANTS["token used again"].apply(monkeypatch)
     line = VirtualLine(ring=16)
-    suite = ElementTree.fromstring(as_junit(run(ConformanceHost(line, line.clock), fire=True, only=["token"]), "here"))  # noqa: S314
+    report = as_junit(run(ConformanceHost(line, line.clock), fire=True, only=["arm_token"]), "here")
+    suite = ElementTree.fromstring(report)  # noqa: S314
     assert suite.get("failures") == "1"
     assert suite.find("testcase/failure").get("message") == "expected: another token for another ARM"
 
@@ -136,6 +146,6 @@ def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
 def test_an_answer_without_what_it_must_have_fails_its_scenario_and_not_the_run(monkeypatch):
     """ARM without a token is the device's failing; the scenarios behind it are tried all the same."""
     monkeypatch.setitem(operations._TABLE, Operation.ARM, lambda device, body: (Result.OK, {}))
-    found = outcomes("token", "gaps", "hello")
-    assert "token" in found["token"]
-    assert (found["gaps"], found["hello"]) == ("", "")
+    found = outcomes("arm_token", "plan_gaps", "hello_nonce")
+    assert "token" in found["arm_token"]
+    assert (found["plan_gaps"], found["hello_nonce"]) == ("", "")

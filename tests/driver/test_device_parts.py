@@ -191,7 +191,7 @@ def test_a_plan_is_not_replaced_without_purge_while_a_lines_of_it_are_held(bench
     bench.scan(20)
     bench.until(lambda: len(bench.stored) == 20)
     assert execute(bench.device, Operation.PLAN_NEW, {**PLAN_NEW, "purge": False}) == (Result.RING_NOT_EMPTY, {})
-    assert bench.device.ring.fill == 20
+    assert bench.device.ring.used == 20
 
 
 def test_a_scanner_that_cannot_tune_says_so_and_an_unknown_operation_too(bench):

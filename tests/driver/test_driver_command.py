@@ -59,7 +59,7 @@ def test_status_shows_what_the_scanner_says_of_itself(simulator, tmp_path):
     with fabry_perot.connect(simulator.url) as scanner:
         assert figures["serial"] == scanner.capabilities.serial
         assert figures["samples"] == list(scanner.capabilities.samples)
-    assert figures["shots"] == simulator.command("report")["shots"]
+    assert figures["shots"] == simulator.send_command("report")["shots"]
     assert re.search(r"^state +linked|^state +ready|^state +done", run("status", simulator.url, cwd=tmp_path), re.M)
 
 

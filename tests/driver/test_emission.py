@@ -136,11 +136,11 @@ CALLS = {
     "park": lambda bench: bench.call(Operation.PARK),
     "configure": lambda bench: bench.call(Operation.SET, power=2),
     "sweep": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
-    "swept": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
+    "sweep_result": lambda bench: bench.call(Operation.TUNE_SCAN, **SWEEP),
     "begin": lambda bench: bench.upload(9),
     "parameters": lambda bench: bench.call(Operation.GET),
     "shots": lambda bench: bench.call(Operation.GET),
-    **{name: lambda bench: bench.start() for name in ("queue", "permit", "poll", "next_due")},
+    **{name: lambda bench: bench.start() for name in ("queue_points", "permit", "poll", "next_due")},
     "stop": lambda bench: bench.start() or bench.run(50) or bench.call(Operation.PAUSE),
     **{name: lambda bench: None for name in ("position", "interlock_closed", "key_on", "shutter_open", "emitting")},
 }

@@ -38,7 +38,7 @@ def kill_a_host_in_mid_scan(simulator, count: int) -> tuple[int, int, int]:
     then: that is no killing in mid-scan, and done again.
     """
     for _ in range(20):
-        before = simulator.command("drift", pm=0)["shots"]
+        before = simulator.send_command("drift", pm=0)["shots"]
         host = subprocess.Popen([sys.executable, "-c", HOST, simulator.url, str(count)], stdout=subprocess.PIPE)
         number = 0
         for line in host.stdout:
@@ -46,7 +46,7 @@ def kill_a_host_in_mid_scan(simulator, count: int) -> tuple[int, int, int]:
             if number >= 20:
                 break
         host.kill()
-        dead = simulator.command("drift", pm=0)
+        dead = simulator.send_command("drift", pm=0)
         number = max([number, *map(int, host.stdout)])
         host.wait()
         host.stdout.close()
@@ -58,7 +58,7 @@ def kill_a_host_in_mid_scan(simulator, count: int) -> tuple[int, int, int]:
 def wait_for(simulator, device_time: int) -> None:
     """Bounded wait for the simulator's own time."""
     for _ in range(3000):
-        if simulator.command("drift", pm=0)["time"] > device_time:
+        if simulator.send_command("drift", pm=0)["time"] > device_time:
             return
         time.sleep(0.02)
     raise AssertionError("the simulator stands still")

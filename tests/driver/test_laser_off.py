@@ -62,7 +62,7 @@ def experiment(end: str, link: str, *, stalled: bool) -> tuple[dict, dict, dict]
 def wait_for(simulator, device_time: int) -> None:
     """Bounded wait for the simulator's own time."""
     for _ in range(3000):
-        if simulator.command("drift", pm=0)["time"] >= device_time:
+        if simulator.send_command("drift", pm=0)["time"] >= device_time:
             return
         time.sleep(0.02)
     raise AssertionError("the simulator stands still")

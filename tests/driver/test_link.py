@@ -146,4 +146,4 @@ def test_random_payloads_of_every_type_with_valid_checksums_crash_neither_side(b
 
 def test_the_device_falls_silent_without_a_session(bench):
     bench.run(500)
-    assert Deframer().feed(bench.device.pull(10_000)) == []
+    assert Deframer().feed(bench.device.next_frames(10_000)) == []

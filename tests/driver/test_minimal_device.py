@@ -19,12 +19,20 @@ from fabry_perot.host.transport import open_transport
 SOURCE = Path(__file__).parents[2] / "driver" / "examples" / "minimal-device"
 NAMES = [scenario.run.__name__ for scenario in SCENARIOS]
 DEFECTS = {
-    "an echo of the future counts": ("echo > d->now", "0", "future"),
-    "the lease counts from arrival": ("echo + (ttl < CAP ? ttl : CAP)", "d->now + (ttl < CAP ? ttl : CAP)", "old_echo"),
+    "an echo of the future counts": ("echo > d->now", "0", "future_echo"),
+    "the lease counts from arrival": (
+        "echo + (ttl < CAP ? ttl : CAP)",
+        "d->now + (ttl < CAP ? ttl : CAP)",
+        "stale_echo",
+    ),
     "no credit is needed": ("d->sent < d->limit", "1", "credit"),
     "a full ring is overwritten": ("if (fill(d) >= RING)", "if (0)", "full_ring"),
-    "the shutter stays open": ("{ d->shutter = 0; }", "{ (void)d; }", "silence"),
-    "a gap in the plan is accepted": ("if (first + i == d->expected &&", "if (first + i >= d->expected &&", "gaps"),
+    "the shutter stays open": ("{ d->shutter = 0; }", "{ (void)d; }", "lease_expiry"),
+    "a gap in the plan is accepted": (
+        "if (first + i == d->expected &&",
+        "if (first + i >= d->expected &&",
+        "plan_gaps",
+    ),
     "a gate that is not there is taken": ("data[10 + 16 * i + 14] & 8", "0", "gate"),
     "a fault is cleared whatever its cause": ("!cause_stands(d) && ", "", "interlock"),
     "sessions are not checked": ("f->session == d->session &&", "", "session"),

@@ -70,16 +70,16 @@ def suffer(simulator, do: str, seconds: float, noise: dict[str, float], keep) ->
     and what it sends of that is lost; where this process was so late that the laser is off, nothing is done.
     """
     if do == "reboot":
-        before = simulator.command("noise", way="down", lost_frames=1.0)["shots"]
+        before = simulator.send_command("noise", way="down", lost_frames=1.0)["shots"]
         keep()
-        while (seen := simulator.command("drift", pm=0))["shots"] == before and seen["state"] != "safe_hold":
+        while (seen := simulator.send_command("drift", pm=0))["shots"] == before and seen["state"] != "safe_hold":
             time.sleep(0.01)
         if seen["shots"] == before:
-            simulator.command("noise", way="down", **noise)
+            simulator.send_command("noise", way="down", **noise)
             return False
-    simulator.command(do, seconds=seconds)
+    simulator.send_command(do, seconds=seconds)
     if do == "reboot":
-        simulator.command("noise", way="down", **noise)
+        simulator.send_command("noise", way="down", **noise)
     return True
 
 

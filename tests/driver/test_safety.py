@@ -74,7 +74,7 @@ def test_a_full_ring_stops_firing_and_overwrites_nothing(make_bench):
     bench.scan(40)
     bench.run(2000)
     assert bench.device.state is DeviceState.BLOCKED
-    assert len(bench.instrument.log) == 8 == bench.device.ring.fill
+    assert len(bench.instrument.log) == 8 == bench.device.ring.used
     bench.acknowledging = True
     bench.host.acknowledge(bench.stored[-1].number, bench.clock.now())
     bench.finish()
@@ -176,7 +176,7 @@ def test_a_line_that_takes_no_bytes_does_not_stop_the_devices_time_and_with_it_t
     bench.scan(5000)
     bench.run(100)
     for _ in range(10_000):
-        due = bench.device.next_due()
+        due = bench.device.next_deadline()
         if due > bench.device_now + 2_000_000:
             break
         bench.device.poll(max(due, bench.device.now))

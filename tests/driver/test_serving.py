@@ -105,9 +105,9 @@ def test_the_laser_is_halted_at_the_end_of_the_program_even_if_the_shutter_does_
 FORGETFUL = """
 import fabry_perot, numpy as np
 from fabry_perot.simulator import phantoms
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 
-instrument = PhantomInstrument(phantoms.yarn(0))
+instrument = SimulatedInstrument(phantoms.yarn(0))
 close, halt = instrument.shutter.close, instrument.excitation.halt
 instrument.shutter.close = lambda: (print("closed", flush=True), close())
 instrument.excitation.halt = lambda now: (print("halted", flush=True), halt(now))
@@ -163,9 +163,9 @@ SERVING = """
 import os, signal, sys
 import fabry_perot
 from fabry_perot.simulator import phantoms
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 
-instrument = PhantomInstrument(phantoms.yarn(0))
+instrument = SimulatedInstrument(phantoms.yarn(0))
 close = instrument.shutter.close
 instrument.shutter.close = lambda: (print("closed", flush=True), close())
 

@@ -30,7 +30,7 @@ for module, names in ((os, ("openpty", "pwrite", "pread", "major", "minor", "tty
 
 import numpy as np
 import fabry_perot, fabry_perot.__main__, fabry_perot.simulator
-from fabry_perot.simulator.instrument import PhantomInstrument
+from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.phantoms import yarn
 
 def scan(scanner):
@@ -42,7 +42,7 @@ def scan(scanner):
 
 with fabry_perot.connect(sys.argv[1]) as scanner:
     scan(scanner)
-with fabry_perot.connect(PhantomInstrument(yarn(0))) as scanner:
+with fabry_perot.connect(SimulatedInstrument(yarn(0))) as scanner:
     scan(scanner)
 try:
     fabry_perot.connect("COM99")

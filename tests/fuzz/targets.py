@@ -37,7 +37,7 @@ class NullInstrument:
     def begin(self, sampling: PlanSampling) -> None:
         self.samples = sampling.samples
 
-    def queue(self, first: int, points: Any, now: int) -> None:
+    def queue_points(self, first: int, points: Any, now: int) -> None:
         self.points += range(first, first + len(points))
 
     def permit(self, until: int, now: int) -> None:
@@ -92,7 +92,7 @@ class NullInstrument:
     def sweep(self, x: int, y: int, wavelengths: Any, now: int) -> None:
         self.swept_at, self.levels = now + 10, [0] * len(wavelengths)
 
-    def swept(self, now: int) -> list[int] | None:
+    def sweep_result(self, now: int) -> list[int] | None:
         return self.levels if now >= self.swept_at else None
 
 

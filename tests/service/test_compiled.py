@@ -13,17 +13,17 @@ import pytest
 from steradian.imaging.iterative.proximal import proximal
 
 CALLER = """
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 from inner import factor
 
-@compiled
+@jit
 def scaled(x):
     return factor() * x
 """
 CALLEE = """
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 
-@compiled
+@jit
 def factor():
     return {}
 """
@@ -35,10 +35,10 @@ IndexDataCacheFile._save_data = lambda file, name, data: os._exit(9) if "scaled"
 """
 SLOW = """
 import sys
-from steradian.core.jit import compiled
+from steradian.core.jit import jit
 from inner import factor
 
-@compiled
+@jit
 def slow(x):
     total = 0.0
     for i in range(x):
@@ -53,26 +53,26 @@ print(sum(slow.stats.cache_misses.values()) + sum(factor.stats.cache_misses.valu
 BEYOND = """
 import sys
 import numpy as np
-from steradian.core.jit import compiled
-from steradian.imaging.engines.numba.simd import collect, distribute, load16, store
+from steradian.core.jit import jit
+from steradian.imaging.engines.numba.simd import transpose_gather, transpose_scatter, load16, store
 
-@compiled
+@jit
 def read(a, at):
     store(a, 0, load16(a, at))
 
-@compiled
+@jit
 def write(a, at):
     store(a, at, load16(a, 0))
 
-@compiled
+@jit
 def gather(a, at):
     rows = np.full(16, at)
-    collect(a, rows, 0, np.empty(512, a.dtype), 0)
+    transpose_gather(a, rows, 0, np.empty(512, a.dtype), 0)
 
-@compiled
+@jit
 def scatter(a, at):
     rows = np.full(16, at)
-    distribute(np.zeros(512, a.dtype), 0, a, rows, 0)
+    transpose_scatter(np.zeros(512, a.dtype), 0, a, rows, 0)
 
 for kernel in (read, write, gather, scatter):
     line = np.zeros(2048, np.float32)[1000:1032]  # wrong indices reach nothing of anybody else's
@@ -125,8 +125,8 @@ def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> Non
     program = """
 import numpy as np
 from outer import nowhere, scaled
-from steradian.core.jit import is_lacking
-print(*(is_lacking(function, numbers) for function in (nowhere, scaled) for numbers in ("float32", "float64")))
+from steradian.core.jit import is_uncached
+print(*(is_uncached(function, numbers) for function in (nowhere, scaled) for numbers in ("float32", "float64")))
 scaled(np.zeros(2, np.float32))
 """
     assert _run(program, tmp_path) == ["False False True True"]

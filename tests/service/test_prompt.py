@@ -11,7 +11,7 @@ import pytest
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.scans.importing.write_scan import ImportedAline
+from steradian.scans.importing.scan_writer import ImportedAline
 
 pexpect = pytest.importorskip("pexpect")
 

@@ -12,7 +12,12 @@ import steradian_client
 LIMIT = 300
 LONGER = {
     "fabry_perot/conformance/peer",
+    "fabry_perot/hardware/composed",
     "fabry_perot/host/scanner",
+    "steradian/api/services",
+    "steradian/jobs/worker/runner",
+    "steradian/runtime/acquisition",
+    "steradian/scans/acquisition/run",
     "steradian/api/errors/catalog",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",

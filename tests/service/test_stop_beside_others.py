@@ -68,8 +68,8 @@ def running(*command, **how):
 
 def shot(scanner):
     """Wait until the simulated scanner fires; returns its account of that moment."""
-    before = scanner.command("report", fired=False)["shots"]
-    return until(lambda: (now := scanner.command("report", fired=False))["shots"] > before + 2 and now)
+    before = scanner.send_command("report", fired=False)["shots"]
+    return until(lambda: (now := scanner.send_command("report", fired=False))["shots"] > before + 2 and now)
 
 
 def press(service):
@@ -82,12 +82,12 @@ def press(service):
 
 def assert_dark(scanner, before, told):
     """The laser was off within 250 ms by the scanner's clock, and it says so itself."""
-    after = scanner.command("report", fired=False)
+    after = scanner.send_command("report", fired=False)
     assert told["laser"] == "off", told
     assert not after["shutter"]
     assert after["last_shot"] - before["time"] < 1_500_000, (before, after)  # the press came somewhere between
-    until(lambda: scanner.command("report", fired=False)["time"] > after["time"] + 500_000)
-    assert scanner.command("report", fired=False)["shots"] == after["shots"]
+    until(lambda: scanner.send_command("report", fired=False)["time"] > after["time"] + 500_000)
+    assert scanner.send_command("report", fired=False)["shots"] == after["shots"]
 
 
 def test_emergency_stop_while_scan_run_fires_turns_the_laser_off(scanner, released, plan, tmp_path):
@@ -123,7 +123,7 @@ def test_emergency_stop_while_a_frozen_program_holds_the_port_turns_the_laser_of
         told, seconds = press(released)
         assert seconds < 2.5 or told["laser"] == "off"
         assert told["laser"] == "off" or told["detail"].endswith("use the hardware switch")
-        assert not scanner.command("report", fired=False)["shutter"]
+        assert not scanner.send_command("report", fired=False)["shutter"]
 
 
 @pytest.mark.long
@@ -154,11 +154,11 @@ def test_emergency_stop_with_the_database_locked_turns_another_programs_laser_of
 @pytest.mark.long
 def test_a_program_that_fires_while_the_stop_stands_is_stopped_too(scanner, released, plan, tmp_path):
     assert press(released)[0]["laser"] == "off"
-    before = scanner.command("report", fired=False)["shots"]
+    before = scanner.send_command("report", fired=False)["shots"]
     command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
     with running(*command, "-o", str(tmp_path / "scan.h5")):
-        until(lambda: scanner.command("report", fired=False)["shots"] > before)
-        until(lambda: not scanner.command("report", fired=False)["shutter"])
+        until(lambda: scanner.send_command("report", fired=False)["shots"] > before)
+        until(lambda: not scanner.send_command("report", fired=False)["shutter"])
         assert released.get(SCANNER).json()["emergency_stop"]["laser"] in {"off", "unconfirmed"}
 
 

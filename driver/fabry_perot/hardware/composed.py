@@ -243,9 +243,8 @@ class ComposedInstrument(Instrument):
             block.append(self._queue.popleft())
         points = np.array([point for _, point in block])
         shots = np.maximum(points["averages"].astype(np.int64), 1)
-        path = BeamPath(
-            points["x"].astype(np.int64), points["y"].astype(np.int64), shots, points["settle"] * np.int64(100)
-        )
+        x, y = points["x"].astype(np.int64), points["y"].astype(np.int64)
+        path = BeamPath(x, y, shots, points["settle"] * np.int64(100))
         self._ask(FAULT_GALVO, self.galvo.start_path, path, now)
         self._ask(FAULT_LASER, self.laser.tune, bias, now)
 

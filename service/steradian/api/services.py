@@ -31,14 +31,7 @@ from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
 from steradian.storage.blobs.object_store import arrays_of
-from steradian.storage.capacity.quota import (
-    QUOTA_LOCK,
-    DiskQuota,
-    UploadReservations,
-    UsageSnapshot,
-    bytes_written,
-    reserved_bytes,
-)
+from steradian.storage.capacity import quota
 from steradian.storage.capacity.usage import usage
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.fault_requests import Clearing
@@ -84,9 +77,9 @@ class ServiceContainer:
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
         self.settings, self.clock, self.ages = settings, clock, Ages(clock)
         self.data = DataDirectory(settings.data)
-        self.disk = DiskQuota(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
-        self.arrivals = UploadReservations()
-        self._measured: UsageSnapshot | None = None
+        self.disk = quota.DiskQuota(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
+        self.arrivals = quota.UploadReservations()
+        self._measured: quota.UsageSnapshot | None = None
         self.database = Database(metadata_url(settings))
         self.arrays = arrays_of(settings, self.database, clock, STORE_PATIENCE)
         self.masks = MaskRepository(self.database, clock)
@@ -144,9 +137,8 @@ class ServiceContainer:
         if self.emergency is not None:
             self.emergency.close()
         if self._caretaker.is_alive():
-            self._caretaker.join(
-                CARETAKER_SHUTDOWN_TIMEOUT
-            )  # what it did afterwards would open connections that nobody closes
+            # after this time it would open connections that nobody closes
+            self._caretaker.join(CARETAKER_SHUTDOWN_TIMEOUT)
         if self._turn is not None:
             self._turn.release()
         if self._queue is not None:
@@ -199,12 +191,12 @@ class ServiceContainer:
         """Return the local stop controller of a scanner; ``None`` when the scanner belongs to another node."""
         return self.emergency if self.nodes.is_local(scanner_id) else None
 
-    def refresh_disk_usage(self) -> UsageSnapshot:
+    def refresh_disk_usage(self) -> quota.UsageSnapshot:
         """Count the data folder's bytes if a quota needs them; it may be slow, so call it outside of transactions."""
         at, came = self.clock(), self.arrivals.came
         with self.database.read() as session:
-            before = bytes_written(session, self.data)  # before the walk: what comes after it is not in there
-        self._measured = UsageSnapshot(self.disk.used if self.disk.quota is not None else 0, at, came, before)
+            before = quota.bytes_written(session, self.data)  # before the walk: what comes after it is not in there
+        self._measured = quota.UsageSnapshot(self.disk.used if self.disk.quota is not None else 0, at, came, before)
         return self._measured
 
     @property
@@ -215,16 +207,15 @@ class ServiceContainer:
             known = self.refresh_disk_usage()
         return self.disk.available(known.used + self.arrivals.came - known.came)
 
-    def reserved_bytes(self, session: Session, measured: UsageSnapshot | None = None) -> int:
+    def reserved_bytes(self, session: Session, measured: quota.UsageSnapshot | None = None) -> int:
         """Return the bytes that will still be written here: of several nodes, by the scans of this one's scanner."""
         if self.settings.role == "service":
-            return reserved_bytes(session, self.data, measured)
-        return (
-            reserved_bytes(session, self.data, measured, self.settings.scanner_id) if self.settings.has_scanner else 0
-        )
+            return quota.reserved_bytes(session, self.data, measured)
+        own = self.settings.scanner_id
+        return quota.reserved_bytes(session, self.data, measured, own) if self.settings.has_scanner else 0
 
     def require_disk_space(
-        self, session: Session, need: int, what: str, measured: UsageSnapshot, *, for_scan: bool = False
+        self, session: Session, need: int, what: str, measured: quota.UsageSnapshot, *, for_scan: bool = False
     ) -> None:
         """Reject work that does not fit beside queued work; call it in the transaction that queues the work.
 
@@ -240,7 +231,7 @@ class ServiceContainer:
         """
         if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
             return  # who does the work has a disk of its own
-        advisory_xact_lock(session, QUOTA_LOCK)  # else none of two that come at once sees what the other is promised
+        advisory_xact_lock(session, quota.QUOTA_LOCK)  # of two at once, each must see the other's reservation
         taken = self.reserved_bytes(session, measured) + self.arrivals.awaited
         disk = replace(self.disk, reserve=0) if for_scan else self.disk
         disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)

@@ -25,7 +25,7 @@ from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.scans.importing.write_scan import ImportedAline
+from steradian.scans.importing.scan_writer import ImportedAline
 
 Row: TypeAlias = dict[str, Any]
 Order = Literal["progressive", "snake"]

@@ -35,15 +35,15 @@ KINDS = ("library loop, as a job does", "the same, plan kept", "volume in memory
 PROGRAM = """
 import sys
 from pathlib import Path
-from steradian.reconstructions.pipeline.run import reconstruct_recording, reconstruct_scan
-from steradian.reconstructions.pipeline.plan_cache import KeptPlans
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory, reconstruct_scan
+from steradian.reconstructions.pipeline.plan_cache import PlanCache
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.scans.opening import open_recording
 scan, output, modes, kind = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-parameters, plans = ReconstructionParameters(modes=modes), KeptPlans() if kind == 1 else None
+parameters, plans = ReconstructionParameters(modes=modes), PlanCache() if kind == 1 else None
 def once(number):
     if kind == 2:
-        reconstruct_recording(open_recording(scan), parameters)
+        reconstruct_in_memory(open_recording(scan), parameters)
     else:
         reconstruct_scan(scan, output / str(number), parameters, plans=plans)
 once(-1)

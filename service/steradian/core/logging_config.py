@@ -88,7 +88,7 @@ class _Text(logging.Formatter):
 
 
 class _RateLimitFilter(logging.Filter):
-    """Rate limit of log lines: :data:`MAX_BURST` of one kind in :data:`WINDOW` seconds, then the count of those left out."""
+    """Rate limit: :data:`MAX_BURST` lines of one kind in :data:`WINDOW` seconds, then the count of those left out."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -20,11 +20,9 @@ class DisplayableValue(Value):
         def id(self) -> str:
             """Identifier of the content."""
 
-        def draw(self, axes: Axes) -> object:
-            """Draw the value into axes."""
+        def _draw(self, axes: Axes) -> object: ...
 
-        def draw_figure(self, path: Path) -> object:
-            """Draw the figure of the value into a file."""
+        def _draw_figure(self, path: Path) -> object: ...
 
         def _write(self, path: Path) -> object: ...
 
@@ -53,7 +51,7 @@ class DisplayableValue(Value):
         from steradian.drawing.notebook import resolve_axes
 
         axes = resolve_axes(axes)
-        self.draw(axes)
+        self._draw(axes)
         return axes
 
     def save(self, path: str | Path) -> None:
@@ -71,6 +69,6 @@ class DisplayableValue(Value):
 
         path = Path(path)
         if path.suffix.lower() in PICTURES:
-            self.draw_figure(path)
+            self._draw_figure(path)
         else:
             self._write(path)

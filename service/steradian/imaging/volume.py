@@ -121,7 +121,7 @@ class Volume:
         return [(name, self.coordinates(name)) for name in self.names]
 
     def _repr_html_(self) -> str:
-        return str(_shown().html(self))
+        return str(_shown().render_html(self))
 
     def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
         """Show the maximum-intensity projection along one axis; of an image from a line of sensors, the image.
@@ -138,7 +138,7 @@ class Volume:
         InvalidInput
             If the image has no such axis.
         """
-        plot: Plot = _shown().plot(self, axis, axes)
+        plot: Plot = _shown().plot_volume(self, axis, axes)
         return plot
 
     def to_xarray(self) -> xarray.DataArray:
@@ -179,7 +179,7 @@ class Volume:
         Conflict
             When there is a folder of that name.
         """
-        _shown().save(self, Path(path))
+        _shown().save_volume(self, Path(path))
 
 
 def _shown() -> Any:

@@ -177,7 +177,7 @@ class Mask(DisplayableValue):
 
         draw_into_axes(points_plot(self), axes)
 
-    def _draw_page(self, path: Path) -> None:
+    def _draw_figure(self, path: Path) -> None:
         from steradian.masks.figures import draw_mask
 
         draw_mask(self, path)

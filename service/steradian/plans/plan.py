@@ -248,7 +248,7 @@ class ScanPlan(DisplayableValue):
 
         draw_into_axes(path_plot(self), axes)
 
-    def _draw_page(self, path: Path) -> None:
+    def _draw_figure(self, path: Path) -> None:
         from steradian.plans.figures import draw_plan
 
         draw_plan(self, path)

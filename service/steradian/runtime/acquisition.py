@@ -12,6 +12,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from sqlalchemy.exc import DBAPIError
@@ -170,9 +171,8 @@ class Acquisition:
 
     def _refusal(self, row: ScanRow) -> str | None:
         """Say why a scan must not fire, or ``None``."""
-        return (
-            self._scanner.refusal_reason(row) if self._emergency.standing is None else "the emergency stop is pressed"
-        )
+        stopped = self._emergency.standing is not None
+        return "the emergency stop is pressed" if stopped else self._scanner.refusal_reason(row)
 
     def _loss(self, row: ScanRow) -> str | None:
         """Return the reason why an interrupted scan's stored part is missing, such as a new data folder."""
@@ -279,23 +279,20 @@ def main() -> None:
         signal.signal(number, lambda *_: stopping.set())
     data, port = DataDirectory(settings.data), ScannerConnection(settings)
     database = Database(metadata_url(settings))
-    end = threading.Thread(
-        target=exit_when_stdin_closes, args=(lambda: os.kill(os.getpid(), signal.SIGTERM),), daemon=True
-    )
+    terminate = partial(os.kill, os.getpid(), signal.SIGTERM)
+    end = threading.Thread(target=exit_when_stdin_closes, args=(terminate,), daemon=True)
     with Heartbeat(data.heartbeat("acquisition")):
         end.start()
         try:
             scans, plans = ScanRepository(database, scanner_id=settings.scanner_id), PlanRepository(database)
             recovery = RecoveryPolicy(within=settings.resume_within)
             if isinstance(store := arrays_of(settings, database), S3BlobStore):
-                keeper = ScanUploader(store, scans, data)
-                threading.Thread(target=keeper.run, args=(stopping,), daemon=True).start()
+                threading.Thread(target=ScanUploader(store, scans, data).run, args=(stopping,), daemon=True).start()
             how = {"listens": settings.scanner_watch, "shared": settings.role != "service"}
             note = ScannerRepository(database, scanner_id=settings.scanner_id).ensure
             work = Acquisition(scans, plans, data, port, stopping, recovery, store, **how)
-            work.run(
-                lambda: note(simulated=settings.simulated, address=settings.address, follows=settings.is_scanner_node)
-            )
+            simulated, follows = settings.simulated, settings.is_scanner_node
+            work.run(lambda: note(simulated=simulated, address=settings.address, follows=follows))
         finally:
             port.close()
             database.close()

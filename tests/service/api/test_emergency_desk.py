@@ -74,7 +74,7 @@ def test_a_press_that_is_released_while_it_is_recorded_does_not_stand_in_the_dat
     assert desk.scanner.reached.wait(250)
     desk.release("Ben")
     record.join()
-    assert desk.standing is None
+    assert desk.active is None
     assert not is_stopped(desk)
 
 
@@ -87,38 +87,38 @@ def test_a_press_that_comes_while_another_is_released_stands_in_the_database(des
     desk.latch.press("Cid", "fire")
     desk._record()
     release.join()
-    assert desk.standing.who == "Cid"
+    assert desk.active.who == "Cid"
     assert is_stopped(desk)
 
 
 def test_a_press_that_another_node_could_only_write_into_the_database_stands_here_until_it_is_released(desk):
     desk._record()
-    assert desk.standing is None
+    assert desk.active is None
     desk.scanner.of(SCANNER_ID).stop("Ada", "smoke")
     desk._record()
-    assert (desk.standing.who, desk.standing.reason) == ("Ada", "smoke")
-    assert desk.scanner.get(SCANNER_ID).stop_number == desk.standing.number, "who sees it elsewhere can release it"
-    desk.latch.answer(StopOutcome(desk.standing.number, "off", 0.1))
+    assert (desk.active.who, desk.active.reason) == ("Ada", "smoke")
+    assert desk.scanner.get(SCANNER_ID).stop_number == desk.active.number, "who sees it elsewhere can release it"
+    desk.latch.record_outcome(StopOutcome(desk.active.number, "off", 0.1))
     desk._record()
     row = desk.scanner.get(SCANNER_ID)
-    assert (row.stop_number, row.stop_laser, row.stop_seconds) == (desk.standing.number, "off", 0.1)
+    assert (row.stop_number, row.stop_laser, row.stop_seconds) == (desk.active.number, "off", 0.1)
     desk.release("Ben", row.stop_number)
     desk._record()
-    assert desk.standing is None
+    assert desk.active is None
     assert not is_stopped(desk)
 
 
 def test_who_releases_a_press_he_saw_does_not_release_one_that_only_the_database_knows_yet(desk):
     desk.latch.press("Ada", "smoke")
     desk._record()
-    seen = desk.standing.number
+    seen = desk.active.number
     desk.release("Ben", seen)
     desk.scanner.of(SCANNER_ID).stop("Cid", "fire")
     with pytest.raises(EmergencyStopped, match="Cid"):
         desk.release("Ben", seen)
     assert is_stopped(desk)
-    assert desk.standing.who == "Cid"
-    desk.release("Ben", desk.standing.number)
+    assert desk.active.who == "Cid"
+    desk.release("Ben", desk.active.number)
     assert not is_stopped(desk)
 
 
@@ -126,12 +126,12 @@ def test_a_press_that_another_node_brings_again_is_one_press_also_after_its_rele
     monkeypatch.setattr(emergency, "ANSWER_TIMEOUT", 0.0)
     first, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
     again, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
-    assert again == first == desk.standing
+    assert again == first == desk.active
     desk.release("Ben")
     late, _ = asyncio.run(desk.press("Ada", "smoke", "errand"))
-    assert (late, desk.standing) == (first, None)
+    assert (late, desk.active) == (first, None)
     other, _ = asyncio.run(desk.press("Ada", "smoke", "another"))
-    assert other == desk.standing != first
+    assert other == desk.active != first
 
 
 def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(desk, monkeypatch):
@@ -142,7 +142,7 @@ def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(d
     try:
         press = in_thread(lambda: asyncio.run(desk.press("Ada", "smoke")))
         until(lambda: is_stopped(desk))
-        desk.latch.answer(StopOutcome(desk.standing.number, "off", 0.1))
+        desk.latch.record_outcome(StopOutcome(desk.active.number, "off", 0.1))
         press.join()
         until(lambda: desk.scanner.get(SCANNER_ID).stop_laser == "off", 100)
     finally:
@@ -156,11 +156,11 @@ def test_press_returns_the_confirmation_that_follows_an_unconfirmed_answer(desk,
 
     async def press():
         pressing = asyncio.create_task(desk.press("Ada", "smoke"))
-        await emergency.wait_until(lambda: desk.standing is not None, 250.0)
-        press = desk.standing
-        desk.latch.answer(StopOutcome(press.number, "unconfirmed", None, "the port is gone"))
+        await emergency.wait_until(lambda: desk.active is not None, 250.0)
+        press = desk.active
+        desk.latch.record_outcome(StopOutcome(press.number, "unconfirmed", None, "the port is gone"))
         await asyncio.sleep(0.1)
-        desk.latch.answer(StopOutcome(press.number, "off", 0.3, "laser off"))
+        desk.latch.record_outcome(StopOutcome(press.number, "off", 0.3, "laser off"))
         return await pressing
 
     _, deed = asyncio.run(press())

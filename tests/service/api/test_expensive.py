@@ -147,7 +147,7 @@ def test_an_order_that_is_searched_for_is_found_beside_the_api(server):
 
 
 async def double(workshop, value):
-    return await workshop.work(np.multiply, value, 2)
+    return await workshop.submit(np.multiply, value, 2)
 
 
 def test_a_workshop_outlives_the_death_of_its_processes():

@@ -253,7 +253,7 @@ def test_a_store_that_forgets_whose_it_is_while_it_is_asked_does_not_answer(benc
     settings = settings_of(tmp_path, SimpleNamespace(endpoint="http://127.0.0.1:1"), "s3://bucket/place")
     database = bench.services.database
     with database.write() as session:
-        database.note(session, FACT_KEY, "known")
+        database.set_fact(session, FACT_KEY, "known")
     store = S3BlobStore(settings, database)
     store._at_once = Forgetful()
     assert not store.is_available()

@@ -32,8 +32,8 @@ def ledger(server):
 
 
 def succeed(server, ledger, job_id, **result):
-    ledger.start(job_id, "worker-9")
-    ledger.settle(job_id, 1, Succeeded(result), "worker-9")
+    ledger.start_attempt(job_id, "worker-9")
+    ledger.finish_attempt(job_id, 1, Succeeded(result), "worker-9")
 
 
 @pytest.fixture
@@ -290,7 +290,7 @@ def test_a_scan_that_runs_can_be_followed_but_not_reconstructed_yet(http, scan):
 def test_the_newest_revision_is_shown_while_the_scan_runs(server, http, ledger, scan):
     made = http.post("/reconstructions", json={"scan_id": scan["id"], "follow": True, "parameters": {"modes": 16}})
     job_id = made.json()["id"]
-    ledger.start(job_id, "worker-9")
+    ledger.start_attempt(job_id, "worker-9")
     folder = server.data.job(job_id)
     folder.root.mkdir(parents=True)
     revision = {

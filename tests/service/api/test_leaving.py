@@ -10,7 +10,7 @@ from steradian.api.streaming.broadcaster import EventBroadcaster
 @pytest.mark.parametrize("turns", range(6))
 def test_listener_cancelled_just_after_a_change_ends(turns):
     async def listen(feed, heard):
-        async for _ in feed.listen():
+        async for _ in feed.subscribe():
             heard.append(feed)
 
     async def run():

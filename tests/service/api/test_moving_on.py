@@ -64,16 +64,16 @@ def test_a_batch_tells_how_its_jobs_stand_together_whenever_one_moves_on(http, e
     assert [one.data["state"] for one in events(batch["id"])] == ["queued"]
     first, second, third = (job["id"] for job in batch["jobs"])
     for job in (first, second):
-        ledger.start(job, "w")
+        ledger.start_attempt(job, "w")
         told = events(batch["id"])[-1].data
         now = http.get(f"/batches/{batch['id']}").json()
         assert (told["state"], told["counts"], told["scan_id"]) == ("running", now["counts"], batch["scan_id"])
-        ledger.settle(job, 1, Succeeded({"shape": [1]}) if ends != "failed" else Failed("bad", "no"), "w")
+        ledger.finish_attempt(job, 1, Succeeded({"shape": [1]}) if ends != "failed" else Failed("bad", "no"), "w")
     if ends == "cancelled":
         http.put(f"/batches/{batch['id']}/desired-state", json={"state": "cancelled", "reason": "enough"})
     else:
-        ledger.start(third, "w")
-        ledger.settle(third, 1, Succeeded({"shape": [1]}), "w")
+        ledger.start_attempt(third, "w")
+        ledger.finish_attempt(third, 1, Succeeded({"shape": [1]}), "w")
     now = http.get(f"/batches/{batch['id']}").json()
     told = events(batch["id"])[-1]
     assert (told.kind, told.data["state"], told.data["counts"]) == ("batch", ends, now["counts"])
@@ -87,12 +87,12 @@ def test_of_jobs_that_end_at_once_the_last_event_tells_the_end(http, events, led
         batch = batch_of(http, scan_with_alines["scan"]["id"], 2)
         jobs = [job["id"] for job in batch["jobs"]]
         for job in jobs:
-            ledger.start(job, "w")
+            ledger.start_attempt(job, "w")
         meet = threading.Barrier(2)
 
         def end(job, meet=meet):
             meet.wait()
-            ledger.settle(job, 1, Succeeded({"shape": [1]}), "w")
+            ledger.finish_attempt(job, 1, Succeeded({"shape": [1]}), "w")
 
         threads = [threading.Thread(target=end, args=(job,)) for job in jobs]
         for thread in threads:

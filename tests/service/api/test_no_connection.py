@@ -80,7 +80,7 @@ def test_the_event_stream_outlives_what_cannot_be_understood(app, monkeypatch):
         return understood(*asked)
 
     failed = []
-    monkeypatch.setattr(services.log, "events_after", after)
+    monkeypatch.setattr(services.log, "after", after)
 
     async def follow():
         async for _ in feed.subscribe():

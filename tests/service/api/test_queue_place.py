@@ -97,15 +97,15 @@ def test_the_end_is_told_from_what_such_jobs_took(server, http, jobs, ledger, cl
     """Two workers, jobs of 10 s each: the fourth in line ends 20 s after the first two have begun."""
     for seconds in (9, 10, 11, 50):
         job = jobs()
-        ledger.start(job, "w")
+        ledger.start_attempt(job, "w")
         clock.advance(seconds)
-        ledger.settle(job, 1, Succeeded({"bytes": 1}), "w")
+        ledger.finish_attempt(job, 1, Succeeded({"bytes": 1}), "w")
     begun = clock.now
     running = [jobs(), jobs()]
     third, fourth, fifth = jobs(), jobs(), jobs()
     assert place(http, third)["expected_end"] is None, "nobody works"
     for job in running:
-        ledger.start(job, "w")
+        ledger.start_attempt(job, "w")
         clock.advance(4)
 
     def ends(job):
@@ -121,10 +121,10 @@ def test_the_end_is_told_from_what_such_jobs_took(server, http, jobs, ledger, cl
 def test_a_job_may_end_while_the_end_is_worked_out(server, jobs, ledger):
     """On PostgreSQL a job that has been read as running is among those that are done a moment later."""
     running, waiting = jobs(), jobs()
-    ledger.start(running, "w")
+    ledger.start_attempt(running, "w")
     with server.database.read() as session:
         read = session.scalars(select(JobRow).where(JobRow.id == running)).all()
-        ledger.settle(running, read[0].fence, Succeeded({"bytes": 1}), "w")
+        ledger.finish_attempt(running, read[0].fence, Succeeded({"bytes": 1}), "w")
         assert forecast(session, waiting, 2, datetime.now(UTC)).position == 1
 
 
@@ -132,12 +132,12 @@ def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
     clock.now = BEGIN  # long ago
     for _ in range(3):
         job = jobs()
-        ledger.start(job, "w")
+        ledger.start_attempt(job, "w")
         clock.advance(10)
-        ledger.settle(job, 1, Succeeded({"bytes": 1}), "w")
+        ledger.finish_attempt(job, 1, Succeeded({"bytes": 1}), "w")
     late, other, waiting = jobs(), jobs(), jobs()
-    ledger.start(late, "w")
-    ledger.start(other, "w")
+    ledger.start_attempt(late, "w")
+    ledger.start_attempt(other, "w")
     assert place(http, late) == {"position": None, "expected_end": None, "awaited": None}
     assert place(http, waiting) == {"position": 1, "expected_end": None, "awaited": None}
 

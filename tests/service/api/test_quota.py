@@ -197,11 +197,11 @@ def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_p
         with server.database.write() as session:
             ledger.add(session, JobRequest("j1", "reconstruct", {}, promised=30 * MIB))
         ledger.start_attempt("j1", "test")
-        measured = services.measure()
+        measured = services.refresh_disk_usage()
         folder = server.data.job("j1").root
         folder.mkdir(parents=True)
         (folder / "volume.h5").write_bytes(bytes(30 * MIB))
-        for looked_at in (measured, services.measure()):
+        for looked_at in (measured, services.refresh_disk_usage()):
             with services.database.write() as session, pytest.raises(DiskFull):
                 services.require_disk_space(session, 30 * MIB, "the volume", looked_at)
             with services.database.write() as session:
@@ -217,7 +217,7 @@ def test_a_scan_needs_room_where_its_scanner_is_and_on_no_other_node(tmp_path, r
     services = create_app(server.settings.model_copy(update={"role": role})).state.services
     expected = pytest.raises(DiskFull) if is_refused else nullcontext()
     try:
-        measured = services.measure()
+        measured = services.refresh_disk_usage()
         with services.database.write() as session, expected:
             services.require_disk_space(session, 2 * QUOTA, "the scan", measured, for_scan=True)
     finally:
@@ -238,7 +238,7 @@ def test_the_folder_is_measured_while_others_write(small, monkeypatch):
         return plain(folder)
 
     monkeypatch.setattr(disk, "size_of", walk)
-    measured = services.measure()
+    measured = services.refresh_disk_usage()
     with services.database.write() as session:
         services.require_disk_space(session, 1, "the volume", measured)
     assert services.available < QUOTA

@@ -84,7 +84,7 @@ class Bench:
     def image(self):
         image = self.make("/reconstructions", scan_id=self.scan(), parameters=SMALL)
         ledger = self.services.ledger
-        ledger.settle(image, ledger.start(image, "test").fence, Succeeded({}), "test")
+        ledger.finish_attempt(image, ledger.start_attempt(image, "test").fence, Succeeded({}), "test")
         self.services.data.job(image).root.mkdir()
         self.services.data.job(image).volume.write_bytes(b"values")
         return image
@@ -133,7 +133,7 @@ def test_what_was_deleted_since_it_was_looked_at_is_a_404_that_names_it(bench, m
 
 
 def test_a_mask_to_look_through_that_is_deleted_meanwhile_is_a_404(bench, monkeypatch):
-    scan, mask, once = bench.scan(), bench.mask(), bench.services.answers.once
+    scan, mask, once = bench.scan(), bench.mask(), bench.services.answers.run_once
 
     def meanwhile(*arguments):
         bench.delete("mask", mask)
@@ -215,7 +215,7 @@ def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
     services, scan = bench.services, bench.scan()
     mask = services.scans.get(scan).mask_id
     image = bench.make("/reconstructions", scan_id=scan, through={"mask_id": mask}, parameters=SMALL)
-    services.ledger.settle(image, services.ledger.start(image, "test").fence, Succeeded({}), "test")
+    services.ledger.finish_attempt(image, services.ledger.start_attempt(image, "test").fence, Succeeded({}), "test")
     first = mask if kind == "mask" else image
     answers = []
     deleting = threading.Thread(
@@ -245,7 +245,9 @@ def test_a_deletion_and_what_is_forgotten_for_its_age_never_wait_for_each_other(
             if request.kind == "reconstruction":
                 told = {"simulated": True, "created": services.clock(), "parameters": {}}
                 session.add(ReconstructionRow(id=request.id, scan_id=scan, **told))
-        services.ledger.settle(request.id, services.ledger.start(request.id, "test").fence, Succeeded({}), "test")
+        services.ledger.finish_attempt(
+            request.id, services.ledger.start_attempt(request.id, "test").fence, Succeeded({}), "test"
+        )
     now = services.clock()
     monkeypatch.setattr(services, "clock", lambda: now + timedelta(days=31))
     monkeypatch.setattr(services, "settings", services.settings.model_copy(update={"retention_days": 30}))

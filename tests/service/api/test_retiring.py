@@ -104,7 +104,7 @@ def comes_back(pair):
     assert scanners(pair) == []
     pair.scanner = pair.start()
     assert scanners(pair) == ["scanner-0"]
-    assert until(pair.latch.standing).reason == "smoke"
+    assert until(pair.latch.active).reason == "smoke"
 
 
 def test_a_node_that_was_cut_off_while_its_scanner_was_retired_notes_it_again(pair):

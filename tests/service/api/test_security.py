@@ -97,7 +97,7 @@ def routes():
 
 def test_every_route_is_in_the_table_and_looks_there():
     assert {(method, route.path_format) for method, route in routes()} == set(SCOPES)
-    assert all(type(route).__name__ == "GuardedRoute" for _, route in routes())
+    assert all(type(route).__name__ == "AuthorizedRoute" for _, route in routes())
 
 
 def test_no_handler_takes_authorisation_from_its_input():

@@ -32,14 +32,14 @@ def pair(tmp_path):
 def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
     answer = pair.http.post(STOP, json={"reason": "smoke"})
     assert answer.status_code == 202, answer.text
-    press, shown = pair.latch.standing(), answer.json()["emergency_stop"]
+    press, shown = pair.latch.active(), answer.json()["emergency_stop"]
     assert (press.number, press.who, press.reason) == (shown["number"], "local", "smoke")
-    pair.latch.answer(StopOutcome(press.number, "off", 0.01))
+    pair.latch.record_outcome(StopOutcome(press.number, "off", 0.01))
     until(lambda: (seen := pair.http.get("/scanners/scanner-0").json()["emergency_stop"]) and seen["laser"] == "off")
     refused = pair.http.delete(STOP, params={"number": "another"})
     assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")
     assert pair.http.delete(STOP, params={"number": press.number}).json()["emergency_stop"] is None
-    assert pair.latch.standing() is None
+    assert pair.latch.active() is None
     assert pair.http.post("/scanners/scanner-9/emergency-stop").status_code == 404
 
 
@@ -73,9 +73,9 @@ def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scan
     released = pair.http.delete(STOP)
     assert (released.status_code, released.json()["code"]) == (503, "node-unavailable")
     until(lambda: pair.http.get("/scanners/scanner-0").json()["emergency_stop"])
-    assert pair.latch.standing() is None
+    assert pair.latch.active() is None
     pair.scanner = pair.start()
-    assert until(pair.latch.standing).reason == "smoke"
+    assert until(pair.latch.active).reason == "smoke"
     pair.row.ensure(simulated=True, address=pair.scanner.url)
     number = answer.json()["emergency_stop"]["number"]
     released = until(lambda: (gone := pair.http.delete(STOP, params={"number": number})).status_code != 503 and gone)
@@ -90,7 +90,7 @@ def test_a_press_of_all_scanners_names_each_and_those_that_are_silent(pair):
     assert answer.status_code == 202, answer.text
     said = {one["id"]: one["emergency_stop"] for one in answer.json()["items"]}
     assert set(said) == {"scanner-0", "scanner-1"}
-    assert said["scanner-0"]["number"] == pair.latch.standing().number
+    assert said["scanner-0"]["number"] == pair.latch.active().number
     assert said["scanner-1"]["laser"] == "unconfirmed"
 
 
@@ -100,7 +100,7 @@ def test_a_press_of_all_scanners_reaches_those_that_only_the_node_knows_while_it
     with pair.scanner.database.write():  # what a database does that hangs
         answer = pair.http.post("/emergency-stop")
         assert {one["id"] for one in answer.json()["items"]} == {"scanner-0", "scanner-1"}
-        assert pair.latch.standing() is not None
+        assert pair.latch.active() is not None
 
 
 def test_a_node_that_answers_in_drops_is_asked_again(pair):
@@ -166,7 +166,7 @@ def test_headers_that_come_twice_are_sent_on_and_back_twice(pair):
 def test_only_another_node_can_say_that_a_press_is_one_that_came_before(pair, errand):
     for _ in range(2):
         asked = httpx.post(f"{pair.scanner.url}/api/v1{STOP}", headers={"Steradian-Errand": errand}, timeout=250)
-        press = pair.latch.standing()
+        press = pair.latch.active()
         assert press is not None, "it is pressed anew"
         assert asked.json()["emergency_stop"]["number"] == press.number
         httpx.delete(f"{pair.scanner.url}/api/v1{STOP}", timeout=250).raise_for_status()

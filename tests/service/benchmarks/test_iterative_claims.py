@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.paper import calibration, iterative
+from steradian.benchmarks.paper import focus, iterative
 from steradian.benchmarks.paper.sections import SectionContext, Verdict
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("section", [iterative.SECTION, calibration.SECTION], ids=lambda section: section.name)
+@pytest.mark.parametrize("section", [iterative.SECTION, focus.SECTION], ids=lambda section: section.name)
 def test_every_claim_of_the_section_holds_at_full_size(section, tmp_path: Path) -> None:
     part = json.loads(
         json.dumps(section.measure(SectionContext(False, tmp_path, lambda done, total: None)), allow_nan=False)
@@ -25,7 +25,7 @@ def test_every_claim_of_the_section_holds_at_full_size(section, tmp_path: Path) 
 
 @pytest.mark.long
 # The order shares the time that compiling takes in a fresh clone: what the first compiles, the second needs too.
-@pytest.mark.parametrize("section", [calibration.SECTION, iterative.SECTION], ids=lambda section: section.name)
+@pytest.mark.parametrize("section", [focus.SECTION, iterative.SECTION], ids=lambda section: section.name)
 def test_a_small_version_runs_and_its_page_holds_what_its_json_does(section, tmp_path: Path) -> None:
     part = json.loads(
         json.dumps(section.measure(SectionContext(True, tmp_path, lambda done, total: None)), allow_nan=False)

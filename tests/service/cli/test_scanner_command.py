@@ -17,7 +17,7 @@ def scanner():
 
 
 def test_scanner_status_of_a_free_port_prints_what_the_scanner_says(scanner):
-    scanner.command("interlock", closed=False)
+    scanner.send_command("interlock", closed=False)
     shown = command("scanner", "status", "--scanner", scanner.url)
     assert shown.returncode == 0, shown.stderr
     said = dict(line.split(None, 1) for line in shown.stdout.splitlines() if len(line.split()) > 1)

@@ -120,8 +120,8 @@ def test_in_pieces_it_is_the_same_image(setting: str, cuda: Make) -> None:
     traces = RNG.standard_normal((len(positions), plan.geometry.samples))
     whole = cuda(plan.tables)
     pieces = cuda(plan.tables, device_memory=_least(plan.tables, cuda))
-    assert whole.room.whole
-    assert not pieces.room.whole
+    assert whole.room.fits_in_one_pass
+    assert not pieces.room.fits_in_one_pass
     assert pieces.room.frequencies < whole.room.frequencies
     expected = whole.host(run_inverse(whole, traces))
     found = run_inverse(pieces, traces)

@@ -38,9 +38,9 @@ def seen(ledger):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda ledger, old: ledger.settle("job", old, Succeeded({"of": "the old one"}), "cut-off"),
-        lambda ledger, old: ledger.settle("job", old, Crashed("killed"), "cut-off"),
-        lambda ledger, old: ledger.put_back("job", old, "cut-off"),
+        lambda ledger, old: ledger.finish_attempt("job", old, Succeeded({"of": "the old one"}), "cut-off"),
+        lambda ledger, old: ledger.finish_attempt("job", old, Crashed("killed"), "cut-off"),
+        lambda ledger, old: ledger.requeue("job", old, "cut-off"),
         lambda ledger, old: ledger.report("job", old, "working", 3, 4),
         lambda ledger, old: ledger.cancelled("job", "cut-off", old),
     ],
@@ -48,35 +48,37 @@ def seen(ledger):
 )
 @pytest.mark.parametrize("wanted", [True, False], ids=["wanted", "unwanted"])
 def test_what_an_earlier_start_says_is_refused(ledger, change, wanted):
-    old = ledger.start("job", "cut-off").fence
-    new = ledger.start("job", "other").fence
+    old = ledger.start_attempt("job", "cut-off").fence
+    new = ledger.start_attempt("job", "other").fence
     if not wanted:
         ledger.request_cancellation("job", "somebody", None)
     before = seen(ledger)
     with pytest.raises(StaleFence, match=f"start {old} of job job counts no more"):
         change(ledger, old)
     assert seen(ledger) == before
-    ledger.settle("job", new, Succeeded({"of": "the new one"}), "other")
+    ledger.finish_attempt("job", new, Succeeded({"of": "the new one"}), "other")
     assert ledger.status("job").state is (R.SUCCEEDED if wanted else R.CANCELLED)
 
 
 def test_a_number_is_not_used_again_after_a_start_was_put_back(ledger):
     """The count of attempts goes back, the number does not: else the one before would pass for the one after."""
-    old = ledger.start("job", "asked-to-end")
-    ledger.put_back("job", old.fence, "asked-to-end")
-    new = ledger.start("job", "other")
+    old = ledger.start_attempt("job", "asked-to-end")
+    ledger.requeue("job", old.fence, "asked-to-end")
+    new = ledger.start_attempt("job", "other")
     assert (old.attempt, new.attempt) == (1, 1)
     assert new.fence > old.fence
     with pytest.raises(StaleFence):
-        ledger.settle("job", old.fence, Succeeded({}), "asked-to-end")
+        ledger.finish_attempt("job", old.fence, Succeeded({}), "asked-to-end")
     assert [(a["start"], a["outcome"]) for a in ledger.status("job").attempts] == [(1, "put back"), (2, None)]
 
 
 def test_interruptions_are_not_counted_as_attempts_but_do_not_go_on_for_ever(ledger):
     for _ in range(MAX_INTERRUPTIONS - 1):
-        row = ledger.settle("job", ledger.start("job", "one").fence, Requeued("the folder is gone"), "one")
+        row = ledger.finish_attempt(
+            "job", ledger.start_attempt("job", "one").fence, Requeued("the folder is gone"), "one"
+        )
         assert (row.state, row.attempt) == (R.QUEUED, 0)
-    row = ledger.settle("job", ledger.start("job", "one").fence, Requeued("the folder is gone"), "one")
+    row = ledger.finish_attempt("job", ledger.start_attempt("job", "one").fence, Requeued("the folder is gone"), "one")
     assert (row.state, row.error_code) == (R.FAILED, "interrupted")
     assert "the folder is gone" in row.error
 

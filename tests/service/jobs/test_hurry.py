@@ -19,7 +19,7 @@ class Changes:
     def __init__(self, *told):
         self.told = list(told)
 
-    def any(self):
+    def has_changed(self):
         return self.told.pop(0)
 
 

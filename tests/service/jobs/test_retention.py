@@ -65,9 +65,9 @@ def services(tmp_path):
 def job(services, name, *, over):
     with services.database.write() as session:
         services.ledger.add(session, JobRequest(name, "reconstruction", {}))
-    services.ledger.start(name, "worker-0")
+    services.ledger.start_attempt(name, "worker-0")
     if over:
-        services.ledger.settle(name, 1, Succeeded({}), "worker-0")
+        services.ledger.finish_attempt(name, 1, Succeeded({}), "worker-0")
     folder = services.data.job(name).root
     folder.mkdir(parents=True)
     (folder / "volume.h5").write_bytes(b"x")
@@ -155,7 +155,7 @@ def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(serv
     )
     for folder in (over, running, dying):
         (folder / "volume.h5.1.new").write_bytes(b"half")
-    with services.data.job("dying").running():
+    with services.data.job("dying").hold_running_lock():
         (dying / "volume.h5.1.new").write_bytes(b"half")
         apply_retention(services)
         assert [len(list(folder.glob("*.new"))) for folder in (over, running, dying)] == [0, 1, 1]
@@ -193,9 +193,9 @@ def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_kee
     for name in ("j1", "j2", "j3"):
         with services.database.write() as session:
             services.ledger.add(session, JobRequest(name, "import", {"upload_id": "u1"}))
-        services.ledger.start(name, "worker-0")
+        services.ledger.start_attempt(name, "worker-0")
     for name in ("j1", "j3"):
-        services.ledger.settle(name, 1, Failed("timeout", "it took too long"), "worker-0")
+        services.ledger.finish_attempt(name, 1, Failed("timeout", "it took too long"), "worker-0")
     drafts = [
         scans / f"{scan}.h5{ending}" for scan in ("s1", "s2", "s3", "s4") for ending in (".1.new", ".2.new.importing")
     ]
@@ -207,7 +207,7 @@ def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_kee
             draft.write_bytes(b"half")
     for scan in ("s1.h5", f"{armed}.h5.new"):
         (scans / scan).write_bytes(b"A-lines")
-    with services.data.job("j3").running():  # cancelled, and its process is still dying
+    with services.data.job("j3").hold_running_lock():  # cancelled, and its process is still dying
         apply_retention(services)
         assert [draft.exists() for draft in drafts] == [False, False, True, True, True, True, False, False]
     apply_retention(services)

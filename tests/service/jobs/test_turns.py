@@ -38,7 +38,7 @@ def ledger(tmp_path_factory):
 
 
 def finish(ledger, job_id):
-    ledger.settle(job_id, ledger.get(job_id).fence, Succeeded({}), "worker")
+    ledger.finish_attempt(job_id, ledger.get(job_id).fence, Succeeded({}), "worker")
 
 
 @pytest.mark.long
@@ -66,7 +66,7 @@ def test_who_has_jobs_waiting_is_served_as_often_as_any_other_who_has(ledger, da
         elif len(running) == workers:
             finish(ledger, running.pop(data.draw(st.integers(0, workers - 1))))
         elif row := next(iter(_waiting(ledger)), None):
-            running.append(ledger.start(row.id, "worker").id)
+            running.append(ledger.start_attempt(row.id, "worker").id)
             begun[row.owner, row.priority] += 1
 
 
@@ -78,7 +78,7 @@ def _ask(ledger, who, priority=100, kind="echo"):
 def _do_all(ledger):
     for row in ledger.unfinished():
         if row.state is ReconstructionState.QUEUED:
-            ledger.start(row.id, "worker")
+            ledger.start_attempt(row.id, "worker")
         finish(ledger, row.id)
 
 
@@ -108,9 +108,9 @@ def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
     elif why == "a job that was moved ahead":
         with ledger.database.write() as session:
             ledger.set_priority(session, batch[-1], 10)
-        ledger.start(batch.pop(), "worker")
+        ledger.start_attempt(batch.pop(), "worker")
     elif why == "a live image":
-        ledger.start(_ask(ledger, "anna", kind=LIVE_KIND), "worker")
+        ledger.start_attempt(_ask(ledger, "anna", kind=LIVE_KIND), "worker")
     asked = _ask(ledger, "ben")
     assert [row.id for row in _waiting(ledger)].index(asked) <= 1
 

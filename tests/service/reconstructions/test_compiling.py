@@ -18,8 +18,8 @@ from support.waiting import until
 pytestmark = pytest.mark.timeout(300)
 ASKING = """
 import time
-from steradian.reconstructions.warmup import compiling_ahead
-with compiling_ahead():
+from steradian.reconstructions.warmup import warmup_in_background
+with warmup_in_background():
     time.sleep(300)
 """
 LAST = {"depth.to_depth", "image.close_up", "downsample.means"}

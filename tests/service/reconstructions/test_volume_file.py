@@ -21,7 +21,7 @@ from steradian.reconstructions.volumes.file import attach_dimension_scales, read
 from steradian.reconstructions.volumes.pyramid import chunk_shape
 from steradian.reconstructions.volumes.reader import VolumeReader
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.scans.importing.write_scan import ImportedAline
+from steradian.scans.importing.scan_writer import ImportedAline
 
 AXES = VoxelAxes(np.arange(5) * 1e-4 - 2e-4, np.arange(4) * 2e-4 - 4e-4, np.arange(6) * 1e-5 + 1e-3)
 SPEED = 1487.0

@@ -32,7 +32,7 @@ def bench(tmp_path_factory):
 
 def test_a_queued_scan_runs_to_its_end_and_every_shot_is_accounted_for(bench):
     identifier = bench.queue()
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert bench.states(identifier) == ["queued", "arming", "running", "completing", "complete"]
     assert row.summary == {"points": 53, "stored": 53, "fired": 53}
@@ -58,7 +58,7 @@ def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(benc
     with bench.database.write() as session:
         plan = bench.plans.get(bench.scans.get(earlier).plan_id)
         following = bench.scans.add(session, plan, simulated=True, completes=earlier).id
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(following)
     assert (row.state, row.completes, row.summary["stored"]) == (S.COMPLETE, earlier, 53)
     assert row.summary["fired"] - held >= 53 - held, "besides what a proof takes"
@@ -73,12 +73,12 @@ def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(benc
 @pytest.mark.long
 def test_a_scan_whose_beginning_is_gone_fails_and_says_so(bench):
     earlier = bench.queue()
-    bench.work.step()
+    bench.work.run_once()
     with bench.database.write() as session:
         plan = bench.plans.get(bench.scans.get(earlier).plan_id)
         following = bench.scans.add(session, plan, simulated=True, completes=earlier).id
     bench.data.scan_file(earlier).unlink()
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(following)
     assert (row.state, row.error_code) == (S.FAILED, "not-found")
     assert not bench.data.scan_file(following).exists()
@@ -114,21 +114,21 @@ def test_an_aborted_scan_ends_aborted_and_the_next_one_runs(bench):
     bench.when_running(identifier, lambda: bench.scans.set_desired_state(identifier, W.ABORTED, "smoke"))
     assert bench.states(identifier)[-2:] == ["aborting", "aborted"]
     following = bench.queue()
-    bench.work.step()
+    bench.work.run_once()
     assert bench.scans.get(following).state is S.COMPLETE
 
 
 def test_a_scan_that_is_not_wanted_any_more_never_fires(bench):
     identifier = bench.queue()
     bench.scans.set_desired_state(identifier, W.STOPPED, None)
-    bench.work.step()
+    bench.work.run_once()
     assert bench.states(identifier) == ["queued", "aborted"]
     assert not bench.data.scan_file(identifier).exists()
 
 
 def test_a_plan_the_scanner_cannot_do_fails_and_says_why(bench):
     identifier = bench.queue(sampling_interval=1e-10)
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert (row.state, row.error_code) == (S.FAILED, "invalid-input")
     assert "sampling_interval" in row.error
@@ -238,7 +238,7 @@ def test_a_wish_to_abort_cannot_be_taken_back(bench):
     bench.scans.set_desired_state(identifier, W.ABORTED, "smoke")
     with pytest.raises(Conflict, match="cannot be"):
         bench.scans.set_desired_state(identifier, W.STOPPED, "never mind")
-    bench.work.step()
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.ABORTED
 
 
@@ -254,11 +254,11 @@ def interrupted(bench):
 def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
     identifier = interrupted(bench)
     stored = bench.scans.get(identifier).summary["stored"]
-    bench.work.step()
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.INTERRUPTED, "the laser never starts by itself"
     assert bench.scans.get(identifier).desired_state is W.PAUSED
     bench.scans.set_desired_state(identifier, W.RUNNING, "again", "ann")
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     states = [one for one in bench.states(identifier) if one != "recovering"]  # where the scanner still held some
     assert states[-5:] == ["interrupted", "arming", "running", "completing", "complete"]
@@ -270,11 +270,11 @@ def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
     identifier = interrupted(bench)
     bench.scans.set_desired_state(identifier, W.RUNNING, None)
     bench.work._begin()  # the acquisition process starts anew
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert (row.state, row.desired_state, row.reason) == (S.INTERRUPTED, W.PAUSED, "the service was restarted")
     bench.scans.set_desired_state(identifier, W.STOPPED, None)
-    bench.work.step()
+    bench.work.run_once()
     assert bench.scans.get(identifier).state is S.PARTIAL
 
 

@@ -127,7 +127,7 @@ def test_a_scan_that_cannot_fit_fails_before_a_pulse(bench, monkeypatch):
     usage = shutil.disk_usage(bench.data.root)._replace(free=1000)
     monkeypatch.setattr("steradian.scans.file.create.shutil.disk_usage", lambda folder: usage)
     identifier = bench.queue()
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert (row.state, row.error_code) == (S.FAILED, "disk-full")
     assert "0.0 MB free" in row.error
@@ -139,7 +139,7 @@ def test_a_disk_that_will_be_nearly_full_is_a_warning_and_no_obstacle(bench, mon
     plan = bench.plans.load(bench.scans.get(identifier).plan_id)
     usage = shutil.disk_usage(bench.data.root)._replace(free=scan_file_bytes(plan) + 1)
     monkeypatch.setattr("steradian.scans.file.create.shutil.disk_usage", lambda folder: usage)
-    bench.work.step()
+    bench.work.run_once()
     row = bench.scans.get(identifier)
     assert row.state is S.COMPLETE
     assert "MB free" in row.history[1]["why"]

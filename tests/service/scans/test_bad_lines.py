@@ -45,10 +45,10 @@ def plan():
     ("change", "words"), [(with_crlf, "changes line ends"), (without_flow_control, "software flow control")]
 )
 def test_scan_on_a_line_that_changes_bytes_fails_soon_and_says_how(simulator, plan, tmp_path, change, words):
-    before = simulator.command("report", fired=False)["time"]
+    before = simulator.send_command("report", fired=False)["time"]
     with line(simulator.url, down=change) as bad, pytest.raises(ScanFailed, match=words) as raised:
         run_scan(plan, bad.url, tmp_path / "a.h5")
-    after = simulator.command("report", fired=False)
+    after = simulator.send_command("report", fired=False)
     assert "whole frames" in str(raised.value)
     assert "bytes" in str(raised.value)
     assert after["time"] - before < SOON
@@ -56,8 +56,8 @@ def test_scan_on_a_line_that_changes_bytes_fails_soon_and_says_how(simulator, pl
 
 
 def test_stop_is_heard_while_a_bad_line_keeps_a_scan_from_being_armed(simulator, plan, tmp_path):
-    before = simulator.command("report", fired=False)["time"]
+    before = simulator.send_command("report", fired=False)["time"]
     with line(simulator.url) as bad:
         summary = run_scan(plan, bad.url, tmp_path / "a.h5", control=StopWhileArming(bad))
     assert summary.end is SessionOutcome.STOPPED
-    assert simulator.command("report", fired=False)["time"] - before < SOON
+    assert simulator.send_command("report", fired=False)["time"] - before < SOON

@@ -57,7 +57,7 @@ def test_a_signal_loses_what_the_fringe_says(scanned):
     plan = plans["bands"]
     (_, banded), (_, best) = measured(folder, "bands"), measured(folder, "each")
     kept = (banded * best).sum(axis=1) / (best**2).sum(axis=1)
-    expected = 1 - plan.fringe.loss(plan.bias - plan.wavelengths)
+    expected = 1 - plan.fringe.sensitivity_loss(plan.bias - plan.wavelengths)
     assert kept.min() > 0.65
     assert kept.mean() == pytest.approx(expected.mean(), abs=5e-3)
     assert np.abs(kept - expected).max() < 0.05

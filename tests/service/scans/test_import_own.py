@@ -240,7 +240,7 @@ def test_wavelengths_that_nobody_can_set_are_refused(tmp_path, own, plan, bias):
 
 def test_a_file_of_several_pieces_comes_whole(tmp_path, own, monkeypatch):
     """Pieces far smaller than the file: every A-line arrives in its row."""
-    monkeypatch.setattr("steradian.scans.importing.write_scan._PIECE", 1 << 11)
+    monkeypatch.setattr("steradian.scans.importing.scan_writer._PIECE", 1 << 11)
     import_scan(own, tmp_path / "new.h5")
     np.testing.assert_array_equal(read_scan(tmp_path / "new.h5").traces, read_scan(own).traces)
 

@@ -86,9 +86,9 @@ def test_status_between_scans_is_what_the_scanner_says_now(tmp_path, scanner):
     with watched(tmp_path, scanner.url) as port:
         shown = port.until(connection="connected", laser="off", interlock="closed", key="on", error=None)
         assert shown.serial
-        scanner.command("interlock", closed=False)
+        scanner.send_command("interlock", closed=False)
         port.until(interlock="open")
-        scanner.command("interlock", closed=True)
+        scanner.send_command("interlock", closed=True)
         port.until(interlock="closed")
         until(lambda: port.notes and port.notes[-1].interlock == "closed")
 

@@ -81,9 +81,9 @@ def test_a_scan_that_is_not_wanted_any_more_is_resumed_without_a_shot(plan, simu
     """The reference point, too, is measured only for somebody who wants the scan."""
     path = tmp_path / "a.h5"
     stop_at(plan, simulator, path, 20)
-    fired = simulator.command("report")["shots"]
+    fired = simulator.send_command("report")["shots"]
     summary = resume_scan(path, simulator.url, control=Script((0, wish)))
-    assert (summary.end, simulator.command("report")["shots"]) == (end, fired)
+    assert (summary.end, simulator.send_command("report")["shots"]) == (end, fired)
 
 
 def test_another_plan_is_refused_and_named(plan, simulator, tmp_path):
@@ -121,7 +121,7 @@ def test_what_a_killed_session_left_in_the_scanner_comes_in_first_and_is_not_fir
                 raise Killed
 
     path = tmp_path / "a.h5"
-    before = simulator.command("report")["shots"]
+    before = simulator.send_command("report")["shots"]
     with pytest.raises(Killed):
         run_scan(plan, simulator.url, path, control=Dies())
     time.sleep(0.1)
@@ -135,7 +135,7 @@ def test_what_a_killed_session_left_in_the_scanner_comes_in_first_and_is_not_fir
     summary = resume_scan(path, simulator.url, control=Notes())
     assert phases[0] == ("rescuing" if summary.rescued else "arming"), "it is told that the file is written to"
     assert summary.stored == plan.mask.count
-    assert simulator.command("report")["shots"] - before == summary.fired == plan.mask.count + 16
+    assert simulator.send_command("report")["shots"] - before == summary.fired == plan.mask.count + 16
     np.testing.assert_array_equal(samples(path), whole)
 
 
@@ -176,7 +176,7 @@ def test_frames_and_excitation_wavelengths_each_have_their_alines(plan, simulato
     assert read_scan(path, 3).provenance["excitation"] == "1000 nm"
     with pytest.raises(InvalidInput, match="0 to 3"):
         read_scan(path, 4)
-    simulator.command("report")
+    simulator.send_command("report")
 
 
 def test_a_wavelength_the_scanner_cannot_do_is_bad_input(plan, simulator, tmp_path):
@@ -231,10 +231,10 @@ def test_what_was_wished_while_the_process_was_held_up_comes_before_the_laser(pl
 
 
 def test_a_scan_that_is_not_wanted_before_it_begins_fires_nothing(plan, simulator, tmp_path):
-    before = simulator.command("report")["shots"]
+    before = simulator.send_command("report")["shots"]
     summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Script((0, Command.ABORT)))
     assert (summary.end, summary.stored, summary.fired) == (SessionOutcome.ABORTED, 0, 0)
-    assert simulator.command("report")["shots"] == before
+    assert simulator.send_command("report")["shots"] == before
 
 
 @pytest.mark.long

@@ -141,8 +141,8 @@ def test_kill_9_loses_no_acknowledged_aline(path, plan, tmp_path):
         sys.path.insert(0, {str(Path(__file__).parents[2])!r})
         from support.alines import Aline
         from pathlib import Path
-        from steradian.scans.file.writer import AlineStore
-        store = AlineStore(Path({str(path)!r}))
+        from steradian.scans.file.writer import ScanFileWriter
+        store = ScanFileWriter(Path({str(path)!r}))
         for point in range(store.count):
             store.append([Aline(point, np.full(store.samples, point, np.int16))])
             print(point, flush=True)

@@ -102,7 +102,7 @@ def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path
     with h5py.File(path) as file:
         fired = np.sort(file["alines/fire_time_s"][:])
     assert np.diff(fired) == pytest.approx(1 / RATE, rel=0.01), "not a pulse was left out"
-    watch.over()
+    watch.flush()
     assert (desk.row.done, desk.row.state) == (summary.stored, ScanState.RUNNING)
 
 
@@ -116,12 +116,12 @@ def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_i
             SessionPhase.PAUSING,
             SessionPhase.PAUSED,
         ):
-            watch.enter(phase)
-        watch.blocked("the disk is full")
+            watch.on_phase(phase)
+        watch.on_storage_blocked("the disk is full")
         watch.progress(7, 60)
-        assert watch.wish() is Command.RUN
+        assert watch.command() is Command.RUN
         assert desk.row.state is ScanState.ARMING
-    watch.over()
+    watch.flush()
     states = [entry["state"] for entry in desk.row.history]
     assert states == ["queued", "arming", "running", "recovering", "running", "pausing", "paused"]
     assert (desk.row.stage, desk.row.done) == ("A-lines", 7)
@@ -130,19 +130,19 @@ def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_i
 def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
     desk.scans.set_desired_state(desk.id, DesiredScanState.PAUSED, "let me see")
     watch = desk.watch()
-    assert watch.wish() is Command.PAUSE, "at once, before anything is fired"
+    assert watch.command() is Command.PAUSE, "at once, before anything is fired"
     desk.scans.set_desired_state(desk.id, DesiredScanState.RUNNING, "go on")
-    desk.until(lambda: watch.wish() is Command.RUN)
+    desk.until(lambda: watch.command() is Command.RUN)
     desk.scans.set_desired_state(desk.id, DesiredScanState.STOPPED, "enough")
-    desk.until(lambda: watch.wish() is Command.STOP)
+    desk.until(lambda: watch.command() is Command.STOP)
     watch.close()
-    assert watch.wish() is Command.STOP
+    assert watch.command() is Command.STOP
 
 
 def test_an_answer_that_nobody_foresaw_ends_the_scan_instead_of_the_ear_for_wishes(desk, monkeypatch):
     """A thread that ended unseen would leave the scan running, whatever is wished."""
     watch = desk.watch()
-    assert watch.wish() is Command.RUN
+    assert watch.command() is Command.RUN
 
     def surprise(identifier):
         raise RuntimeError("another row than any before")
@@ -150,5 +150,5 @@ def test_an_answer_that_nobody_foresaw_ends_the_scan_instead_of_the_ear_for_wish
     monkeypatch.setattr(desk.scans, "get", surprise)
     desk.until(lambda: watch._failure is not None)
     with pytest.raises(ScanFailed, match="another row than any before"):
-        watch.wish()
+        watch.command()
     watch.close()

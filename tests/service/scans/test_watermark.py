@@ -126,8 +126,10 @@ def stopped_while_full(simulator, plan, whole, path, monkeypatch):
         if not control.full or (number := next(faults, None)) is None:
             return None
         control.before = witness[0].acknowledged
-        shots = simulator.command("report")["shots"]
-        wait_until(lambda: (now := simulator.command("report"))["shots"] >= shots + 3 or now["state"] != "scanning")
+        shots = simulator.send_command("report")["shots"]
+        wait_until(
+            lambda: (now := simulator.send_command("report"))["shots"] >= shots + 3 or now["state"] != "scanning"
+        )
         return number
 
     witness = []

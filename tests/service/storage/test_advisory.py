@@ -53,7 +53,7 @@ def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
         assert free
     lock.release()
     assert other.acquire(30) is LockState.HELD
-    assert lock.renew() is LockState.TAKEN
+    assert lock.ensure_held() is LockState.TAKEN
     other.release()
 
 
@@ -82,15 +82,15 @@ def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, monkeypa
 
 def test_a_server_that_hangs_is_not_waited_for(lock, stopped, monkeypatch):
     monkeypatch.setattr(advisory, "QUERY_TIMEOUT", 0.5)
-    assert in_time(lock.renew) is LockState.UNREACHABLE
+    assert in_time(lock.ensure_held) is LockState.UNREACHABLE
 
 
 def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, monkeypatch):
     """The server still holds the lock for the session that was cut: it has not heard that yet."""
     monkeypatch.setattr(advisory, "QUERY_TIMEOUT", 0.5)
-    assert in_time(lock.renew) is LockState.UNREACHABLE
+    assert in_time(lock.ensure_held) is LockState.UNREACHABLE
     monkeypatch.undo()
-    assert lock.renew() is LockState.UNREACHABLE
+    assert lock.ensure_held() is LockState.UNREACHABLE
     stopped()
     assert lock.acquire(30) is LockState.HELD
 

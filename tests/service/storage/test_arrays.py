@@ -33,7 +33,7 @@ def file_of(folder, content, name="whole.h5"):
 def test_what_was_put_reads_the_same_as_a_whole_and_in_ranges(place, tmp_path, size):
     arrays, _, _ = place
     content = os.urandom(size)
-    arrays.keep(scan_name("s1"), file := file_of(tmp_path, content))
+    arrays.put_and_commit(scan_name("s1"), file := file_of(tmp_path, content))
     assert not file.exists(), "it is the seam's now"
     assert arrays.open("scans/s1.h5").read_bytes() == content
     for first, count in [(0, 10), (size // 2, 100), (max(0, size - 5), 100), (size + 3, 5), (7, 0)]:
@@ -49,8 +49,8 @@ def test_what_was_put_is_known_once_it_was_announced(place, tmp_path):
     names = [result_name("j1", name) for name in ("volume.h5", "report.json")]
     stored = [arrays.put(name, file_of(tmp_path, name.encode(), name.rpartition("/")[2])) for name in names]
     with database.write() as session:
-        arrays.announce(session, *stored)
-    assert list(arrays.names(result_name("j1"))) == sorted(names)
+        arrays.commit(session, *stored)
+    assert list(arrays.list_names(result_name("j1"))) == sorted(names)
     assert [arrays.open(name).read_bytes() for name in names] == [name.encode() for name in names]
 
 
@@ -60,7 +60,7 @@ def test_what_is_not_there_is_said_to_be_missing(place):
     for read in (lambda: arrays.open("scans/s9.h5"), lambda: arrays.range("scans/s9.h5", 0, 1)):
         with pytest.raises(NotFound):
             read()
-    assert list(arrays.names("jobs/j9/")) == []
+    assert list(arrays.list_names("jobs/j9/")) == []
 
 
 def test_deleting_takes_one_thing_or_all_of_a_job_and_may_be_repeated(place, tmp_path):
@@ -68,13 +68,13 @@ def test_deleting_takes_one_thing_or_all_of_a_job_and_may_be_repeated(place, tmp
     for job in ("j1", "j10"):
         data.job(job).root.mkdir()
         for name in ("a.json", "b.json"):
-            arrays.keep(result_name(job, name), file_of(tmp_path, b"{}"))
-    arrays.keep(upload_name("u1"), file_of(tmp_path, b"upload", "u1.part"))
+            arrays.put_and_commit(result_name(job, name), file_of(tmp_path, b"{}"))
+    arrays.put_and_commit(upload_name("u1"), file_of(tmp_path, b"upload", "u1.part"))
     for _ in range(2):
         arrays.delete(upload_name("u1"))
         arrays.delete(result_name("j1"))
-    assert [*arrays.names("uploads/"), *arrays.names("jobs/j1/")] == []
-    assert list(arrays.names("jobs/j10/")) == ["jobs/j10/a.json", "jobs/j10/b.json"]
+    assert [*arrays.list_names("uploads/"), *arrays.list_names("jobs/j1/")] == []
+    assert list(arrays.list_names("jobs/j10/")) == ["jobs/j10/a.json", "jobs/j10/b.json"]
 
 
 def test_what_is_being_written_is_read_from_where_it_is_written(place):
@@ -83,4 +83,4 @@ def test_what_is_being_written_is_read_from_where_it_is_written(place):
     assert arrays.open(scan_name("s1")) == data.scan_file("s1")
     assert arrays.stat(scan_name("s1")).size == 14
     assert arrays.url(scan_name("s1"), 60) is None
-    assert arrays.answers()
+    assert arrays.is_available()

@@ -20,7 +20,7 @@ def database(tmp_path):
 
 def write(database, value):
     with database.write() as session:
-        database.note(session, "test", value)
+        database.set_fact(session, "test", value)
 
 
 def test_every_commit_is_told_once_whoever_made_it(database, tmp_path):
@@ -44,7 +44,7 @@ def test_what_is_rolled_back_is_no_change(database):
     changes = ChangeDetector(database, at_least=1e6)
     assert changes.has_changed()
     with database.write() as session:
-        database.note(session, "test", "1")
+        database.set_fact(session, "test", "1")
         session.flush()
         session.rollback()
     assert not changes.has_changed()

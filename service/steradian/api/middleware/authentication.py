@@ -124,15 +124,13 @@ SCOPED_ROUTES: Final = (V1, "/metrics")
 """Paths below which nothing is answered without a key; the rest (health, documentation, pages) holds no data."""
 MUTATING_METHODS: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 LOOPBACK: Final = Principal("local", frozenset({Need.ADMIN}))
-BURST_SECONDS: Final = 10.0
+BURST: Final = 10.0
 """Seconds' worth of requests that may come at once."""
 WRITE_COST: Final = 5.0
 """What a request that changes something costs of a key's rate; one that reads costs 1."""
 
 
-class AuthBackend(Protocol):
-    """Services that authentication reads: settings, API keys, sessions and stop tickets."""
-
+class _AuthBackend(Protocol):
     settings: Settings
     keys: KeyStore
     sessions: SessionStore
@@ -150,14 +148,11 @@ class AuthenticationMiddleware:
     refused.
     """
 
-    def __init__(self, app: ASGIApp, keeper: AuthBackend) -> None:
+    def __init__(self, app: ASGIApp, keeper: _AuthBackend) -> None:
         self.app, self._settings = app, keeper.settings
         self._keys, self._sessions, self._tickets = keeper.keys, keeper.sessions, keeper.stop_tickets
         per_second, failed = keeper.settings.requests_per_second, keeper.settings.failed_keys_per_minute
-        self._asked, self._failed = (
-            RateLimiter(per_second, BURST_SECONDS * per_second),
-            RateLimiter(failed / 60, failed),
-        )
+        self._asked, self._failed = RateLimiter(per_second, BURST * per_second), RateLimiter(failed / 60, failed)
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -242,7 +242,7 @@ def _scanner_for(services: ServiceContainer, wanted: str | None) -> ScannerRow:
 def _require_lease(
     services: ServiceContainer, session: Session, lease: int | None, who: Principal, scanner_id: str
 ) -> int:
-    """Number of the lease under which a caller may start the laser; see :meth:`ScannerRepository.check_fence`."""
+    """Return the lease number with which a caller may start the laser; see :meth:`ScannerRepository.check_fence`."""
     desk = services.local_stop_controller(scanner_id)
     if desk is not None and desk.active is not None:
         raise EmergencyStopped("the emergency stop is pressed; release it first")

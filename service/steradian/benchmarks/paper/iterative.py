@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from steradian.benchmarks.paper.iterative_data import DIRECT, FILTERED, ITERATIVE, measure
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Section, SectionModule
+from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
 
 IMPROVEMENT_TARGET = {
     "thresholding": "adds up direct reconstructions, cut off at their streaks, to a non-negative volume",
@@ -12,7 +12,7 @@ IMPROVEMENT_TARGET = {
 }
 
 
-def write(part: SectionModule) -> str:
+def write(part: SectionResult) -> str:
     """Write the section."""
     options, cost = part["options"], part["cost"]
     rows = [[f"yarn, seed {row['seed']}", *_cells(row)] for row in part["rows"]]
@@ -61,12 +61,12 @@ def write(part: SectionModule) -> str:
     )
 
 
-def _cells(row: SectionModule) -> list[str]:
+def _cells(row: SectionResult) -> list[str]:
     names = (DIRECT, FILTERED, ITERATIVE)
     return [number(row["images"][name][of]) for of in ("volume", "mip") for name in names]
 
 
-def claims(part: SectionModule) -> list[Claim]:
+def claims(part: SectionResult) -> list[Claim]:
     """Claims: volumes improve by 10 % over a filter alone, projections do not deteriorate."""
     rows = [*part["rows"], *([part["kwave"]] if part["kwave"] is not None else [])]
     gains, mips = ([_gain(row, of) for row in rows] for of in ("volume", "mip"))
@@ -87,7 +87,7 @@ def claims(part: SectionModule) -> list[Claim]:
     ]
 
 
-def _price(part: SectionModule) -> list[Claim]:
+def _price(part: SectionResult) -> list[Claim]:
     """Return the cost of the iterative method and its benefit."""
     yarns = [row["images"][ITERATIVE]["volume"] for row in part["rows"]]
     run, outputs = part["cost"]["run"], [row["outputs"] for row in part["rows"] if "outputs" in row]
@@ -103,7 +103,7 @@ def _price(part: SectionModule) -> list[Claim]:
     ]
 
 
-def _gain(row: SectionModule, of: str, others: tuple[str, ...] = (DIRECT, FILTERED)) -> float:
+def _gain(row: SectionResult, of: str, others: tuple[str, ...] = (DIRECT, FILTERED)) -> float:
     """Return the improvement of the iterative method over the best other method."""
     gain: float = row["images"][ITERATIVE][of] - max(row["images"][name][of] for name in others)
     return gain

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.baselines import timed
 from steradian.benchmarks.paper.pictures import figure, save, show
-from steradian.benchmarks.paper.sections import SectionContext, SectionModule
+from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
 from steradian.imaging.iterative.solve import IterativeResult, reconstruct_iteratively
@@ -67,7 +67,7 @@ SMALL = Scenario(
 )
 
 
-def measure(run: SectionContext) -> SectionModule:
+def measure(run: SectionContext) -> SectionResult:
     """Reconstruct yarns of several seeds, and k-Wave's, both ways."""
     scene = SMALL if run.quick else Scenario()
     if not run.quick and not KWAVE.exists():
@@ -103,7 +103,7 @@ def measure(run: SectionContext) -> SectionModule:
     }
 
 
-def _yarn(run: SectionContext, scene: Scenario, where: NDArray[Any], weights: NDArray[Any], seed: int) -> SectionModule:
+def _yarn(run: SectionContext, scene: Scenario, where: NDArray[Any], weights: NDArray[Any], seed: int) -> SectionResult:
     balls, traces = scene.record(where, seed)
     images, result = _images(traces, where, weights, scene.common(), scene.options)
     axes = images[DIRECT].axes
@@ -128,7 +128,7 @@ def _images(
     return {DIRECT: direct, FILTERED: low, ITERATIVE: result.volume}, result
 
 
-def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionModule:
+def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionResult:
     return {
         "volume": quality.correlation(values, truth),
         "mip": quality.correlation(values.max(axis=2), truth.max(axis=2)),
@@ -136,7 +136,7 @@ def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionModule:
     }
 
 
-def _about(result: IterativeResult) -> SectionModule:
+def _about(result: IterativeResult) -> SectionResult:
     return {
         "iterations": result.iterations,
         "stopped": result.stopped,
@@ -147,7 +147,7 @@ def _about(result: IterativeResult) -> SectionModule:
     }
 
 
-def _kwave() -> SectionModule:
+def _kwave() -> SectionResult:
     """Reconstruct k-Wave's yarn; compared on its own voxels, whose rows of depth lie between ours."""
     with np.load(KWAVE) as file:
         data = dict(file)
@@ -178,7 +178,7 @@ def _kwave() -> SectionModule:
     return {"points": len(where), "of": side**2, "images": figures, **_about(result)}
 
 
-def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> SectionModule:
+def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> SectionResult:
     """Time products and a whole run in units of one direct reconstruction of all depths, in turns."""
     common = {**scene.common(), "depth_range": None}
     traces = np.random.default_rng(0).standard_normal((len(where), scene.samples), np.float32)

@@ -8,7 +8,7 @@ import numpy as np
 
 from steradian.benchmarks.paper.markdown import number, percent, picture, table, with_error
 from steradian.benchmarks.paper.resolution_data import KWAVE, SAMPLES, SHORT, measure
-from steradian.benchmarks.paper.sections import Claim, Section, SectionModule
+from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
 
 PAPER: dict[str, Any] = {
     "axial": ((23.23, 0.56), (62.34, 0.62), 168.47),
@@ -18,8 +18,8 @@ PAPER: dict[str, Any] = {
 }
 
 
-def _row(part: SectionModule, method: str, samples: int = SAMPLES) -> SectionModule:
-    found: SectionModule = next(row for row in part["rows"] if row["method"] == method and row["samples"] == samples)
+def _row(part: SectionResult, method: str, samples: int = SAMPLES) -> SectionResult:
+    found: SectionResult = next(row for row in part["rows"] if row["method"] == method and row["samples"] == samples)
     return found
 
 
@@ -28,7 +28,7 @@ def gain(ours: float | None, theirs: float | None) -> float | None:
     return None if not ours or theirs is None else theirs / ours - 1
 
 
-def write(part: SectionModule) -> str:
+def write(part: SectionResult) -> str:
     """Write the section."""
     ner, linear, kwave = (_row(part, name) for name in ("NER", "linear", KWAVE))
     lines = []
@@ -83,7 +83,7 @@ def write(part: SectionModule) -> str:
     )
 
 
-def _reasons(part: SectionModule) -> list[str]:
+def _reasons(part: SectionResult) -> list[str]:
     ner, linear, short = _row(part, "NER"), _row(part, "linear"), _row(part, "linear", SHORT)
     exact = _row(part, "NER", SHORT)
     width, direct = part["object"]["axial"], part["object"]["direct"]
@@ -114,7 +114,7 @@ def _gain_with_error(ours: tuple[float, float], theirs: tuple[float, float], cou
     return b / a - 1, b / a * float(np.hypot(da / a, db / b)) / count**0.5
 
 
-def claims(part: SectionModule) -> list[Claim]:
+def claims(part: SectionResult) -> list[Claim]:
     """Axial and lateral resolution, the star at 10 lp/mm."""
     ner, linear = _row(part, "NER"), _row(part, "linear")
     kwave = _row(part, KWAVE)

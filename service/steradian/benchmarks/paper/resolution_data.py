@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.paper.sections import SectionContext, SectionModule
+from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
 from steradian.phantoms.targets import SIGMA, chart_bars
@@ -92,7 +92,7 @@ class Target:
         return {name: {"wall": float(wall), "processor": float(cpu)} for name, (wall, cpu) in medians.items()}
 
 
-def measure(run: SectionContext) -> SectionModule:
+def measure(run: SectionContext) -> SectionResult:
     """Measure widths, modulation and times."""
     steps = 5
     run.step(0, steps)
@@ -130,7 +130,7 @@ def measure(run: SectionContext) -> SectionModule:
     }
 
 
-def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -> SectionModule:
+def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -> SectionResult:
     """Fit 49 lines along z in a wide bar, and the long sides of the wide upright and lying bars."""
     x, y, z = volume.axes.x, _y(volume), volume.axes.z
     left, right, low, high = bars[1]

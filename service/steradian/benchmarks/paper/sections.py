@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 from steradian.core.exceptions import InvalidInput
 
-SectionModule: TypeAlias = dict[str, Any]
+SectionResult: TypeAlias = dict[str, Any]
 """What a section measured: JSON values only (str, int, float, bool, None, lists and dicts of them)."""
 
 SECTION_NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
@@ -67,9 +67,9 @@ class Section:
 
     name: str
     title: str
-    measure: Callable[[SectionContext], SectionModule]
-    write: Callable[[SectionModule], str]
-    claims: Callable[[SectionModule], list[Claim]] = lambda part: []
+    measure: Callable[[SectionContext], SectionResult]
+    write: Callable[[SectionResult], str]
+    claims: Callable[[SectionResult], list[Claim]] = lambda part: []
 
 
 class Verdict(StrEnum):

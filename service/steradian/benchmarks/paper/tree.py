@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionModule
+from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionResult
 from steradian.imaging import Volume, reconstruct
 from steradian.masks import Mask, equiangular_mask
 from steradian.masks.scanner_grid import ScannerGrid
@@ -95,7 +95,7 @@ class LineScan:
         return np.rint(mask.positions[:, 0] / SPACING).astype(np.int64) + self.columns // 2, mask
 
 
-def measure(run: SectionContext) -> SectionModule:
+def measure(run: SectionContext) -> SectionResult:
     """Judge all arrangements on all trees."""
     shape = (256, 64) if run.quick else (1024, 256)
     samples = 512 if run.quick else 2048
@@ -116,7 +116,7 @@ def measure(run: SectionContext) -> SectionModule:
     return {"sensors": COUNT, "line": shape[0], "samples": samples, "weight_ratio": ratio, "rows": rows}
 
 
-def _row(line: LineScan, intervals: range) -> SectionModule:
+def _row(line: LineScan, intervals: range) -> SectionResult:
     columns, mask = line.equiangular()
     sweep = [line.score(line.image(line.equispaced(interval))) for interval in intervals]
     best = int(np.argmax([figures["correlation"] for figures in sweep]))
@@ -133,7 +133,7 @@ def _row(line: LineScan, intervals: range) -> SectionModule:
     }
 
 
-def _draw(run: SectionContext, line: LineScan, row: SectionModule) -> None:
+def _draw(run: SectionContext, line: LineScan, row: SectionResult) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     columns, mask = line.equiangular()
@@ -163,7 +163,7 @@ def _draw(run: SectionContext, line: LineScan, row: SectionModule) -> None:
     save(made, run.picture("tree-curves"))
 
 
-def write(part: SectionModule) -> str:
+def write(part: SectionResult) -> str:
     """Write the section."""
     rows = part["rows"]
     lines = []
@@ -227,7 +227,7 @@ def write(part: SectionModule) -> str:
     )
 
 
-def _reasons(part: SectionModule) -> list[str]:
+def _reasons(part: SectionResult) -> list[str]:
     grouped = _grouped(part["rows"])
     long, short = grouped["middling", part["samples"]], grouped["middling", part["samples"] // 2]
     gains = [float(np.mean([row["closer"] for row in some])) for some in (long, short)]
@@ -245,18 +245,18 @@ def _reasons(part: SectionModule) -> list[str]:
     ]
 
 
-def _grouped(rows: list[SectionModule]) -> dict[tuple[str, int], list[SectionModule]]:
-    grouped: dict[tuple[str, int], list[SectionModule]] = {}
+def _grouped(rows: list[SectionResult]) -> dict[tuple[str, int], list[SectionResult]]:
+    grouped: dict[tuple[str, int], list[SectionResult]] = {}
     for row in rows:
         grouped.setdefault((row["kind"], row["samples"]), []).append(row)
     return grouped
 
 
-def _range(rows: list[SectionModule], name: str, key: str = "correlation", digits: int = 3) -> str:
+def _range(rows: list[SectionResult], name: str, key: str = "correlation", digits: int = 3) -> str:
     return spread([row[name][key] for row in rows], digits)
 
 
-def claims(part: SectionModule) -> list[Claim]:
+def claims(part: SectionResult) -> list[Claim]:
     """Equiangular beats equispaced, and NEDNER beats filled gaps."""
     rows = [row for row in part["rows"] if row["samples"] == part["samples"]]
     gains = [row["closer"] for row in rows]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
-from steradian.benchmarks.paper.sections import Claim, Section, SectionModule
+from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
 from steradian.benchmarks.paper.yarn_data import EQUI, FILLED, GRIDS, measure, near
 
 PAPER: dict[str, Any] = {
@@ -19,19 +19,19 @@ PAPER: dict[str, Any] = {
 }
 
 
-def relative_improvement(row: SectionModule, name: str) -> float:
+def relative_improvement(row: SectionResult, name: str) -> float:
     """Return the relative gain in correlation of the equi-steradian mask, as a mean over discs of 2–8 mm."""
     ours, theirs = (np.array(near(row["masks"][mask]["by_diameter"])) for mask in (EQUI, name))
     return float(np.mean((ours - theirs) / (1 - theirs)))
 
 
-def win_fraction(row: SectionModule) -> float:
+def win_fraction(row: SectionResult) -> float:
     """Share of the discs of 2–8 mm in which it beats every grid."""
     ours, *theirs = (near(row["masks"][mask]["by_diameter"]) for mask in (EQUI, *(f"interval {k}" for k in GRIDS)))
     return float(np.mean(np.array(ours) > np.max(theirs, axis=0)))
 
 
-def write(part: SectionModule) -> str:
+def write(part: SectionResult) -> str:
     """Write the section."""
     main = [row for row in part["rows"] if row["setting"] == part["main"]]
     yarns = [row for row in main if row["object"] == "yarn"]
@@ -59,7 +59,7 @@ def write(part: SectionModule) -> str:
     )
 
 
-def _masks(rows: list[SectionModule]) -> list[list[str]]:
+def _masks(rows: list[SectionResult]) -> list[list[str]]:
     lines = []
     for name in (EQUI, *(f"interval {k}" for k in GRIDS), FILLED):
         of = [row["masks"][name] for row in rows]
@@ -79,7 +79,7 @@ def _masks(rows: list[SectionModule]) -> list[list[str]]:
     return lines
 
 
-def _runs(rows: list[SectionModule]) -> list[list[str]]:
+def _runs(rows: list[SectionResult]) -> list[list[str]]:
     return [
         [
             f"{row['object']}, {row['seed']}",
@@ -92,7 +92,7 @@ def _runs(rows: list[SectionModule]) -> list[list[str]]:
     ]
 
 
-def _settings(part: SectionModule) -> list[list[str]]:
+def _settings(part: SectionResult) -> list[list[str]]:
     chosen = [row for row in part["rows"] if row["object"] == "yarn" and row["seed"] == 0]
     return [
         [row["setting"], row["best"], percent(relative_improvement(row, row["best"])), percent(row["share_of_disc"])]
@@ -100,7 +100,7 @@ def _settings(part: SectionModule) -> list[list[str]]:
     ]
 
 
-def _reasons(part: SectionModule, yarns: list[SectionModule]) -> list[str]:
+def _reasons(part: SectionResult, yarns: list[SectionResult]) -> list[str]:
     worst = min(
         (row for row in part["rows"] if row["object"] == "yarn"), key=lambda row: relative_improvement(row, row["best"])
     )
@@ -123,7 +123,7 @@ def _reasons(part: SectionModule, yarns: list[SectionModule]) -> list[str]:
     ]
 
 
-def claims(part: SectionModule) -> list[Claim]:
+def claims(part: SectionResult) -> list[Claim]:
     """Equi-steradian against the best grid, yarns and every row; NEDNER against filled gaps."""
     main = [row for row in part["rows"] if row["setting"] == part["main"] and row["object"] == "yarn"]
     gains = [relative_improvement(row, row["best"]) for row in main]

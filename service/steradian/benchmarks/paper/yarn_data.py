@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.paper.sections import SectionContext, SectionModule
+from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask
@@ -153,7 +153,7 @@ def cases(quick: bool) -> list[tuple[str, int, ExperimentSetting]]:
     return found + [("yarn", 0, other) for other in (OTHER_SETTINGS[:1] if quick else OTHER_SETTINGS)]
 
 
-def measure(run: SectionContext) -> SectionModule:
+def measure(run: SectionContext) -> SectionResult:
     """Judge all masks on all objects and settings."""
     chosen, rows = cases(run.quick), []
     for done, case in enumerate(chosen):
@@ -173,7 +173,7 @@ def measure(run: SectionContext) -> SectionModule:
     }
 
 
-def measure_case(run: SectionContext, kind: str, seed: int, setting: ExperimentSetting, *, draw: bool) -> SectionModule:
+def measure_case(run: SectionContext, kind: str, seed: int, setting: ExperimentSetting, *, draw: bool) -> SectionResult:
     """Judge all masks on one object under one setting."""
     balls: phantoms.Balls = getattr(phantoms, kind)(seed)
     row = _row(run, Scan(balls, setting, seed, run.quick), balls, draw=draw)
@@ -184,7 +184,7 @@ def _diameters() -> list[float]:
     return [round(float(d), 1) for d in np.arange(2.0, 12.01, 0.4)]
 
 
-def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> SectionModule:
+def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) -> SectionResult:
     full = scan.image(None)
     model, truth = full.mip("z"), phantoms.rasterise(balls, full)
     points, mask = scan.equi_steradian()
@@ -196,13 +196,10 @@ def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) 
         volume = make()
         mips[name] = volume.mip("z")
         figures[name] = _figures(volume, model, truth)
-    best = max(
-        (f"interval {k}" for k in GRIDS),
-        key=lambda name: float(np.mean(near(figures[name]["by_diameter"]))),
-    )
+    best = max((f"interval {k}" for k in GRIDS), key=lambda name: float(np.mean(near(figures[name]["by_diameter"]))))
     interest = quality.above_threshold(model, THRESHOLD)
     inside = quality.disc(full.axes.x, _y(full), DRAWN_DIAMETER)
-    row: SectionModule = {
+    row: SectionResult = {
         "masks": figures,
         "best": best,
         "full_truth_mip": quality.correlation(model, truth.mip("z")),
@@ -216,7 +213,7 @@ def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) 
     return row
 
 
-def _figures(volume: Volume, model: NDArray[Any], truth: Volume) -> SectionModule:
+def _figures(volume: Volume, model: NDArray[Any], truth: Volume) -> SectionResult:
     image, interest = volume.mip("z"), quality.above_threshold(model, THRESHOLD)
     correlations, sharpness = [], []
     for diameter in _diameters():
@@ -243,7 +240,7 @@ def _correlation(a: NDArray[Any], b: NDArray[Any], region: NDArray[np.bool_]) ->
     return quality.correlation(a, b, region) if region.sum() > 10 else None
 
 
-def _by_pixels(full: Volume, model: NDArray[Any], mips: dict[str, NDArray[Any]]) -> SectionModule:
+def _by_pixels(full: Volume, model: NDArray[Any], mips: dict[str, NDArray[Any]]) -> SectionResult:
     """Correlation over the brightest pixels of the model standard in the disc, ever more of them."""
     inside = np.flatnonzero(quality.disc(full.axes.x, _y(full), DRAWN_DIAMETER).ravel())
     order = inside[np.argsort(-model.ravel()[inside], kind="stable")]
@@ -271,7 +268,7 @@ def near(values: list[float | None]) -> list[float]:
     return [v for d, v in zip(_diameters(), values, strict=True) if low <= d <= high and v is not None]
 
 
-def _draw(run: SectionContext, scan: Scan, full: Volume, mips: dict[str, NDArray[Any]], row: SectionModule) -> None:
+def _draw(run: SectionContext, scan: Scan, full: Volume, mips: dict[str, NDArray[Any]], row: SectionResult) -> None:
     from steradian.benchmarks.paper.pictures import curves, figure, save, show
 
     x, y, z = full.axes.x, _y(full), full.axes.z

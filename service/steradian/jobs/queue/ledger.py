@@ -174,7 +174,7 @@ class JobLedger(Repository[JobRow]):
         return self._fenced(job_id, fence, change)
 
     def requeue(self, job_id: str, fence: int, worker: str, why: str = "the worker was asked to end") -> JobRow:
-        """Queue a running job again, without counting its start; raises :class:`StaleFence`, as :meth:`finish_attempt`."""
+        """Queue a running job again and do not count its start; raises :class:`StaleFence`."""
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:

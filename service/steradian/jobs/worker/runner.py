@@ -191,9 +191,8 @@ class JobRunner:
             self._note(row.id, outcome.message)
         try:
             await asyncio.to_thread(self._keeper.upload_log_and_remove, row.id, row.fence, self._data.job(row.id))
-            return await self._retry_transient(
-                lambda: self._ledger.finish_attempt(row.id, row.fence, outcome, self._worker)
-            )
+            finish = partial(self._ledger.finish_attempt, row.id, row.fence, outcome, self._worker)
+            return await self._retry_transient(finish)
         except StoreUnavailable as error:  # which had all of it a moment ago
             return await self._finish(row, Requeued(str(error)))
         except DBAPIError as error:

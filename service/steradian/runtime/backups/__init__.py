@@ -7,6 +7,6 @@ BACKUP/scans, jobs, …   files, as they lie in the data folder
 
 from steradian.runtime.backups.create import create_backup
 from steradian.runtime.backups.manifest import Manifest
-from steradian.runtime.backups.restore import restore
+from steradian.runtime.backups.restoration import restore
 
 __all__ = ["Manifest", "create_backup", "restore"]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import fabry_perot
+from fabry_perot import RecoveryPolicy
 from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
 from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan
@@ -77,7 +78,7 @@ def run_scan(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
     control: SessionControl | None = None,
-    recovery: fabry_perot.RecoveryPolicy = DEFAULT,
+    recovery: RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
     """Measure every point of a plan and keep the A-lines in a scan file.
 
@@ -150,7 +151,7 @@ def resume_scan(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
     control: SessionControl | None = None,
-    recovery: fabry_perot.RecoveryPolicy = DEFAULT,
+    recovery: RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
     """Resume an interrupted or partial scan in the same file, with the missing points.
 
@@ -250,9 +251,7 @@ def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_pero
 
 
 @contextmanager
-def _connected_scanner(
-    url: str, recovery: fabry_perot.RecoveryPolicy, starter: SessionControl
-) -> Iterator[fabry_perot.Scanner]:
+def _connected_scanner(url: str, recovery: RecoveryPolicy, starter: SessionControl) -> Iterator[fabry_perot.Scanner]:
     """Connect to the scanner, guarded until the laser is off, and translate its errors."""
     scanner: fabry_perot.Scanner | None = None
     try:

@@ -16,7 +16,7 @@ from steradian.core.exceptions import Cancelled, Conflict, NotFound
 from steradian.core.progress import CancelCheck, Progress
 from steradian.scans.importing import scan_files
 from steradian.scans.importing.detect import is_scan_file, open_recording_source
-from steradian.scans.importing.write_scan import write_scan
+from steradian.scans.importing.scan_writer import write_scan
 
 __all__ = ["ImportSummary", "import_scan"]
 

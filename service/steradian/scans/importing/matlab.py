@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.scans.importing import mat5, untrusted, variable_aliases
+from steradian.scans.importing import mat5, untrusted
+from steradian.scans.importing import variable_aliases as names
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.evidence import longest_delay, time_axis
@@ -60,10 +61,7 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
 def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
     """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
     wanted = wanted_names(said)
-    with (
-        mat5.open_variables(path, (*variable_aliases.NUMBERS, *variable_aliases.GEOMETRY), wanted) as file,
-        temporary_file(folder) as spare,
-    ):
+    with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, temporary_file(folder) as spare:
         yield _source(file, said, spare, path, by_matlab=True)
 
 
@@ -104,7 +102,7 @@ def _in_order(
 
 def _mask(file: h5py.File) -> h5py.Dataset | None:
     """Binary mask of the sensors, where the file has one and no positions."""
-    name = None if _find(file, variable_aliases.POSITIONS) else _find(file, variable_aliases.MASK)
+    name = None if _find(file, names.POSITIONS) else _find(file, names.MASK)
     if name is None:
         return None
     mask = untrusted.dataset(file, name)
@@ -113,7 +111,7 @@ def _mask(file: h5py.File) -> h5py.Dataset | None:
 
 def wanted_names(said: Description) -> tuple[str, ...]:
     """Return the names by which the A-lines are looked for; a field of a structure may be named with dots."""
-    return (said.array.replace(".", "/"),) if said.array else variable_aliases.TRACES
+    return (said.array.replace(".", "/"),) if said.array else names.TRACES
 
 
 def _by_matlab(path: Path) -> bool:
@@ -213,17 +211,15 @@ def _table(traces: h5py.Dataset, order: tuple[str, ...], spare: Any) -> TraceBlo
 
 
 def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float64] | None) -> Metadata:
-    interval, rate, speed = (
-        _number(file, wanted) for wanted in (variable_aliases.INTERVAL, variable_aliases.RATE, variable_aliases.SPEED)
-    )
+    interval, rate, speed = (_number(file, wanted) for wanted in (names.INTERVAL, names.RATE, names.SPEED))
     if interval is None and rate:
         interval = 1 / rate
-    weights, energies = _find(file, variable_aliases.WEIGHTS), _find(file, variable_aliases.ENERGIES)
+    weights, energies = _find(file, names.WEIGHTS), _find(file, names.ENERGIES)
     return Metadata(
         points=points,
         weights=None if weights is None else untrusted.array(file, weights).astype(np.float64).reshape(-1),
-        depth=_number(file, variable_aliases.DEPTH),
-        aperture=_number(file, variable_aliases.APERTURE),
+        depth=_number(file, names.DEPTH),
+        aperture=_number(file, names.APERTURE),
         sampling_interval=interval,
         sound_speed=speed,
         time_zero=_time_zero(file, lateral),
@@ -233,9 +229,9 @@ def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float6
 
 def _time_zero(file: h5py.File, lateral: tuple[int, ...]) -> float | NDArray[np.float64]:
     """Time of the first sample, of all or (M,) of each sensor; an array of a form that is neither as it is."""
-    name = _find(file, variable_aliases.TIME_ZERO)
+    name = _find(file, names.TIME_ZERO)
     if name is None or file[name].size == 1:
-        return _number(file, variable_aliases.TIME_ZERO) or 0.0
+        return _number(file, names.TIME_ZERO) or 0.0
     values = untrusted.array(file, name, most_bytes=8 * MOST_POINTS).astype(np.float64).T
     listed = len(lateral) == 1 and max(values.shape) == values.size
     return values.reshape(-1) if listed or values.shape == lateral else values
@@ -247,10 +243,10 @@ def _number(file: h5py.File, wanted: tuple[str, ...]) -> float | None:
 
 
 def _points(file: h5py.File, *, reversed_axes: bool) -> NDArray[np.float64] | None:
-    name = _find(file, variable_aliases.POSITIONS)
+    name = _find(file, names.POSITIONS)
     if name is not None:
         return _coordinates(untrusted.array(file, name, most_bytes=32 * MOST_POINTS), first="point")
-    name = _find(file, variable_aliases.MASK)
+    name = _find(file, names.MASK)
     if name is None:
         return None
     mask = untrusted.dataset(file, name)
@@ -289,19 +285,13 @@ def _places(mask: h5py.Dataset) -> NDArray[np.int64]:
 
 
 def _steps(file: h5py.File, axes: int) -> tuple[float, ...]:
-    first = _number(file, (variable_aliases.STEPS[0], variable_aliases.KGRID[0]))
+    first = _number(file, (names.STEPS[0], names.KGRID[0]))
     if first is None:
         raise InvalidInput("dx", "missing", "> 0 (m), the pitch of the mask's grid, as a variable beside it")
-    return (
-        first,
-        *(
-            _number(file, each) or first
-            for each in list(zip(variable_aliases.STEPS, variable_aliases.KGRID, strict=True))[1:axes]
-        ),
-    )
+    return (first, *(_number(file, each) or first for each in list(zip(names.STEPS, names.KGRID, strict=True))[1:axes]))
 
 
 def _on_grid(file: h5py.File, stated: Metadata, counts: tuple[int, ...]) -> Metadata:
-    if _number(file, (variable_aliases.STEPS[0], variable_aliases.KGRID[0])) is None:
+    if _number(file, (names.STEPS[0], names.KGRID[0])) is None:
         return stated
     return replace(stated, points=grid_points(counts, _steps(file, 2)))

@@ -26,8 +26,8 @@ from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.plan_reader import read_plan
+from steradian.scans.importing.scan_writer import MAX_VALUE, ImportedAline, check_values, split_block
 from steradian.scans.importing.trace_blocks import Hdf5TraceBlocks
-from steradian.scans.importing.write_scan import MAX_VALUE, ImportedAline, check_values, split_block
 
 FORMAT = "steradian"
 GROUPS = {"mask", "plan", "alines", "run"}

@@ -35,7 +35,7 @@ def test_a_disk_that_somebody_else_fills_meanwhile_is_told_as_such(kept, small):
 KILLED = """
 import os, sys
 from pathlib import Path
-from steradian.runtime.backups import back_up
+from steradian.runtime.backups import create_backup
 from steradian.storage.db.database import Database
 from steradian.storage.data_dir.layout import DataDirectory
 data, seen = DataDirectory(Path(sys.argv[1])), []
@@ -43,7 +43,7 @@ def die(*at):
     seen.append(at)
     if len(seen) > 4:
         os._exit(9)
-back_up(data, Database(data.metadata_url), Path(sys.argv[2]), progress=die)
+create_backup(data, Database(data.metadata_url), Path(sys.argv[2]), progress=die)
 """
 
 

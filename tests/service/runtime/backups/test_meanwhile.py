@@ -53,7 +53,7 @@ def test_what_a_running_job_has_written_is_left_out_since_it_runs_again(kept, tm
         ledger.add(session, JobRequest("runs", "reconstruction", {"scan_id": kept.scan}))
     row = ledger.start_attempt("runs", "worker-0")
     folder = kept.data.job("runs")
-    folder.begin(row.fence + 1)  # a later start, which the rows of the backup do not know
+    folder.begin_attempt(row.fence + 1)  # a later start, which the rows of the backup do not know
     folder.log.write_text("first start\n")
     folder.volume.write_bytes(b"half")
     folder.report.write_text("{}")
@@ -108,4 +108,4 @@ def test_a_scan_with_a_damaged_header_is_kept_as_it_is(kept, tmp_path, bit):
     made = kept.back_up(tmp_path / "backup")
     assert "is kept as it is" in made.damaged[scan]
     assert (tmp_path / "backup" / "scans" / file.name).read_bytes() == file.read_bytes()
-    assert list(made.faults(tmp_path / "backup")) == []
+    assert list(made.verify(tmp_path / "backup")) == []

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steradian import phantoms
 from steradian.benchmarks.paper.markdown import number, percent, picture, table
 from steradian.benchmarks.paper.pictures import figure, save
-from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionModule
+from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionResult
 from steradian.imaging import InverseFilter, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.film_correction import SimulatedFilmResponse
@@ -24,7 +24,7 @@ ANGLES = (50.0, 62.0)
 _DEPTH, _SIDE, _MODES, _INTERVAL, _SAMPLES, _SPEED = 1.4e-3, 6.4e-3, 80, 10e-9, 400, 1480.0
 
 
-def measure(run: SectionContext) -> SectionModule:
+def measure(run: SectionContext) -> SectionResult:
     """Find speeds of sound, and bring back a ball seen from the side."""
     speeds = SPEEDS[1:2] if run.quick else SPEEDS
     found = []
@@ -67,7 +67,7 @@ def _curve(speed: float, seed: int, quick: bool) -> SoundSpeedCurve:
     )
 
 
-def _film() -> SectionModule:
+def _film() -> SectionResult:
     """Take a ball that the sensors of a ring see under ``ANGLES``, through the simulated scanner's film."""
     axis = (np.arange(_MODES) - _MODES // 2) * _SIDE / _MODES
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -128,7 +128,7 @@ def _peak(values: NDArray[Any]) -> float:
     return float(values[middle - 2 : middle + 3, middle - 2 : middle + 3, depth - 14 : depth + 15].max())
 
 
-def _draw(run: SectionContext, found: list[SectionModule]) -> None:
+def _draw(run: SectionContext, found: list[SectionResult]) -> None:
     made, (axes,) = figure(6.0, 3.2)
     for row in found:
         sharpness = np.array(row["sharpness"])
@@ -141,7 +141,7 @@ def _draw(run: SectionContext, found: list[SectionModule]) -> None:
     save(made, run.picture("sound-speed"))
 
 
-def write(part: SectionModule) -> str:
+def write(part: SectionResult) -> str:
     """Write the section."""
     speeds = [
         [
@@ -178,7 +178,7 @@ def write(part: SectionModule) -> str:
     )
 
 
-def claims(part: SectionModule) -> list[Claim]:
+def claims(part: SectionResult) -> list[Claim]:
     """Speeds within 0.3 %, amplitudes within 10 %, noise within its bound."""
     off = [abs(row["best"] / row["speed"] - 1) for row in part["speeds"]]
     mended = [row for row in part["film"]["rows"] if row["max_gain"] is not None]
