@@ -18,8 +18,8 @@ sys.path.insert(0, str(EXAMPLE))
 
 import scpi_laser  # noqa: E402
 from bench.cards import Cards, DigitiserCard  # noqa: E402
-from bench.table import BEAT, DELAY, EDGES, Table, film_place, marks  # noqa: E402
-from daq_parts import DaqGalvo, GatedPulses, LinesShutter  # noqa: E402
+from bench.table import DELAY, GATE_EDGES, GATE_PERIOD, OpticalTable, calibration_marks, film_place  # noqa: E402
+from daq_parts import CounterGatedLaser, DaqGalvo, DigitalLineShutter  # noqa: E402
 from ring_digitiser import RingDigitiser  # noqa: E402
 from scpi_laser import ScpiLaser  # noqa: E402
 
@@ -43,9 +43,9 @@ def visa() -> Iterator[str]:
 
 
 @pytest.fixture
-def table(visa) -> Iterator[Table]:
+def table(visa) -> Iterator[OpticalTable]:
     _, host, port, _ = visa.split("::")
-    with closing(Table((host, int(port)))) as table:
+    with closing(OpticalTable((host, int(port)))) as table:
         yield table
 
 
@@ -60,9 +60,9 @@ def lab(laser, table) -> ComposedInstrument:
     return lab_of(laser, table)
 
 
-def lab_of(laser: ScpiLaser, table: Table) -> ComposedInstrument:
+def lab_of(laser: ScpiLaser, table: OpticalTable) -> ComposedInstrument:
     cards = Cards(table)
-    galvo = DaqGalvo(cards, "Dev1", GalvoCalibration.fit(*marks()))
+    galvo = DaqGalvo(cards, "Dev1", GalvoCalibration.fit(*calibration_marks()))
     return ComposedInstrument(
         galvo=galvo,
         laser=laser,
@@ -72,8 +72,8 @@ def lab_of(laser: ScpiLaser, table: Table) -> ComposedInstrument:
             metres_per_pascal=table.shift,
             delay=DELAY,
         ),
-        excitation=GatedPulses(cards, "Dev1", edges=EDGES),
-        shutter=LinesShutter(cards, "Dev1"),
+        excitation=CounterGatedLaser(cards, "Dev1", edges=GATE_EDGES),
+        shutter=DigitalLineShutter(cards, "Dev1"),
     )
 
 
@@ -156,7 +156,7 @@ def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permissi
     lab.queue(0, points, now())
     lab.open()
     taken: list = []
-    until(lambda: 0.02 < table.clock() % BEAT < BEAT - 0.1)
+    until(lambda: 0.02 < table.clock() % GATE_PERIOD < GATE_PERIOD - 0.1)
     lab.permit(now() + (1_000 if renewed else 60_000_000), now())
     until(lambda: taken.extend(lab.poll(now())) or table.train or taken)
     if renewed:
@@ -166,7 +166,7 @@ def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permissi
         lab.permit(now() + 60_000_000, now())
     until(lambda: taken.extend(lab.poll(now())) or len(taken) == 2)
     first = np.array([each.fire_time for each in taken]) * 1e-6 - 2 / 200
-    assert np.abs((first + BEAT / 2) % BEAT - BEAT / 2).max() < 4e-3
+    assert np.abs((first + GATE_PERIOD / 2) % GATE_PERIOD - GATE_PERIOD / 2).max() < 4e-3
     assert [each.averages for each in taken] == [3, 3]
 
 
@@ -223,7 +223,7 @@ def test_host_reads_the_fault_of_an_instrument_in_its_words_and_goes_on_once_it_
     monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
     with laser_process() as (visa, process):
         _, host, port, _ = visa.split("::")
-        with closing(Table((host, int(port)))) as table:
+        with closing(OpticalTable((host, int(port)))) as table:
             laser = ScpiLaser(visa)
             with fabry_perot.connect(lab_of(laser, table)) as scanner:
                 assert scanner.statistics()["fault_text"] == ""

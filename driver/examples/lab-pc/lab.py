@@ -4,7 +4,7 @@
     python lab.py serve socket://127.0.0.1:4001 --laser TCPIP::127.0.0.1::5025::SOCKET --galvo galvo.json
 
 All that is made up is in ``bench``. With cards: ``import nidaqmx`` in place of ``Cards(table)``, the digitiser's own
-class in place of ``DigitiserCard(table)``, and the marks that a camera saw in place of ``marks()``.
+class in place of ``DigitiserCard(table)``, and the marks that a camera saw in place of ``calibration_marks()``.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import argparse
 from pathlib import Path
 
 from bench.cards import Cards, DigitiserCard
-from bench.table import DELAY, EDGES, Table, marks
-from daq_parts import DaqGalvo, GatedPulses, LinesShutter
+from bench.table import DELAY, GATE_EDGES, OpticalTable, calibration_marks
+from daq_parts import CounterGatedLaser, DaqGalvo, DigitalLineShutter
 from ring_digitiser import RingDigitiser
 from scpi_laser import ScpiLaser
 
@@ -25,7 +25,7 @@ from fabry_perot.hardware import GalvoCalibration
 def build(laser: str, galvo: Path, film: Path | None = None) -> ComposedInstrument:
     """Make the scanner of its parts."""
     _, host, port, _ = laser.split("::")
-    table = Table((host, int(port)))
+    table = OpticalTable((host, int(port)))
     cards, known = Cards(table), None if film is None else TuningMap.load(film)
     mirrors = DaqGalvo(cards, "Dev1", GalvoCalibration.load(galvo))
     scpi = ScpiLaser(laser, film=known)
@@ -40,8 +40,8 @@ def build(laser: str, galvo: Path, film: Path | None = None) -> ComposedInstrume
         galvo=mirrors,
         laser=scpi,
         digitiser=digitiser,
-        excitation=GatedPulses(cards, "Dev1", edges=EDGES),
-        shutter=LinesShutter(cards, "Dev1"),
+        excitation=CounterGatedLaser(cards, "Dev1", edges=GATE_EDGES),
+        shutter=DigitalLineShutter(cards, "Dev1"),
         model="lab PC with made-up cards",
         serial="LAB-1",
     )
@@ -61,7 +61,7 @@ def main() -> None:
     serving.add_argument("--film", type=Path, help="map of 'fabry-perot tune'")
     given = parser.parse_args()
     if given.command == "calibrate":
-        found = GalvoCalibration.fit(*marks(), degree=given.degree)
+        found = GalvoCalibration.fit(*calibration_marks(), degree=given.degree)
         found.save(given.output)
         print(f"degree {found.degree}: marks are met within {1e6 * found.residual:.1f} µm (rms), in {given.output}")
         return

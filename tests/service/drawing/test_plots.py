@@ -8,13 +8,13 @@ import pytest
 from steradian.drawing.mpl_renderer import to_figure
 from steradian.drawing.plot_spec import (
     Bars,
+    ColouredPath,
     Colours,
     Curve,
     Heatmap,
     Histogram,
     Marker,
     Page,
-    Path,
     Plot,
     Scatter,
     VerticalLine,
@@ -77,7 +77,7 @@ def test_dots_ways_and_curves_go_through_their_places_in_the_colours_of_their_va
     black = (0, 0, 0)
     for part in (
         Scatter(places, np.array([0.0, 0.0]), reds, 14),
-        Path(places, np.array([0.0]), reds, 5),
+        ColouredPath(places, np.array([0.0]), reds, 5),
         Curve(places, "#000000", 5),
     ):
         pixels, middles = drawn(part)

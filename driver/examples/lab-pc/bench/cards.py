@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.table import EDGES, Ring, Table, Train
+from bench.table import GATE_EDGES, OpticalTable, RecordRing, TriggerTrain
 
 constants = SimpleNamespace(
     AcquisitionType=SimpleNamespace(FINITE="finite"),
@@ -22,7 +22,7 @@ class Cards:
 
     constants = constants
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: OpticalTable) -> None:
         self._table = table
 
     def Task(self) -> _Task:  # noqa: N802 - its name in nidaqmx
@@ -33,7 +33,7 @@ class Cards:
 class _Task:
     """One task; its channels tell what it does."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: OpticalTable) -> None:
         self._table, self._kind, self._settings = table, "", dict[str, Any]()
         self._data: list[tuple[float, float]] = []
         self.ao_channels = SimpleNamespace(add_ao_voltage_chan=self._channel("ao"))
@@ -57,7 +57,7 @@ class _Task:
         return add
 
     def _at_edge(self, source: str) -> None:
-        if not source.endswith(EDGES):
+        if not source.endswith(GATE_EDGES):
             raise RuntimeError(f"DaqError -89120: nothing is wired to {source}")
         self._waits = True
 
@@ -66,7 +66,7 @@ class _Task:
 
     def write(self, data: Any, auto_start: bool = True) -> None:
         """Give data to the card; at once, or when it is started."""
-        self._table.look()
+        self._table.advance()
         if self._kind == "do":
             self._table.shutter_driven = bool(data)
         elif auto_start:
@@ -79,21 +79,21 @@ class _Task:
     def start(self) -> None:
         """Begin."""
         table = self._table
-        table.look()
+        table.advance()
         if self._kind == "ao":
             if len(self._data) != self._settings["samps_per_chan"]:
                 raise RuntimeError("DaqError -200462: fewer samples written than generated")
             table.table = list(self._data)
         elif self._kind == "train":
             begin = table.next_edge() if self._waits else table.clock()
-            table.train = Train(begin, 1 / self._settings["freq"], self._settings["samps_per_chan"])
+            table.train = TriggerTrain(begin, 1 / self._settings["freq"], self._settings["samps_per_chan"])
         elif self._kind == "gate":
             table.gate = table.clock() + self._settings["high_time"]
 
     def read(self) -> Any:
         """Return a line's level, or a count."""
         table = self._table
-        table.look()
+        table.advance()
         if self._kind == "ci":
             return table.shots
         line = int(self._settings["name"].rpartition("line")[2])
@@ -103,7 +103,7 @@ class _Task:
     def close(self) -> None:
         """Stop, and give the card's resources back."""
         table = self._table
-        table.look()
+        table.advance()
         if self._kind == "ao":
             table.table = []
         elif self._kind == "train":
@@ -119,7 +119,7 @@ class DigitiserCard:
     volts_per_count = 0.1 / 8192
     ring = 1000
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: OpticalTable) -> None:
         self._table = table
 
     def setup(self, samples: int, interval: float) -> None:
@@ -128,17 +128,17 @@ class DigitiserCard:
 
     def start(self, records: int) -> None:
         """Take so many triggers."""
-        self._table.look()
+        self._table.advance()
         self._table.ring.wanted = records
 
     def stop(self) -> None:
         """Take none, and forget the ring."""
-        self._table.look()
-        self._table.ring = Ring(self._table.ring.samples)
+        self._table.advance()
+        self._table.ring = RecordRing(self._table.ring.samples)
 
     def available(self) -> int:
         """Return how many records wait."""
-        self._table.look()
+        self._table.advance()
         waiting = len(self._table.ring.entries)
         if waiting > self.ring:
             raise RuntimeError("the ring overran")
@@ -164,5 +164,5 @@ class DigitiserCard:
 
     def mean(self) -> float:
         """Return the DC level in V."""
-        self._table.look()
+        self._table.advance()
         return self._table.level()

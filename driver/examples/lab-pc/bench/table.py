@@ -132,7 +132,7 @@ class OpticalTable:
         self.ring = RecordRing(samples)
         self.recorder.begin(PlanSampling(samples, round(interval * 1e12), 1))
 
-    def look(self) -> None:
+    def advance(self) -> None:
         """Let happen what has happened until now."""
         train, now = self.train, self.clock()
         while train is not None and train.left and train.first <= now:
