@@ -113,7 +113,7 @@ def test_the_card_steps_the_mirrors_through_places_of_the_film_and_the_records_k
     points["x"], points["y"] = np.linspace(-5e6, 5e6, 12), np.linspace(4e6, -3e6, 12)
     points["averages"], points["wavelength"] = 2, 1_550_000
     lab.begin(PlanSampling(64, 8_000, 500_000))
-    lab.queue(0, points, now())
+    lab.queue_points(0, points, now())
     lab.open()
     lab.permit(now() + 60_000_000, now())
     seen, taken = [], []
@@ -132,7 +132,7 @@ def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, tab
     points = np.zeros(60, POINT)
     points["averages"], points["wavelength"] = 100, 1_550_000
     lab.begin(PlanSampling(64, 8_000, 1_000_000))
-    lab.queue(0, points, now())
+    lab.queue_points(0, points, now())
     lab.open()
     ends = now() + 300_000
     lab.permit(ends, now())
@@ -153,7 +153,7 @@ def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permissi
     points["averages"], points["wavelength"], points["flags"] = 3, 1_550_000, FLAG_GATE
     assert lab.capabilities()["gate"]
     lab.begin(PlanSampling(64, 8_000, 200_000))
-    lab.queue(0, points, now())
+    lab.queue_points(0, points, now())
     lab.open()
     taken: list = []
     until(lambda: 0.02 < table.clock() % GATE_PERIOD < GATE_PERIOD - 0.1)
@@ -181,7 +181,7 @@ def test_a_table_that_would_have_to_wait_is_refused_as_a_fault_of_the_galvo(lab)
     points = np.zeros(3, POINT)
     points["settle"], points["wavelength"] = 5, 1_550_000
     lab.begin(PlanSampling(64, 8_000, 500_000))
-    lab.queue(0, points, now())
+    lab.queue_points(0, points, now())
     with pytest.raises(InstrumentError, match="steps_by_trigger") as raised:
         lab.poll(now())
     assert raised.value.fault == FAULT_GALVO

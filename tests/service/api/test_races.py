@@ -119,7 +119,7 @@ def bench(request, tmp_path_factory):
 )
 def test_what_was_deleted_since_it_was_looked_at_is_a_404_that_names_it(bench, monkeypatch, kind, path, body):
     needed = getattr(bench, kind)()
-    keeper, name = (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.answers, "once")
+    keeper, name = (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.answers, "run_once")
     keep = getattr(keeper, name)
 
     def meanwhile(*arguments):
