@@ -242,8 +242,12 @@ def _parser() -> argparse.ArgumentParser:
         return made.add_argument
 
     add = command("list", _list, ports=False)
-    add("urls", nargs="*", metavar="PORT", help="ports to look at; default: all that the system knows")
-    add("--probe", action="store_true", help="say HELLO at each, and show which scanner answers, or why none does")
+    add("urls", nargs="*", metavar="PORT", help="ports to probe; default: all ports of the system")
+    add(
+        "--probe",
+        action="store_true",
+        help="send HELLO to each port and print the scanner that answers, or the reason why none does",
+    )
     add = command("status", _status)
     add("--json", action="store_true", help="as one JSON object")
     add = command("watch", _watch)
@@ -252,7 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     add = command("stop", _stop)
     add("--by", default="", metavar="NAME", help="name of the person, for the program that holds the port")
     add = command("clear-fault", _clear_fault)
-    add("--by", required=True, metavar="NAME", help="name of the person who made sure that the cause is gone")
+    add("--by", required=True, metavar="NAME", help="name of the person who confirmed that the cause is removed")
     add = command("tune", _tune)
     add("--points", type=Path, metavar="FILE", help="x_mm,y_mm as CSV, or (M, 2) m as .npy; default: the centre")
     add("--steps", type=int, default=101, help="wavelengths in a sweep, 2 to 256")
@@ -266,8 +270,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--averages", type=int, default=1, help="pulses averaged into one A-line")
     add("--frames", action="store_true", help="show every frame on standard error")
     add = command("conformance", _conformance)
-    add("--fire", action="store_true", help="also what may open the shutter, on a device that is not simulated")
-    add("--ask", action="store_true", help="also what a person has to do something for: power, interlock")
+    add("--fire", action="store_true", help="include tests that open the shutter of a device that is not simulated")
+    add("--ask", action="store_true", help="include tests that need an action by a person: power, interlock")
     add("--only", nargs="+", metavar="NAME", help="scenarios; default: all")
     add("--junit", type=Path, metavar="FILE", help="keep the outcome as JUnit XML")
     add = command("monitor", _monitor)

@@ -53,7 +53,7 @@ class VirtualClock:
     def advance(self, microseconds: int) -> int:
         """Move forward by ``microseconds`` (≥ 0) and return the new time."""
         if microseconds < 0:
-            raise ValueError(f"a clock never runs backwards (asked for {microseconds} µs)")
+            raise ValueError(f"the clock cannot run backwards (requested: {microseconds} µs)")
         self._now += microseconds
         return self._now
 

@@ -173,7 +173,7 @@ class DeviceFault(DeviceError):
 
     def __init__(self, fault: int, port: str = "PORT", text: str = "") -> None:
         self.fault, self.port, self.text = fault, port, text
-        super().__init__(faults.advice(fault, port) + (f" (the scanner says: {text})" if text else ""))
+        super().__init__(faults.advice(fault, port) + (f" (scanner: {text})" if text else ""))
 
     def __reduce__(self) -> tuple[type[DeviceFault], tuple[int, str, str]]:
         return type(self), (self.fault, self.port, self.text)

@@ -42,10 +42,10 @@ KEY_TURNED_OFF = Fault(
 SHUTTER_STUCK = Fault(
     3,
     "shutter-stuck",
-    "the shutter is open, or the laser emits, although it was told to close",
+    "the shutter is open, or the laser emits after the close command",
     "use the hardware switch, then find out why the shutter did not close",
 )
-EMERGENCY_STOP = Fault(0, "emergency-stop", "the emergency stop is latched", "make sure that nobody is in danger")
+EMERGENCY_STOP = Fault(0, "emergency-stop", "the emergency stop is latched", "make sure that no person is in danger")
 _OWN_PARTS = {4: "galvo", 5: "interrogation laser", 6: "digitiser", 7: "excitation laser", 8: "shutter and interlock"}
 """Numbers of :class:`fabry_perot.ComposedInstrument`; other hardware has a list of its own."""
 _KNOWN = {fault.code: fault for fault in (EMERGENCY_STOP, INTERLOCK_OPENED, KEY_TURNED_OFF, SHUTTER_STUCK)}

@@ -54,7 +54,7 @@ def open(path: str | Path) -> Opened:
     if start.lstrip().startswith(b"{"):
         return _of_json(wanted)
     if start.startswith(b"\x93NUMPY") or wanted.suffix.lower() == ".csv":
-        allowed = "a file that says what it is; steradian.masks.read_mask(path, aperture) reads tables of points"
+        allowed = "a file with a format marker; steradian.masks.read_mask(path, aperture) reads tables of points"
         raise InvalidInput("file", wanted.name, allowed)
     raise DamagedFile(f"{wanted} is not {KNOWN}")
 

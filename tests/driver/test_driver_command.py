@@ -44,7 +44,7 @@ def points_of(tmp_path, count=40):
 
 def test_list_finds_the_scanner_and_says_who_has_it(simulator, tmp_path):
     said = run("list", simulator.url, tmp_path / "nothing", "--probe", cwd=tmp_path)
-    nothing = f"{tmp_path / 'nothing'}\tcannot open {tmp_path / 'nothing'}: there is no such file; is the scanner"
+    nothing = f"{tmp_path / 'nothing'}\tcannot open {tmp_path / 'nothing'}: no such file; is the scanner"
     assert said.startswith(f"{simulator.url}\tsimulated Fabry-Perot scanner SIM-0002\n{nothing}")
     with fabry_perot.connect(simulator.url):
         busy = run("list", simulator.url, "--probe", cwd=tmp_path)

@@ -230,7 +230,7 @@ def test_the_stop_command_says_what_the_device_says_and_fails_when_it_cannot_ask
         with scan_of(simulator, tmp_path) as scan:
             done = command("stop", simulator.url, "--by", "Pat")
             assert done.returncode == 0, done.stderr
-            assert done.stdout.startswith("laser off: the scanner says that the laser is off (state safe_hold")
+            assert done.stdout.startswith("laser off: the scanner reports that the laser is off (state safe_hold")
             assert f"(process {scan.pid})" in done.stdout
             assert not report(simulator)["shutter"]
     failed = command("stop", simulator.url)

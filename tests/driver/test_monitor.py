@@ -61,7 +61,7 @@ def test_a_monitor_shows_the_age_of_what_it_knows_and_why_it_knows_nothing_new()
         simulator.send_command("cut", way="down", seconds=1000)
         until(lambda: monitor.connection == "disconnected")
         assert monitor.status.age > 0.9
-        assert "no scanner has been heard" in monitor.error
+        assert "received nothing from a scanner" in monitor.error
 
 
 def test_a_monitor_opens_a_port_again_after_it_was_unplugged():

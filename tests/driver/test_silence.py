@@ -37,8 +37,8 @@ def test_silence_log_of_a_program_that_did_not_run_says_nothing(said):
 def test_silence_log_of_a_silent_scanner_tells_beginning_and_end(said):
     silent(SilenceLog(), 0, 2)
     first, last = said()
-    assert first.startswith("the scanner is silent: nothing was heard of it for 1.0")
-    assert last == "the scanner is heard again after 2.0 s"
+    assert first.startswith("the scanner is silent: nothing was received from it for 1.0")
+    assert last == "the scanner is received again after 2.0 s"
 
 
 def test_silence_log_of_short_silences_says_nothing(said):

@@ -62,5 +62,5 @@ def _read(path: Path) -> dict[str, str]:
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ClientError(f"{path} is no TOML: {error}") from error
+        raise ClientError(f"{path} is not valid TOML: {error}") from error
     return {name: value for name in ("url", "key") if isinstance(value := found.get(name), str)}

@@ -84,7 +84,9 @@ class Download:
         if incoming.response.status_code == 206:
             part = _RANGE.fullmatch(headers.get("Content-Range", ""))
             if part is None or int(part[1]) != self._done:
-                raise CorruptTransfer(f"bytes from {self._done} on were asked for, not {headers.get('Content-Range')}")
+                raise CorruptTransfer(
+                    f"bytes from {self._done} on were requested, received {headers.get('Content-Range')}"
+                )
             self._total = int(part[2])
         else:
             await self._begin()

@@ -166,7 +166,7 @@ def _not_ours(answer: httpx.Response) -> dict[str, Any]:
     server = answer.headers.get("Server", "")
     who = f"a proxy in front of the service ({server})" if server else "a proxy in front of the service"
     settings = "client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache"
-    detail = f"{who} takes no body as large as this one, and the service never saw it; its limit is {settings}"
+    detail = f"{who} rejected the body as too large before it reached the service; its limit is {settings}"
     return {"code": "proxy-refused-size", "detail": detail}
 
 

@@ -69,7 +69,7 @@ def _run(
 ) -> ConformanceResult:
     start, failure = time.monotonic(), ""
     if scenario.asks and ask is None:
-        return ConformanceResult(scenario, "", "nobody to ask (--ask)", 0.0)
+        return ConformanceResult(scenario, "", "needs a person (--ask)", 0.0)
     for _ in range(MAX_TRIES):
         peer.absence, failure = 0.0, ""
         try:

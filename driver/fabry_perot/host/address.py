@@ -68,7 +68,7 @@ def check_baud(field: str, value: object) -> int:
 def check_url(url: str) -> None:
     """Raise PortUnavailable for a URL that names no port, in words that say how one is written."""
     if not url.strip():
-        raise PortUnavailable("no port is named: give a device path such as /dev/ttyUSB0, or socket://HOST:PORT")
+        raise PortUnavailable("no port is given: give a device path such as /dev/ttyUSB0, or socket://HOST:PORT")
     if "://" not in url:
         return
     try:
@@ -86,7 +86,7 @@ def _missing(parts: SplitResult) -> str:
 
 def _form(url: str) -> str:
     scheme = url.partition("://")[0]
-    return f"such a URL is {scheme}://HOST:PORT, for example {scheme}://127.0.0.1:4001 (port 1 … 65535)"
+    return f"the URL has the form {scheme}://HOST:PORT, for example {scheme}://127.0.0.1:4001 (port 1 … 65535)"
 
 
 def _parted(url: str) -> tuple[str, str | None]:

@@ -172,9 +172,11 @@ def answer(status: Status | None, seconds: float, holder: str = "", trouble: str
     state = DeviceState(status.state).name.lower()
     shutter: Literal["open", "closed"] = "open" if status.laser & SHUTTER_OPEN else "closed"
     if is_off(status) and not trouble:
-        detail = f"the scanner says that the laser is off (state {state}, shutter closed)"
+        detail = f"the scanner reports that the laser is off (state {state}, shutter closed)"
         return StopAnswer("off", state, shutter, holder, detail, seconds)
-    why = trouble or f"the scanner says {state}, shutter {shutter}{', light' if status.laser & LASER_EMITTING else ''}"
+    why = (
+        trouble or f"the scanner reports {state}, shutter {shutter}{', light' if status.laser & LASER_EMITTING else ''}"
+    )
     return StopAnswer("unconfirmed", state, shutter, holder, f"{why}; {SWITCH}", seconds)
 
 

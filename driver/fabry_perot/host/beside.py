@@ -54,7 +54,7 @@ class TcpLine:
         except TimeoutError:
             return b""
         if not data:
-            raise LinkLost("the other end closed the connection")
+            raise LinkLost("the peer closed the connection")
         return data
 
     def write(self, data: bytes) -> None:

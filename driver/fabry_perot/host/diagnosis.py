@@ -113,7 +113,7 @@ def explain(data: bytes, *, baud: int | None = None) -> str:
         case Trouble.SILENCE:
             return f"nothing was received: it is off, at another port, has {rate} or 7 bits, or a wire is wrong"
         case Trouble.ECHO:
-            return "the port echoes what is sent: a loop-back plug, or a terminal or adapter with echo"
+            return "the port echoes the sent bytes: a loop-back plug, or a terminal or adapter with echo"
         case Trouble.OTHER_FRAMES:
             return (
                 f"its frames are of version 0x{other_version(data) or 0:02X}, those of this driver of 0x{VERSION:02X}:"
@@ -139,7 +139,7 @@ def explain(data: bytes, *, baud: int | None = None) -> str:
             return "frames are damaged on the way: a bad cable, or a line that loses or changes bytes"
         case Trouble.UNANSWERED:
             return (
-                "the scanner is heard but does not answer: what is sent to it gets lost or changed on the way"
+                "the scanner sends but does not answer: requests to it are lost or changed on the line"
                 " (flow control, line ends, a wire)"
             )
 
@@ -159,7 +159,7 @@ def other_version(data: bytes) -> int | None:
 
 
 def _taken_apart(data: bytes) -> tuple[list[int], list[bytes]]:
-    """Return the types of whole frames, and the invalid bytes between two delimiters."""
+    """Return the types of valid frames, and the invalid bytes between two delimiters."""
     kinds: list[int] = []
     damaged: list[bytes] = []
     first, *middle = data.split(b"\0")

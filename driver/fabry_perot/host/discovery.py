@@ -87,7 +87,7 @@ def connect(
         others = opened_by(port) if port else ""
         if not others:
             raise
-        raise ResponseTimeout(f"{error}; {others} has {port} open, too, and may take the answers") from None
+        raise ResponseTimeout(f"{error}; {others} has {port} open as well and may read the answers") from None
 
 
 @dataclass(frozen=True, slots=True)

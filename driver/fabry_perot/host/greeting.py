@@ -108,8 +108,6 @@ class Greeting:
 
 def _other(version: int) -> str:
     if not version:
-        return (
-            f"the scanner does not speak protocol version {PROTOCOL}, this driver's, and does not say which it speaks"
-        )
+        return f"the scanner does not speak protocol version {PROTOCOL}, this driver's, and does not state its own"
     age = "its firmware is older than this driver" if version < PROTOCOL else "this driver is older than its firmware"
     return f"the scanner speaks protocol version {version}, this driver version {PROTOCOL}: {age}"

@@ -82,7 +82,9 @@ class Monitor(Watching):
                 return None
             if passive.failure is not None:
                 return f"{self.url}: {passive.failure}"
-            return f"{self.url} is open, but no scanner has been heard for {self._now() - passive.status_at:.0f} s"
+            return (
+                f"{self.url} is open, but received nothing from a scanner for {self._now() - passive.status_at:.0f} s"
+            )
 
     @property
     def holder(self) -> str:

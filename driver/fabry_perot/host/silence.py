@@ -53,11 +53,11 @@ class SilenceLog:
             self._untold, self._is_counted = self._untold + 1, True
             return
         more = f"; {self._untold} times before, up to {self._longest * 1e-6:.1f} s" if self._untold else ""
-        _log.warning("the scanner is silent: nothing was heard of it for %.1f s%s", (now - heard_at) * 1e-6, more)
+        _log.warning("the scanner is silent: nothing was received from it for %.1f s%s", (now - heard_at) * 1e-6, more)
         self._since, self._told_at, self._untold, self._longest = heard_at, now, 0, 0
 
     def _end(self, heard_at: int) -> None:
         self._is_counted = False
         if self._since is not None:
-            _log.warning("the scanner is heard again after %.1f s", (heard_at - self._since) * 1e-6)
+            _log.warning("the scanner is received again after %.1f s", (heard_at - self._since) * 1e-6)
             self._since = None

@@ -234,7 +234,7 @@ class _Stop:
         by = f"is held by {self._holder} and " if self._holder else ""
         if (ack := passive.aborts.acknowledgement) is not None:
             state = DeviceState(ack.state).name.lower()
-            return f"{by}acknowledged the stop in state {state}, but did not say that its shutter is closed"
+            return f"{by}acknowledged the stop in state {state}, but did not report a closed shutter"
         if passive.failure is not None:
             return f"{by}could not be asked: {passive.failure}"
         return f"{by}could not be asked: no scanner answered within {self._passed():.1f} s"

@@ -51,7 +51,7 @@ class Traffic:
     def explain(self, since: Mark, now: int) -> str:
         """Return a clause with the diagnosis of the bytes received since a given time, and their number."""
         received, good, bad = (after - before for after, before in zip(self.mark(now)[1:], since[1:], strict=True))
-        figures = f"{received:,} bytes in {(now - since.time) * 1e-6:.1f} s, {good:,} whole frames, {bad:,} damaged"
+        figures = f"{received:,} bytes in {(now - since.time) * 1e-6:.1f} s, {good:,} valid frames, {bad:,} damaged"
         return f"{explain(self._since(since), baud=self.baud)} ({figures})"
 
     def _since(self, since: Mark) -> bytes:

@@ -34,8 +34,8 @@ _WHY = {
     errno.EHOSTUNREACH: "no way leads to that host",
     errno.ENETUNREACH: "no way leads to that network",
     errno.ETIMEDOUT: "that host does not answer",
-    socket.EAI_NONAME: "there is no such host",
-    socket.EAI_AGAIN: "the name of that host cannot be looked up now",
+    socket.EAI_NONAME: "no such host",
+    socket.EAI_AGAIN: "the host name cannot be resolved now",
 }
 READ_WAIT = 0.02
 """Longest wait for bytes in one read, in s."""
@@ -212,9 +212,9 @@ def _refusal(port: str, error: Exception) -> PortUnavailable | PortBusy:
     if number in (errno.EAGAIN, errno.EBUSY, errno.EACCES) or "lock" in text:  # Windows calls a busy port forbidden
         return PortBusy(f"{port} is in use by {holder_of(port) or _SOMEBODY}: {text}")
     if number == errno.ENOENT:
-        return PortUnavailable(f"cannot open {port}: there is no such file; is the scanner plugged in and switched on?")
+        return PortUnavailable(f"cannot open {port}: no such file; is the scanner plugged in and switched on?")
     if "://" not in port and Path(port).exists() and not _is_terminal(port):
-        return PortUnavailable(f"cannot open {port}: it is no serial port but {_sort_of(port)}")
+        return PortUnavailable(f"cannot open {port}: it is not a serial port but {_sort_of(port)}")
     reason = text.removeprefix(f"Could not open port {port}: ").removeprefix("Could not configure port: ")
     found = re.match(r"\[Errno (-?\d+)\]", reason)
     why = _WHY.get(int(found[1])) if found else None

@@ -120,7 +120,7 @@ class Watching:
                 self._note(str(error), busy=isinstance(error, PortBusy))
             except Exception as error:
                 heard = False
-                log.exception("the watch of %s goes on after an error", self.url)
+                log.exception("the monitor of %s continues after an error", self.url)
                 self._note(f"{self.url}: {error!r}", busy=False)
             wait = _RETRY if heard else wait
             if not self._yielding:
@@ -177,7 +177,7 @@ class Watching:
             if reply is None or "error" in reply.body or not control.is_trusted(self.url, listener, reply):
                 return answered
             answered, status = True, status_in(reply)
-            self._note("" if status else f"{reply.holder} has heard nothing yet", busy=True, holder=reply.holder)
+            self._note("" if status else f"{reply.holder} has received nothing yet", busy=True, holder=reply.holder)
             if status is not None:
                 with self._changed:
                     self._seen = status, self._now()

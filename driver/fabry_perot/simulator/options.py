@@ -137,7 +137,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     add("--bit-errors", type=_fraction, default=0.0, help="probability of each bit to be flipped, both ways")
     add("--lost-frames", type=_fraction, default=0.0, help="share of frames lost, both ways")
     add("--repeat", type=int, default=0, help="different A-lines, sent over and over; 0: each shot its own")
-    add("--time-zero", type=float, default=0.0, help="the digitiser begins so long after the pulse, in s")
+    add("--time-zero", type=float, default=0.0, help="delay of the digitiser after the pulse, in s")
     add("--boot", type=int, default=None, help="boot id; random by default")
     add("--exit-with-stdin", action="store_true", help="end when standard input closes")
     given = vars(parser.parse_args(arguments))

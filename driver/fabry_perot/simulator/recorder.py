@@ -30,7 +30,7 @@ FULL_SCALE = 32767
 BLOCK = 16
 """A-lines computed together, ahead of need: a compromise of speed and of how long the simulator is deaf."""
 CACHED_POINTS = 16 * 2**20
-"""Samples of noise-free A-lines that are kept for the next frame (64 MiB); when there are more, all are forgotten."""
+"""Samples of noise-free Stored A-lines for the next frame (64 MiB); when there are more, all are forgotten."""
 
 
 class Recorder:

@@ -124,18 +124,20 @@ def from_file(path: Path) -> Balls:
     except BadZipFile as error:
         raise ValueError(f"{path} is damaged: {error}") from error
     if not isinstance(archive, NpzFile):
-        raise ValueError(f"{path} holds one array; wanted: an archive (npz) of balls, or of volume, spacing and origin")
+        raise ValueError(
+            f"{path} holds one array; expected: an archive (npz) of balls, or of volume, spacing and origin"
+        )
     with archive as file:
         if {"centres", "sigmas", "amplitudes"} <= set(file.files):
             return Balls(*(file[name].astype(np.float64) for name in ("centres", "sigmas", "amplitudes")))
         if not {"volume", "spacing", "origin"} <= set(file.files):
-            raise ValueError(f"{path} holds {sorted(file.files)}; wanted: balls, or volume, spacing and origin")
+            raise ValueError(f"{path} holds {sorted(file.files)}; expected: balls, or volume, spacing and origin")
         volume, spacing, origin = (file[name].astype(np.float64) for name in ("volume", "spacing", "origin"))
     strength = np.abs(volume).ravel()
     strongest = np.argsort(strength)[::-1][:MAX_BALLS]
     strongest = strongest[strength[strongest] > 0]
     if volume.ndim != 3 or len(strongest) == 0:
-        raise ValueError(f"{path}: the volume has shape {volume.shape}; wanted: three axes, not all zero")
+        raise ValueError(f"{path}: the volume has shape {volume.shape}; expected: three axes, not all zero")
     index = np.column_stack(np.unravel_index(strongest, volume.shape))
     sigma = np.full(len(strongest), float(spacing.mean()) / 2)
     return Balls(origin + index * spacing, sigma, volume.ravel()[strongest])

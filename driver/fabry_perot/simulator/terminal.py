@@ -32,7 +32,7 @@ class PtyEndpoint:
         if self._link is not None:
             fresh = self._link.with_name(f"{self._link.name}.{os.getpid()}")
             if self._link.exists() and not self._link.is_symlink():
-                raise FileExistsError(f"{self._link} exists and is no symbolic link")
+                raise FileExistsError(f"{self._link} exists and is not a symbolic link")
             fresh.symlink_to(self.url)
             fresh.replace(self._link)
 

@@ -157,7 +157,7 @@ class ServiceContainer:
     def _stay(self) -> None:
         """Note this node's scanner again, if it was retired while the node could not be reached."""
         if not self.nodes.is_registered:
-            _log.warning("%s was retired, but its node lives: it is noted again", self.scanner.id)
+            _log.warning("%s was retired, but its node is running: it is registered again", self.scanner.id)
             self._note_scanner()
 
     def _retire_others(self) -> None:
@@ -179,7 +179,7 @@ class ServiceContainer:
             When it does not open.
         """
         if not self._opened.wait(QUEUE_PATIENCE) or self._queue is None:
-            raise QueueUnavailable("the job queue is not open yet; the service goes on trying")
+            raise QueueUnavailable("the job queue is not open yet; the service keeps retrying")
         return self._queue
 
     @property
@@ -294,7 +294,7 @@ class ServiceContainer:
                     apply_retention(self, shared=is_mine)
             except Exception:
                 if not self._over.is_set():
-                    _log.exception("the queue cannot be looked after; trying again")
+                    _log.exception("queue maintenance failed; retrying")
             self._over.wait(RECONCILE_EVERY)
 
     def remove_files(self) -> None:

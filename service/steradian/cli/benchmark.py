@@ -56,7 +56,7 @@ def gpu(
     json_file: JsonFile = None,
     repeats: Annotated[int, typer.Option(help="Runs of each; the median counts.", min=1)] = 20,
     quick: Annotated[bool, typer.Option(help="Tiny versions of all: whether they run, no measurement.")] = False,
-    only: Annotated[str, typer.Option(help="Only cases whose name begins so.")] = "",
+    only: Annotated[str, typer.Option(help="Only cases whose name begins with this text.")] = "",
     page: Annotated[Path | None, typer.Option(help="Also write the tables between the marks of this page.")] = None,
     figures: Annotated[Path | None, typer.Option(help="Measure nothing: take an earlier --json, for --page.")] = None,
 ) -> None:
@@ -224,7 +224,7 @@ def queue(
 @app.command()
 def load(
     json_file: JsonFile = None,
-    seconds: Annotated[float, typer.Option(help="For how long the mixed clients ask.", min=1)] = 60.0,
+    seconds: Annotated[float, typer.Option(help="Duration of the mixed clients' load.", min=1)] = 60.0,
     page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/load.md.")] = None,
 ) -> None:
     """Load the service: 150 clients and 50 event streams beside a scan and a job, fast readers, rude clients.
@@ -277,7 +277,7 @@ def paper(
     ),
     quick: Annotated[bool, typer.Option(help="Small versions of all: whether they run, no measurement.")] = False,
     only: Annotated[
-        list[str] | None, typer.Option(help="A section to measure, the others are kept; may be given several times.")
+        list[str] | None, typer.Option(help="Section to measure; others are kept; may be repeated.")
     ] = None,
     readme: Annotated[
         Path | None, typer.Option(help="Also put the summary between the markers of this file.", exists=True)

@@ -15,7 +15,7 @@ def scale(
     database: Annotated[str, typer.Option(help="An empty PostgreSQL database: postgresql://…")],
     store: Annotated[str, typer.Option(help="A store that may be thrown away: s3://bucket/prefix.")],
     store_endpoint: Annotated[str | None, typer.Option(help="Its address, if it is not Amazon's.")] = None,
-    seconds: Annotated[float, typer.Option(help="For how long the mixed clients ask.", min=1)] = 60.0,
+    seconds: Annotated[float, typer.Option(help="Duration of the mixed clients' load.", min=1)] = 60.0,
     clients: Annotated[int, typer.Option(help="Mixed clients.", min=1)] = 200,
     jobs: Annotated[int, typer.Option(help="Jobs of each number of workers.", min=1)] = 20,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,

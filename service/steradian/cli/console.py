@@ -33,7 +33,7 @@ def _parser(kind: str, unit: str) -> Quantity:
                 return float(match[1]) * PREFIXES[match[2] or ""]
         except ValueError:
             pass
-        raise typer.BadParameter(f"{value!r} is no number of {unit}, such as 1.5 or 1.5m{unit}")
+        raise typer.BadParameter(f"{value!r} is not a number of {unit}, for example 1.5 or 1.5m{unit}")
 
     parse.__name__ = kind
     return parse

@@ -17,7 +17,7 @@ DescriptionOption: TypeAlias = Annotated[
         "--description",
         "-d",
         metavar="<path>|<json>",
-        help="What the source does not say (times, positions, speed): a JSON file, or the object itself in quotes.",
+        help="Values that are not in the source (times, positions, speed): a JSON file, or the object in quotes.",
     ),
 ]
 
@@ -59,7 +59,7 @@ def import_(
     sound_speed: Annotated[float | None, quantity_option(speed, help="Speed of sound; default: the source's.")] = None,
     delay: Annotated[
         float | None,
-        quantity_option(duration, help="From laser pulse to first sample, in place of what the source says."),
+        quantity_option(duration, help="Time from laser pulse to first sample; overrides the source."),
     ] = None,
     delay_samples: Annotated[
         float | None,

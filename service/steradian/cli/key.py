@@ -21,11 +21,11 @@ app = typer.Typer(help="Make, list and revoke API keys.", no_args_is_help=True)
 
 @app.command()
 def create(
-    name: Annotated[str, typer.Argument(help="Whose key it is, for the history of what is done with it.")],
+    name: Annotated[str, typer.Argument(help="Owner of the key, for the audit log.")],
     scope: Annotated[
         list[str] | None, typer.Option(help="read, plan, operate, reconstruct or admin; may be repeated.")
     ] = None,
-    days: Annotated[float | None, typer.Option(help="Days for which it is valid. [default: for ever]", min=0)] = None,
+    days: Annotated[float | None, typer.Option(help="Validity in days. [default: unlimited]", min=0)] = None,
     data: Data = None,
 ) -> None:
     """Make a key and print it, once: only its hash is kept."""

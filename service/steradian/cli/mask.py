@@ -46,9 +46,9 @@ OffsetX = Annotated[float, quantity_option(length, help="Point of interest along
 OffsetY = Annotated[float, quantity_option(length, help="The same along y.")]
 OptionalDepth = Annotated[
     float | None,
-    quantity_option(length, help="Distance of a point of interest, to be told what the mask promises for it."),
+    quantity_option(length, help="Depth of a point of interest for which the mask's metrics are printed."),
 ]
-Count = Annotated[int, typer.Option(help="Wanted number of points; the nearest possible is taken.")]
+Count = Annotated[int, typer.Option(help="Number of points; the nearest possible number is used.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="The mask file to write (.json, .csv or .npy).")]
 Plot = Annotated[Path | None, plot_option("Also draw points, spacing, view and sharpness, e.g. mask.png.")]
 Weights = Annotated[
@@ -110,9 +110,7 @@ def equiangular(
 @app.command("grid")
 def grid(
     aperture: Aperture,
-    count: Annotated[
-        int | None, typer.Option(help="Wanted number of points in all; the nearest square is taken.")
-    ] = None,
+    count: Annotated[int | None, typer.Option(help="Total number of points; the nearest square is used.")] = None,
     per_axis: Annotated[int | None, typer.Option(help="Points on each axis, instead of --count.")] = None,
     interval: Annotated[
         float | None,
@@ -148,7 +146,7 @@ def grid(
 @app.command("hexagonal")
 def hexagonal(
     aperture: Aperture,
-    count: Annotated[int | None, typer.Option(help="Wanted number of points; the nearest possible is taken.")] = None,
+    count: Annotated[int | None, typer.Option(help="Number of points; the nearest possible number is used.")] = None,
     interval: Annotated[
         float | None, quantity_option(length, help="Distance between neighbours, e.g. 300um, instead of --count.")
     ] = None,
@@ -185,7 +183,7 @@ def random(
 @app.command("poisson-disc")
 def poisson_disc(
     aperture: Aperture,
-    count: Annotated[int | None, typer.Option(help="Wanted number of points; as near to it as a search comes.")] = None,
+    count: Annotated[int | None, typer.Option(help="Number of points; a search approximates it.")] = None,
     spacing: Annotated[
         float | None,
         quantity_option(length, help="Least distance between points, e.g. 250um, instead of --count."),
@@ -244,7 +242,7 @@ def points(
 def subset(
     file: Annotated[Path, typer.Argument(help="The mask to take points from, e.g. that of a dense scan (.json).")],
     like: Annotated[Path | None, typer.Option(help="Keep the points nearest to those of this other mask.")] = None,
-    every: Annotated[int | None, typer.Option(help="Keep every so many-th point in the mask's order.")] = None,
+    every: Annotated[int | None, typer.Option(help="Keep every n-th point in the mask's order.")] = None,
     weights: Weights = "voronoi",
     output: Output = FILE,
     plot: Plot = None,

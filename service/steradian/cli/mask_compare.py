@@ -64,7 +64,7 @@ def compare(
         float | None,
         quantity_option(
             length,
-            help="Diameter of what counts as around the point of interest; default: twice its depth.",
+            help="Diameter of the region around the point of interest; default: twice its depth.",
             rich_help_panel=SIMULATED_PANEL,
         ),
     ] = None,
@@ -75,7 +75,7 @@ def compare(
         int, typer.Option(help="Of the iterative reconstruction, 0 for none.", rich_help_panel=SIMULATED_PANEL)
     ] = 30,
     seed: Annotated[int, typer.Option(help="Of points by chance, of the object and of the noise.")] = 0,
-    plot: Annotated[Path | None, plot_option("Also draw them beside each other, e.g. compare.png.")] = None,
+    plot: Annotated[Path | None, plot_option("Also draw them side by side, for example into compare.png.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON instead of a table.")] = False,
 ) -> None:
     """Compare masks for one point of interest: metrics, and an object reconstructed through each.

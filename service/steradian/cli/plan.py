@@ -98,7 +98,7 @@ def plan(
     ] = None,
     gate: Annotated[
         Literal["none", "frame", "point"],
-        typer.Option(help="What waits for an edge at the scanner's gate input (heart, breath, stimulus)."),
+        typer.Option(help="Unit that waits for an edge at the scanner's gate input (heart, breath, stimulus)."),
     ] = "none",
     gate_rate: Annotated[float, quantity_option(frequency, "1Hz", help="Expected edges, for the time.")] = 1.0,
     settling: Annotated[
@@ -112,7 +112,7 @@ def plan(
         int, typer.Option(help="Baud rate of the serial line; 0 for a line that never limits.")
     ] = 12_000_000,
     resolution: Annotated[
-        float | None, quantity_option(length, help="Wanted lateral resolution, to warn of aliasing.")
+        float | None, quantity_option(length, help="Required lateral resolution, for the aliasing warning.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The plan file to write (JSON).")] = Path("plan.json"),
     plot: Annotated[Path | None, plot_option("Also draw the way and where the time goes, e.g. plan.png.")] = None,

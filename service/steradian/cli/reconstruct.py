@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from steradian.reconstructions.pipeline.run import Report
     from steradian.scans.frames import FrameChoice
 
-CONDITIONING, DISPLAY = "What is done to the A-lines before", "What is done to the pictures"
-SHOTS = "What differs from A-line to A-line"
+CONDITIONING, DISPLAY = "Preprocessing", "Image display"
+SHOTS = "Shot normalisation"
 FOLLOWING = "A scan that is still running"
 ITERATIVE, FILM = "With the method iterative", "The sensor's response"
 
@@ -66,7 +66,7 @@ def reconstruct(
         float | None, _option("Compute only to here; default: where the record ends.", kind=length)
     ] = None,
     weights: Annotated[str, typer.Option(help="mask (its own), uniform or voronoi.")] = "mask",
-    tolerance: Annotated[float, typer.Option(help="Wanted relative error of the transforms.")] = 1e-4,
+    tolerance: Annotated[float, typer.Option(help="Relative error of the transforms.")] = 1e-4,
     window: Annotated[str, typer.Option(help="kaiser-bessel or semicircle.")] = "kaiser-bessel",
     time_padding: Annotated[float, typer.Option(help="Extend the record with zeros, times.")] = 1.0,
     lateral_padding: Annotated[

@@ -55,7 +55,7 @@ def _fit(report: Report) -> dict[str, object]:
         return {}
     why = {
         "discrepancy": "the noise is reached",
-        "change": "the image stands still",
+        "change": "the image no longer changes",
         "misfit": "another step would not pay",
         "iterations": "as many as asked",
     }

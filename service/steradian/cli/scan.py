@@ -123,7 +123,7 @@ def retry(
 @app.command("check")
 def check(
     file: File,
-    repair: Annotated[bool, typer.Option(help="Correct the table of what is stored.")] = True,
+    repair: Annotated[bool, typer.Option(help="Correct the table of stored A-lines.")] = True,
 ) -> None:
     """Verify every A-line of a scan file that is not being written, and correct the table of stored A-lines.
 
@@ -136,12 +136,12 @@ def check(
         report = verify_scan_file(file, repair=repair, progress=progress)
     figures = {
         "damaged": _rows(report.damaged.tolist()),
-        "whole but not listed": _rows(report.unlisted.tolist()),
+        "complete but not listed": _rows(report.unlisted.tolist()),
         "table": "sound" if report.is_consistent else "corrected" if repair else "not corrected",
     }
     show_figures(str(file), figures)
     if not report.is_consistent and not repair:
-        raise DamagedFile(f"{file}: the table of what is stored is wrong; --repair corrects it")
+        raise DamagedFile(f"{file}: the table of stored A-lines is wrong; --repair corrects it")
     finish_with_summary((f"{report.intact:,} of {report.rows:,} A-lines intact", file))
 
 

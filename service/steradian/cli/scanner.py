@@ -77,7 +77,7 @@ def clear_fault(scanner: Port, baud: Baud = None, by: By = None) -> None:
     try:
         with fabry_perot.connect(scanner, recovery=None, **how) as connected:
             if connected.state not in {"fault", "estop"}:
-                console().print(f"no fault is latched; the scanner says {connected.state}")
+                console().print(f"no fault is latched; the scanner reports {connected.state}")
                 return
             record = connected.clear_fault(by or _login())
     except fabry_perot.FaultStands as error:

@@ -38,7 +38,7 @@ Own = Annotated[Path | None, typer.Option(help="Folder of this node alone. [defa
 def serve(
     host: Host = None,
     port: Port = None,
-    data: Annotated[Path | None, typer.Option(help="Folder for everything the service keeps. [default: data]")] = None,
+    data: Annotated[Path | None, typer.Option(help="Data folder of the service. [default: data]")] = None,
     workers: Annotated[int | None, typer.Option(help="Reconstructions at a time. [default: 1]")] = None,
     scanner: Scanner = None,
     simulator_speed: Speed = None,
@@ -67,9 +67,7 @@ def api(host: Host = None, port: Port = None, data: Own = None, root_path: RootP
 
 
 def acquisition(
-    name: Annotated[
-        str | None, typer.Option(help="Name of the scanner, unlike any other's. [default: scanner-0]")
-    ] = None,
+    name: Annotated[str | None, typer.Option(help="Unique name of the scanner. [default: scanner-0]")] = None,
     host: Host = None,
     port: Port = None,
     data: Own = None,

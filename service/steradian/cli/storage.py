@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from steradian.storage.blobs.object_store import S3BlobStore
     from steradian.storage.db.database import Database
 
-app = typer.Typer(help="Show what a service keeps, delete of it, and move it.", no_args_is_help=True)
+app = typer.Typer(help="Show, delete and move a service's stored data.", no_args_is_help=True)
 KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 
 

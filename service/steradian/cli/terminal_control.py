@@ -111,7 +111,7 @@ class TerminalScanControl(SessionControl):
         if self._answered.wait(ANSWER_DELAY) or self._bar is None:
             return
         if self._laser_is_off:
-            self._bar.say("laser off; storing what the scanner still holds (Ctrl-C again leaves at once)")
+            self._bar.say("laser off; storing the A-lines still in the scanner (Ctrl-C again exits at once)")
         else:
             self._bar.say(
                 "stopping: the scanner has not confirmed yet that its laser is off; without us its lease ends in "
@@ -139,7 +139,7 @@ class TerminalScanControl(SessionControl):
         """Answer a Ctrl-C that came before the session began."""
         self._answered.set()
         if self._existed:
-            print_stderr(f"stopped before the scan went on; {self._count()}")
+            print_stderr(f"stopped before the scan continued; {self._count()}")
         else:
             self._file.unlink(missing_ok=True)  # without an A-line
             print_stderr("stopped before the scan began; nothing is written")

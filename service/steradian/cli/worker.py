@@ -17,11 +17,9 @@ def worker(
     data: Annotated[
         Path | None, typer.Option(help="The service's data folder, as mounted here; with a store its own. [data]")
     ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Name of these workers, unlike any other's. [default: this host's]")
-    ] = None,
+    name: Annotated[str | None, typer.Option(help="Unique name of these workers. [default: the host name]")] = None,
     drain: Annotated[
-        float | None, typer.Option(help="Seconds to finish a job in when asked to end; then it is put back. [0]")
+        float | None, typer.Option(help="Seconds to finish a job after a request to end; then it is requeued. [0]")
     ] = None,
 ) -> None:
     """Take reconstructions from the queue of a service on another machine, until Ctrl-C.
@@ -49,4 +47,4 @@ def worker(
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
     supervisor.run_workers(settings, lambda line: console().print(line, soft_wrap=True, markup=False), stop)
-    finish_with_summary(("stopped; results, and what goes back to the queue,", settings.data))
+    finish_with_summary(("stopped; results and requeued jobs", settings.data))

@@ -101,7 +101,7 @@ class _RateLimitFilter(logging.Filter):
         if now - begun >= WINDOW:
             left_out, begun, count = count - MAX_BURST, now, 0
             if left_out > 0:
-                record.msg, record.args = f"{record.getMessage()} [{left_out} such lines were left out before]", None
+                record.msg, record.args = f"{record.getMessage()} [{left_out} similar lines were omitted before]", None
         if len(self._seen) > KINDS:
             self._seen.clear()
         self._seen[kind] = begun, count + 1
@@ -135,7 +135,7 @@ class _QueueingHandler(logging.Handler):
     def _loss(self) -> logging.LogRecord:
         lost, self._lost = self._lost, 0
         about = {"name": __name__, "levelno": logging.WARNING, "levelname": "WARNING"}
-        return logging.makeLogRecord(about | {"msg": f"{lost} lines are lost: nobody read this log for a while"})
+        return logging.makeLogRecord(about | {"msg": f"{lost} lines are lost: the log was not read for a while"})
 
     def flush(self) -> None:
         """Wait until all is written, but not for long."""

@@ -36,7 +36,7 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", allow_inf_nan=False)
 
-    data: Path = Field(description="Folder that holds everything the service keeps; made when missing")
+    data: Path = Field(description="Data folder of the service; created if missing")
     host: str = Field(default="127.0.0.1", description="Address to listen on")
     port: int = Field(default=8000, ge=0, le=65_535, description="Port to listen on; 0 takes a free one")
     root_path: str = Field(
@@ -68,7 +68,7 @@ class Settings(BaseSettings):
         default=2.0,
         ge=0,
         le=10,
-        description="Seconds after an interruption within which the laser may come back by itself; 0: never (s)",
+        description="Time after an interruption within which the laser may resume automatically; 0: never (s)",
     )
     database_url: str | None = Field(
         default=None,
@@ -88,19 +88,19 @@ class Settings(BaseSettings):
         default=20 * 2**30, ge=2**20, description="Copies of the store's files on this machine (bytes)"
     )
     role: Literal["service", "api", "acquisition"] = Field(
-        default="service", description="What this node is: all of a service, one of its API nodes, or a scanner's node"
+        default="service", description="Role of this node: a whole service, one of its API nodes, or a scanner's node"
     )
     node_secret: str | None = Field(
         default=None,
         repr=False,
         min_length=32,
         pattern=r"^[!-~]+$",
-        description="What the nodes of one service prove themselves with (letters, digits, signs of ASCII)",
+        description="Shared secret by which the nodes of one service authenticate (letters, digits, signs of ASCII)",
     )
     address: str | None = Field(
         default=None,
         pattern=r"^https?://[^/@]+$",
-        description="Where the other nodes reach this one, http://host:port; none: where it listens",
+        description="Address by which other nodes reach this one, http://host:port; none: the listening address",
     )
     worker_name: str = Field(
         default="worker",
@@ -131,13 +131,13 @@ class Settings(BaseSettings):
         description="Requests a key may make in the long run; a change counts as 5 (1/s)",
     )
     failed_keys_per_minute: float = Field(
-        default=20.0, ge=1, description="Wrong keys after which an address is heard with a known one only (1/min)"
+        default=20.0, ge=1, description="Failed keys after which an address is accepted only with a known key (1/min)"
     )
     key_file: Path | None = Field(
         default=None, description="File in which a first start writes an admin key, if there is no other"
     )
     allowed_hosts: str = Field(
-        default="", description="Names, beside the loopback's, by which a service without keys may be addressed"
+        default="", description="Host names, besides the loopback's, by which a service without keys may be addressed"
     )
     cors_origins: str = Field(
         default="",
@@ -145,7 +145,8 @@ class Settings(BaseSettings):
         description="Origins whose pages may read, https://viewer.example, separated by commas; none: no page",
     )
     page_scripts: Path | None = Field(
-        default=None, description="Folder with a laboratory's own scripts (.js), which every page runs; none: no such"
+        default=None,
+        description="Folder with a laboratory's own scripts (.js), which every page runs; none: no scripts",
     )
     retention_days: float | None = Field(
         default=None, gt=0, description="Days after which finished reconstructions are deleted; none: kept"
@@ -192,7 +193,7 @@ class Settings(BaseSettings):
             url = "postgresql" + settings.database_url[settings.database_url.index("://") :]
             settings = settings.model_copy(update={"database_url": url})
         elif settings.store is not None:
-            allowed = "none without STERADIAN_DATABASE_URL: what is in a store, every host must know"
+            allowed = "none without STERADIAN_DATABASE_URL: all hosts must share the records of a store"
             raise InvalidInput("store", settings.store, allowed)
         if "?" in settings.scanner:
             settings._check_baud()

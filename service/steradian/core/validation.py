@@ -106,7 +106,7 @@ def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidI
     if first["type"] == "missing":
         return InvalidInput(field, "missing", describe_range(info) if info else "a value")
     if first["type"] == "extra_forbidden":
-        return InvalidInput(field, first["input"], f"no such field; known: {', '.join(model.model_fields)}")
+        return InvalidInput(field, first["input"], f"unknown field; known: {', '.join(model.model_fields)}")
     said = describe_range(info) if info is not None and len(path) == 1 else ""
     value = first["input"]
     if info is not None and not info.repr:
@@ -147,7 +147,7 @@ def _as_float64(value: object) -> NDArray[np.float64]:
     try:
         array = np.array(value, dtype=np.float64, order="C")
         if not {bool, np.bool_}.isdisjoint(map(type, np.array(value, dtype=object).flat)):
-            raise ValueError("a boolean is no number")
+            raise ValueError("a boolean is not a number")
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"not an array of numbers: {error}") from None
     if not array.ndim:
@@ -157,7 +157,9 @@ def _as_float64(value: object) -> NDArray[np.float64]:
 
 def _frozen_finite(value: NDArray[np.float64]) -> NDArray[np.float64]:
     if not np.isfinite(value).all():
-        raise ValueError(f"finite numbers only; the first other is at {np.argwhere(~np.isfinite(value))[0].tolist()}")
+        raise ValueError(
+            f"finite numbers only; the first non-finite value is at {np.argwhere(~np.isfinite(value))[0].tolist()}"
+        )
     value.setflags(write=False)
     return value
 

@@ -68,9 +68,9 @@ class Parameters:
             self._unused("iterative", self.iterative, None, "; these options are of 'iterative' alone")
             return
         for name in ("window", "time_padding", "highest_frequency", "depth_step"):
-            self._unused(name, getattr(self, name), getattr(type(self), name), ", which has no use for another")
+            self._unused(name, getattr(self, name), getattr(type(self), name), ", which uses no other")
         if self.correction is not None:
-            self._unused("correction.max_gain", self.correction.max_gain, MAX_GAIN, ", which has no use for another")
+            self._unused("correction.max_gain", self.correction.max_gain, MAX_GAIN, ", which uses no other")
 
     def _unused(self, name: str, value: object, usual: object, why: str) -> None:
         if value != usual:

@@ -77,7 +77,7 @@ class JobRequestBase(Value):
 
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
     timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
-    requires: Required = Field(default=Required(), description="What the worker must have that does it")
+    requires: Required = Field(default=Required(), description="Capabilities required of the worker")
 
 
 class Through(Value):
@@ -118,7 +118,8 @@ class ReconstructionRequest(OfFrames):
     scan_id: Identifier = Field(description="Identifier of the scan")
     parameters: ReconstructionParameters = ReconstructionParameters()
     follow: bool = Field(
-        default=False, description="Begin while the scan runs: a revision every few seconds, the whole at its end"
+        default=False,
+        description="Start while the scan runs: a revision every few seconds, the complete image at its end",
     )
     interval: float = quantity_field("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
     through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
@@ -168,7 +169,7 @@ class QualityRequest(JobRequestBase):
 
     kind: Literal["quality"] = "quality"
     reconstruction_id: Identifier = Field(description="Identifier of the reconstruction that is judged")
-    reference_id: Identifier = Field(description="Identifier of the one it is compared with, of the same voxels")
+    reference_id: Identifier = Field(description="Identifier of the reference reconstruction, with the same voxels")
     diameter: float | None = quantity_field(
         "m", "Of the disc around the axis that counts; none: everything", default=None, **LENGTH.limits
     )
@@ -228,7 +229,7 @@ class ImportRequest(JobRequestBase):
     kind: Literal["import"] = "import"
     upload_id: Identifier = Field(description="Identifier of the upload")
     description: dict[str, Any] | None = Field(
-        default=None, description="What the file itself does not say: sampling_interval, positions, sound_speed, …"
+        default=None, description="Values that are not in the file: sampling_interval, positions, sound_speed, …"
     )
     companion_id: Identifier | None = Field(
         default=None, description="Identifier of an upload with the positions (csv, npy) or of k-Wave's input file"

@@ -46,7 +46,9 @@ def check_beams(beams: ArrayLike) -> Array:
     if pattern.ndim != 2 or pattern.shape[1] != 2 or not 1 <= len(pattern) <= MOST_BEAMS:
         raise InvalidInput("beams", f"an array of shape {pattern.shape}", f"(B, 2) in m, B from 1 to {MOST_BEAMS}")
     if not np.isfinite(pattern).all() or (pattern[0] != 0).any():
-        raise InvalidInput("beams[0]", ", ".join(f"{value:g}" for value in pattern[0]), "(0, 0): beside the first beam")
+        raise InvalidInput(
+            "beams[0]", ", ".join(f"{value:g}" for value in pattern[0]), "(0, 0): relative to the first beam"
+        )
     pattern = np.rint(pattern / NANOMETRE) * NANOMETRE
     if len(np.unique(pattern, axis=0)) < len(pattern):
         raise InvalidInput("beams", "two at the same place", "each at a place of its own")
@@ -116,7 +118,7 @@ def multi_beam_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) 
         raise InvalidInput(
             "beams",
             f"a pattern of {width:.3g} mm × {height:.3g} mm",
-            f"one that fits into what the mask senses in its aperture, at its widest {wide:.3g} mm × {high:.3g} mm",
+            f"one that fits into the mask's sensed region, whose extent is {wide:.3g} mm × {high:.3g} mm",
         )
     off = _distance(mask.positions, positions)
     return mask.replace(

@@ -29,7 +29,7 @@ class EquiSteradian(Value):
     aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
     depth: float = quantity_field("m", "Distance r0 of the point of interest from the sensor plane", **LENGTH.limits)
     count: int = quantity_field(
-        "points", "Wanted number of points; the nearest is taken whose last slice ends on the rim", ge=5, le=1_000_000
+        "points", "Number of points; the nearest number whose last slice ends on the rim is used", ge=5, le=1_000_000
     )
     offset: tuple[float, float] = Field(
         default=(0.0, 0.0), description="x and y of the point of interest, centred on the aperture (m)"

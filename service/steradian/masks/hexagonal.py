@@ -29,7 +29,10 @@ class Hexagonal(ArrangementBase):
     arrangement: Literal["hexagonal"] = "hexagonal"
     interval: float | None = quantity_field("m", "Distance between neighbours", default=None, **LENGTH.limits)
     count: int | None = quantity_field(
-        "points", "Wanted number of points instead of the interval; the nearest is taken", default=None, **COUNT_FIELD
+        "points",
+        "Number of points instead of the interval; the nearest possible number is used",
+        default=None,
+        **COUNT_FIELD,
     )
     weighting: Weighting = "analytic"
 

@@ -32,7 +32,7 @@ class Points(Value):
         default=None, description="(M,) areas of any scale, scaled to the sensed area; none: those of the points' cells"
     )
     sensed_area: float | None = quantity_field(
-        "m^2, m for a line", "What the weights sum to; none: found from the points", gt=0, le=4, default=None
+        "m^2, m for a line", "Sum of the weights; none: computed from the points", gt=0, le=4, default=None
     )
     weighting: Weighting = Field(
         default="analytic", description="analytic: the weights given, those of the points' cells if none are"

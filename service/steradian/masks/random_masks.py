@@ -60,7 +60,7 @@ class PoissonDisc(ArrangementBase):
     spacing: float | None = quantity_field("m", "Least distance between two points", default=None, **LENGTH.limits)
     count: int | None = quantity_field(
         "points",
-        "Wanted number of points instead of the spacing; as near to it as a search comes",
+        "Number of points instead of the spacing; a search approximates it",
         default=None,
         **COUNT_FIELD,
     )

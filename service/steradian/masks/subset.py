@@ -21,7 +21,7 @@ class Subset(Value):
 
     arrangement: Literal["subset"] = "subset"
     mask: Mask
-    indices: tuple[int, ...] = Field(min_length=1, description="Numbers of the points to keep, from 0; each once")
+    indices: tuple[int, ...] = Field(min_length=1, description="Indices of the points to keep, from 0; each once")
     weighting: Weighting = Field(default="voronoi", description="analytic: the mask's own weights, scaled")
 
     @property

@@ -66,10 +66,11 @@ class ScanPlan(DisplayableValue):
     excitation: tuple[float, ...] = Field(
         default=(),
         max_length=64,
-        description="Excitation wavelengths, measured one after the other (m); none: as the laser stands",
+        description="Excitation wavelengths, measured one after the other (m); none: the laser's present one",
     )
     gate: Literal["none", "frame", "point"] = Field(
-        default="none", description="What waits for an edge at the scanner's gate input: a heart, a breath, a stimulus"
+        default="none",
+        description="Unit that waits for an edge at the scanner's gate input: a heart beat, a breath, a stimulus",
     )
     gate_rate: float = quantity_field("Hz", "Expected edges a second, for the preview", gt=0, le=10_000, default=1.0)
     scanner: ScannerLimits = ScannerLimits()

@@ -79,7 +79,7 @@ def _matrix(path: Path) -> Array:
             continue
         row = _row(line)
         if row is None:
-            raise DamagedFile(f"{path.name}, line {number} is no row of numbers")
+            raise DamagedFile(f"{path.name}, line {number} is not a row of numbers")
         if rows and len(row) != len(rows[0]):
             raise DamagedFile(f"{path.name}, line {number} has {len(row)} numbers, the first has {len(rows[0])}")
         rows.append(row)

@@ -80,7 +80,7 @@ class TuningMap(Value):
         except InvalidInput:
             raise
         except (ValueError, KeyError, IndexError, OSError) as error:
-            raise DamagedFile(f"{path} is no tuning map (columns {', '.join(COLUMNS)}): {error}") from error
+            raise DamagedFile(f"{path} is not a tuning map (columns {', '.join(COLUMNS)}): {error}") from error
         return cls.create(positions=places, wavelengths=wavelengths)
 
     def at(self, positions: Array) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ class BadLinesFound:
     looked_at
         A-lines that were compared with their neighbours.
     decidable
-        Whether neighbours are alike enough to tell inverted and shifted A-lines.
+        Whether neighbours are similar enough to detect inverted and shifted A-lines.
     left_out, mended
         Number of A-lines by kind.
     rows
@@ -61,9 +61,9 @@ class BadLinesFound:
         if self.shifts_s is not None:
             said.append("moved back by {:+.0f} to {:+.0f} ns".format(*(1e9 * shift for shift in self.shifts_s)))
         if not said:
-            said.append(f"no bad A-line found among {self.looked_at:,}")
+            said.append(f"no bad A-line among {self.looked_at:,}")
         if not self.decidable:
-            said.append("inverted and shifted ones cannot be told, for neighbours are not alike")
+            said.append("inverted and shifted ones cannot be detected, because neighbours are not similar")
         return "; ".join(said)
 
 

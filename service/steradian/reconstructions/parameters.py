@@ -57,7 +57,7 @@ class ReconstructionParameters(Value):
     sound_speed: float | None = quantity_field(
         "m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits
     )
-    tolerance: float = quantity_field("relative", "Wanted l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
+    tolerance: float = quantity_field("relative", "l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
     window: Literal["kaiser-bessel", "semicircle"] = Field(
         default="kaiser-bessel", description="Shape of the interpolation window"
     )
@@ -92,16 +92,14 @@ class ReconstructionParameters(Value):
         default=Iterative(), description="Regulariser and stopping rule of the method iterative"
     )
     film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
-    shots: ShotTreatment = Field(
-        default=ShotTreatment(), description="What is done about differences from A-line to A-line"
-    )
+    shots: ShotTreatment = Field(default=ShotTreatment(), description="Shot normalisation")
     conditioning: Annotated[
         Conditioning, Explained(Conditioning, zero_first="samples", rim="m", band="Hz", delay="s")
-    ] = Field(default=Conditioning(), description="What is done to the A-lines before")
+    ] = Field(default=Conditioning(), description="Preprocessing")
     display: Annotated[
         Display,
         Explained(Display, gain_db_per_mm="dB/mm", log_range_db="dB", near_field="m", scale_bar="m", size="pixels"),
-    ] = Field(default=Display(), description="What is done to the image before it is drawn")
+    ] = Field(default=Display(), description="Image display")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -53,7 +53,7 @@ def warm_up() -> None:
     """Compile kernels in other processes, until they finish or this process exits."""
     with suppress(OSError), _started() as process:
         if code := process.wait():
-            _log.warning("what the first reconstruction needs is not compiled ahead: exit code %d", code)
+            _log.warning("the kernels of the first reconstruction are not compiled in advance: exit code %d", code)
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def _is_wanted() -> bool:
     try:
         return needs_warmup()
     except Exception as error:  # the reconstruction tells whether that is in its way
-        _log.warning("what is kept on disk of compiled functions cannot be read: %s", error)
+        _log.warning("the cache of compiled functions cannot be read: %s", error)
         return False
 
 

@@ -155,7 +155,7 @@ class Acquisition:
             figures = scan_summary(self._arrays, self._data.scan_file(row.id), row.id)
             self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
         except (SteradianError, OSError) as error:
-            _log.warning("scan %s cannot be kept as it is yet: %s", row.id, error)
+            _log.warning("scan %s cannot be ended yet: %s", row.id, error)
 
     def _begin_scan(self, row: ScanRow) -> None:
         if row.desired_state is not DesiredScanState.RUNNING:

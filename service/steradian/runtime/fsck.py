@@ -104,7 +104,7 @@ def _unknown_scan(path: Path) -> Inconsistency:
         return Inconsistency("unreadable-scan", path.stem, f"no row in the database, and {error}")
     if not path.stem.isascii() or not path.stem.isalnum() or len(path.stem) > MAX_ID_LENGTH:
         return Inconsistency(
-            "unreadable-scan", path.stem, "no row in the database, and its name is no identifier: import it"
+            "unreadable-scan", path.stem, "no row in the database, and its name is not an identifier: import it"
         )
     return Inconsistency(
         "unknown-scan", path.stem, f"no row in the database; {_alines(said.summary)}; --repair registers it"
@@ -121,7 +121,7 @@ def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iter
             yield Inconsistency("unknown-result", path.name, f"no row in the database; jobs/{path.name} holds {what}")
         elif not is_terminal(rows[path.name].state) and job.report.is_file():
             state = rows[path.name].state
-            text = f"its results are whole, the database says {state}: it will run again"
+            text = f"its results are complete, the database state is {state}: it will run again"
             yield Inconsistency("unfinished-result", path.name, text)
     for identifier, row in rows.items():
         if row.state is not ReconstructionState.SUCCEEDED:

@@ -224,8 +224,8 @@ def _check(settings: Settings) -> None:
     """Refuse a folder whose database is damaged or another's; raises :class:`DamagedFile`."""
     if unknown := check_before_start(settings):
         names = ", ".join(unknown[:MAX_LISTED]) + (" …" if len(unknown) > MAX_LISTED else "")
-        advice = f"`steradian check {settings.data}` tells what can be got back"
-        _log.warning("the database does not know %d of the scans in the folder (%s); %s", len(unknown), names, advice)
+        advice = f"`steradian check {settings.data}` lists what can be recovered"
+        _log.warning("%d of the scans in the folder are not in the database (%s); %s", len(unknown), names, advice)
 
 
 def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
@@ -234,7 +234,7 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
         database.migrate()
         belonging.bind_deployment(settings, database)
         if made := require_api_key(settings, database):
-            announce(f"An admin key was made; it is in {made}")
+            announce(f"An admin key was created; it is in {made}")
     finally:
         database.close()
 

@@ -245,7 +245,7 @@ def booleans_for_numbers():
 
 
 def by_headers():
-    for digits in ("1" * 5000, "\xb2", "-1"):  # of this scan: another's is no version of it, whatever its digits
+    for digits in ("1" * 5000, "\xb2", "-1"):  # of this scan: another's is not a version of it, whatever its digits
         tag = {"If-Match": f'"{{scan}}-{digits}"'}
         what = {"json": {"labels": {"a": "b"}}}
         yield row(f"the version {digits[:5]}", "PATCH", "/scans/{scan}", 412, "precondition-failed", tag, **what)

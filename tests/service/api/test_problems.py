@@ -46,7 +46,7 @@ CASES = [
     ("POST", "/masks", EQUI | {"depth": "deep"}, 422, "invalid-input", "#/depth", "> 0, at most 1 (m)"),
     ("POST", "/masks", EQUI | {"count": 3}, 422, "invalid-input", "#/count", "at least 5"),
     ("POST", "/masks", EQUI | {"count": 5001}, 422, "invalid-input", "#/count", "at most 5000 points"),
-    ("POST", "/masks", EQUI | {"colour": 1}, 422, "invalid-input", "#/colour", "no known field"),
+    ("POST", "/masks", EQUI | {"colour": 1}, 422, "invalid-input", "#/colour", "not a known field"),
     ("POST", "/masks", b'{"arrangement":"grid","aperture":NaN,"count":2,"interval":1e-3}', 422, "invalid-input",
      "#/aperture", "> 0"),
     ("POST", "/masks", GRID | {"count": 71}, 422, "invalid-input", "#/count", "5041 points; allowed: at most 5000"),

@@ -1,4 +1,4 @@
-"""What became of each shot, told in pieces; the counts of flags; the A-line that was stored last."""
+"""Outcome of each shot, told in pieces; the counts of flags; the A-line that was stored last."""
 
 import io
 

@@ -43,5 +43,5 @@ def test_who_waits_behind_requests_that_hang_is_told_so_before_they_end(tmp_path
                 group.start_soon(ask)
 
         anyio.run(both)
-    assert "others wait for its answer" in told[0]
+    assert "other requests wait for its answer" in told[0]
     assert "does not answer" in told[1]

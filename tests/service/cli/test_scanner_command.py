@@ -40,7 +40,7 @@ def test_scanner_stop_of_no_port_ends_with_5_and_names_the_hardware_switch(tmp_p
 
 def test_scanner_clear_fault_without_a_fault_does_nothing(scanner):
     cleared = command("scanner", "clear-fault", "--scanner", scanner.url, "--by", "Ada")
-    assert (cleared.returncode, cleared.stdout.strip()) == (0, "no fault is latched; the scanner says linked")
+    assert (cleared.returncode, cleared.stdout.strip()) == (0, "no fault is latched; the scanner reports linked")
 
 
 @pytest.mark.long

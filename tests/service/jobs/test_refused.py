@@ -32,7 +32,7 @@ def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for
     bench.submit("refused", "succeed", answer=1)
     status = bench.queue.wait("refused", timeout=250)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 1, "internal")
-    assert status.error == "the database refuses what it left: no such result, please"
+    assert status.error == "the database rejects its result: no such result, please"
 
 
 @pytest.mark.long

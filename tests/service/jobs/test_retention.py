@@ -236,7 +236,7 @@ def test_each_deletion_by_age_is_a_line_that_names_what_when_and_why(services, c
     caplog.clear()
     apply_retention(services)
     assert lines(caplog, logging.INFO) == [
-        "upload u1 is deleted: it came at 2026-01-02 00:00:00+00:00, and none is kept for more than a day",
+        "upload u1 is deleted: it was uploaded at 2026-01-02 00:00:00+00:00, and uploads are kept for one day",
         "reconstruction old is deleted: it ended at 2026-01-02 00:00:00+00:00, more than 30 days ago (retention_days)",
     ]
 

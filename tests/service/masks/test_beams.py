@@ -118,7 +118,7 @@ def test_beams_on_a_small_grid_stay_in_the_aperture_though_its_cells_reach_beyon
 
 @pytest.mark.long
 def test_a_pattern_that_is_too_wide_is_told_beside_what_would_fit():
-    with pytest.raises(InvalidInput, match=r"beams is a pattern of 8 mm × 0 mm.* at its widest 7 mm × 7 mm"):
+    with pytest.raises(InvalidInput, match=r"beams is a pattern of 8 mm × 0 mm.* whose extent is 7 mm × 7 mm"):
         multi_beam_mask(grid_mask(8e-3, 4, 2e-3), [(0, 0), (8e-3, 0)])
 
 

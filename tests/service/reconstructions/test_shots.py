@@ -1,4 +1,4 @@
-"""What differs from A-line to A-line does not show in the image: time zero, pulse energy, flagged A-lines."""
+"""Shot normalisation does not show in the image: time zero, pulse energy, flagged A-lines."""
 
 from __future__ import annotations
 

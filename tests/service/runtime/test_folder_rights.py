@@ -221,7 +221,7 @@ def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_pa
     with unchanged(folder), pytest.raises(DamagedFile, match=r"is missing, but there are 1 scan"):
         run_service(Settings.create(data=folder, port=0), print, None)
     (folder / "steradian.sqlite").write_text("no database")
-    with unchanged(folder), pytest.raises(DamagedFile, match="is no SQLite database"):
+    with unchanged(folder), pytest.raises(DamagedFile, match="is not an SQLite database"):
         run_service(Settings.create(data=folder, port=0), print, None)
 
 

@@ -71,7 +71,7 @@ def another(kept):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (garbage, "is no SQLite database"),
+        (garbage, "is not an SQLite database"),
         (truncated, "damaged"),
         (overwritten, "damaged"),
         (empty, "empty"),

@@ -51,7 +51,7 @@ def test_a_thousand_lines_of_a_kind_become_a_few_and_others_are_written_meanwhil
     monkeypatch.setattr(logs, "WINDOW", 0.0)
     log.warning("connection %d is refused", 1001)
     last = written()[-1]
-    assert last.endswith(f"connection 1001 is refused [{1000 - logs.MAX_BURST} such lines were left out before]")
+    assert last.endswith(f"connection 1001 is refused [{1000 - logs.MAX_BURST} similar lines were omitted before]")
 
 
 def test_what_a_person_wrote_stays_in_its_line(written):

@@ -95,7 +95,7 @@ def test_an_own_file_is_taken_over_with_its_beams(whole, tmp_path):
         assert one["alines/energy"].attrs["nominal_j"] == other["alines/energy"].attrs["nominal_j"]
 
 
-@pytest.mark.parametrize(("name", "match"), [("plan/visit", "apart"), ("plan/beams", "not what the plan says")])
+@pytest.mark.parametrize(("name", "match"), [("plan/visit", "apart"), ("plan/beams", "differs from the plan")])
 def test_a_strangers_file_that_takes_places_apart_is_refused(whole, tmp_path, name, match):
     path = tmp_path / "scan.h5"
     path.write_bytes(whole[1].read_bytes())

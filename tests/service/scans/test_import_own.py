@@ -131,7 +131,7 @@ REFUSED = {
     "a weight below zero": (value("mask/weights", 3, -1e-6), "weights"),
     "an endless aperture": (attribute("mask", "aperture_m", np.inf), "aperture_m"),
     "no arrangement": (attribute("mask", "arrangement", "[1, 2"), "JSON"),
-    "an arrangement that is no number": (attribute("mask", "arrangement", '{"a": NaN}'), "NaN is no number"),
+    "an arrangement that is not a number": (attribute("mask", "arrangement", '{"a": NaN}'), "NaN is not a number"),
     "an arrangement without end": (attribute("mask", "arrangement", "[" * 100_000), "JSON"),
     "points of interest that are none": (points_of_interest, "points of interest"),
     "two sampling intervals": (attribute("plan", "sampling_interval_s", 1e-8), "sampling_interval"),

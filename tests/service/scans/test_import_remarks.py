@@ -69,9 +69,7 @@ def test_dead_channels_are_told(tmp_path):
     lines = LINES.copy()
     lines[[3, 50, 51]] = 0
     _, made = imported(tmp_path, archive(tmp_path, traces=lines))
-    assert made.notes == (
-        "3 of 120 A-lines are constant (3, 50, 51): dead channels count as sensors that heard nothing",
-    )
+    assert made.notes == ("3 of 120 A-lines are constant (3, 50, 51): dead channels count as sensors without signal",)
 
 
 def test_ipasc_wavelengths_in_nm_are_taken_as_nm_and_told(tmp_path):

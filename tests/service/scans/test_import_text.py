@@ -72,7 +72,7 @@ def test_text_table_with_something_before_its_numbers_is_read(tmp_path, start):
         (",1,2\n", "line 1, field 1 is empty"),
         ("1,2\nnan,3\n", "line 2, field 1: 'nan' is not finite"),
         ("1 2\n3 1e999\n", "line 2, field 2: '1e999' is not finite"),
-        ("a b\nc d\n1 2\n", "line 2, field 1: 'c' is no number"),
+        ("a b\nc d\n1 2\n", "line 2, field 1: 'c' is not a number"),
         ("1,2\n'3',4\n", "line 2, field 1"),
         ("1.234,5;6,0\n", "line 1, field 1: '1.234,5' has commas"),
         ("1,2,3;4\n", "line 1, field 1: '1,2,3' has commas"),

@@ -181,9 +181,9 @@ def test_status_of_a_port_on_which_nothing_answers_is_noted_and_logged_once(tmp_
         url = f"socket://127.0.0.1:{silent.getsockname()[1]}"
         with watched(tmp_path, url) as port:
             shown = port.until(connection="disconnected", laser="unknown")
-            first = until(lambda: (now := port.block.read().error) and "has been heard" in now and now)
+            first = until(lambda: (now := port.block.read().error) and "received nothing" in now and now)
             until(lambda: port.block.read().error not in (first, None))  # the seconds in it pass
             assert shown.heard is None
             said = [one.getMessage() for one in caplog.records if "is disconnected" in one.getMessage()]
-            assert len([one for one in said if "has been heard" in one]) == 1, said
-            assert len({one.error for one in port.notes if one.error and "has been heard" in one.error}) == 1
+            assert len([one for one in said if "received nothing" in one]) == 1, said
+            assert len({one.error for one in port.notes if one.error and "received nothing" in one.error}) == 1

@@ -96,11 +96,11 @@ def test_sgl_image_has_the_ball_where_it_is(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("a@800nm_dx[200µm].sgl", "the name says 800 nm, the file 750 nm"),
-        ("a_dx[250µm]_dy[300µm].sgl", "the name says dx = 250 µm, the header 200 µm"),
-        ("a_dy[0.1mm].sgl", "the name says dy = 100 µm, the header 300 µm"),
-        ("a_dt[17ns].sgl", "the name says dt = 17 ns, the header 20 ns"),
-        ("a_avg4_2D_raw.sgl", "the name says 4 averages, the file 16"),
+        ("a@800nm_dx[200µm].sgl", "the name states 800 nm, the file 750 nm"),
+        ("a_dx[250µm]_dy[300µm].sgl", "the name states dx = 250 µm, the header 200 µm"),
+        ("a_dy[0.1mm].sgl", "the name states dy = 100 µm, the header 300 µm"),
+        ("a_dt[17ns].sgl", "the name states dt = 17 ns, the header 20 ns"),
+        ("a_avg4_2D_raw.sgl", "the name states 4 averages, the file 16"),
     ],
 )
 def test_sgl_name_that_disagrees_with_the_header_is_told(tmp_path, name, words):

@@ -39,7 +39,7 @@ def test_an_identity_that_a_power_cut_has_emptied_is_one_clear_sentence(database
     with pytest.raises(InvalidInput) as refusal:
         check_binding(database, data)
     said = str(refusal.value)
-    assert said.endswith(f"write {known} into its file identity, which a power cut has emptied")
+    assert said.endswith(f"write {known} into its file identity, emptied by a power cut")
     data.identity_file.write_text(known)
     assert check_binding(database, data)
 

@@ -20,7 +20,7 @@ from steradian_client.cli.common import (
 from steradian_client.cli.show import AsJson, Settings, print_item, print_table, progress_reporter, settings
 from steradian_client.resources.scanners import SCANNER
 
-mask, plan = command_group("Where to sense."), command_group("In what order and how fast.")
+mask, plan = command_group("Where to sense."), command_group("Order and timing of the measurement.")
 scan, scanner = (
     command_group("Run plans on the scanner."),
     command_group("The scanner, its lease and the emergency stop."),
@@ -34,12 +34,14 @@ add_stored(scan, lambda client: client.scans, ("id", "state", "progress", "label
 add_watch(scan, lambda client: client.scans)
 
 
-@mask.command("create", help="Make a mask, such as: create equi-steradian aperture=13.56e-3 depth=3.6e-3 count=1600")
+@mask.command(
+    "create", help="Create a mask, for example: create equi-steradian aperture=13.56e-3 depth=3.6e-3 count=1600"
+)
 def create_mask(
     context: typer.Context,
     arrangement: str,
     parameters: Settings = None,
-    preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would be.")] = False,
+    preview: Annotated[bool, typer.Option("--preview", help="Only print the preview; create nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Create a mask, or preview it."""
@@ -59,12 +61,12 @@ def picture(context: typer.Context, identifier: ResourceId, target: Path) -> Non
     client_of(context).masks.save_picture(identifier, target)
 
 
-@plan.command("create", help="Make a plan of a mask, such as: create MASK pulse_rate=50")
+@plan.command("create", help="Create a plan of a mask, for example: create MASK pulse_rate=50")
 def create_plan(
     context: typer.Context,
     mask_id: Annotated[str, typer.Argument(metavar="MASK")],
     parameters: Settings = None,
-    preview: Annotated[bool, typer.Option("--preview", help="Only tell what it would cost.")] = False,
+    preview: Annotated[bool, typer.Option("--preview", help="Only print the cost; create nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Create a plan, or preview its cost."""
@@ -80,10 +82,10 @@ def create_scan(
     wait: Wait = False,
     lease: Fence = None,
     completes: Annotated[
-        str | None, typer.Option(metavar="SCAN", help="Begin with this scan's A-lines; measure what it misses.")
+        str | None, typer.Option(metavar="SCAN", help="Start with this scan's A-lines and measure the missing ones.")
     ] = None,
     scanner: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Who is to run it, where there are several.")
+        str | None, typer.Option(metavar="NAME", help="Scanner that runs it, if there are several.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -94,7 +96,7 @@ def create_scan(
     show_when_done(scans, made, wait, as_json)
 
 
-@scan.command("wish", help="Have a scan paused, running (again), stopped (keeps what was measured) or aborted.")
+@scan.command("wish", help="Pause, resume, stop (keeps the measured A-lines) or abort a scan.")
 def set_desired_state(
     context: typer.Context,
     identifier: ResourceId,
@@ -127,7 +129,7 @@ def download(context: typer.Context, identifier: ResourceId, target: Path) -> No
         )
 
 
-@scan.command("import", help="Make a scan of a recording; NAME=VALUE pairs say what the file does not.")
+@scan.command("import", help="Import a recording as a scan; NAME=VALUE pairs give values that are not in the file.")
 def import_(
     context: typer.Context,
     source: Path,
@@ -168,7 +170,7 @@ def return_lease(context: typer.Context, lease: Annotated[int, typer.Argument(he
     client_of(context).scanners.return_lease(lease)
 
 
-@scanner.command("stop", help="Emergency stop: switch the laser off and abort what runs or waits.")
+@scanner.command("stop", help="Emergency stop: switch the laser off and abort running and queued scans.")
 def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
     """Press the emergency stop."""
     print_item(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
@@ -181,7 +183,7 @@ def stop_all(context: typer.Context, reason: Reason = None) -> None:
         print(f"{name}: laser {pressed.laser}, press {pressed.number}{f'; {pressed.detail}' if pressed.detail else ''}")
 
 
-@scanner.command("retire", help="Have a scanner that is no more be none of the service; refused while its node lives.")
+@scanner.command("retire", help="Retire a scanner that no longer exists; refused while its node is running.")
 def retire(
     context: typer.Context,
     scanner_id: Annotated[str, typer.Argument(metavar="NAME", help="Its name.")],

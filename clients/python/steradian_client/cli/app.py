@@ -33,7 +33,7 @@ def _connect(
     context.call_on_close(context.obj.close)
 
 
-@app.command(help="Show version, mode and limits of the service, and whether it is ready.")
+@app.command(help="Show the service's version, mode, limits and readiness.")
 def about(context: typer.Context, as_json: AsJson = False) -> None:
     """Print the service's version, mode and limits."""
     client = client_of(context)
@@ -42,13 +42,13 @@ def about(context: typer.Context, as_json: AsJson = False) -> None:
         print_item(client.readiness(), as_json)
 
 
-@app.command(help="Print what happens, one JSON object a line, until Ctrl-C.")
+@app.command(help="Print events, one JSON object per line, until Ctrl-C.")
 def events(
     context: typer.Context,
     kind: Annotated[str | None, typer.Option(help="Only scan, reconstruction, job, batch or scanner.")] = None,
-    scan: Annotated[str | None, typer.Option(help="Only what concerns this scan.")] = None,
+    scan: Annotated[str | None, typer.Option(help="Only events of this scan.")] = None,
     progress: Annotated[bool, typer.Option(help="Also progress.")] = True,
-    after: Annotated[str | None, typer.Option(help="Go on after the event of this id.")] = None,
+    after: Annotated[str | None, typer.Option(help="Continue after the event with this id.")] = None,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many.")] = None,
 ) -> None:
     """Follow the event stream."""

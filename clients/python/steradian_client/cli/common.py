@@ -14,7 +14,7 @@ from steradian_client.sync_async import SyncMode
 
 ResourceId: TypeAlias = Annotated[str, typer.Argument(metavar="ID")]
 Reason: TypeAlias = Annotated[str | None, typer.Option(help="Why.")]
-Wait: TypeAlias = Annotated[bool, typer.Option("--wait", help="Watch it until it is over.")]
+Wait: TypeAlias = Annotated[bool, typer.Option("--wait", help="Wait until it has ended, with progress.")]
 
 
 def command_group(help: str) -> typer.Typer:
@@ -33,11 +33,11 @@ def add_stored(
 ) -> None:
     """Add ``list``, ``show`` and ``delete``."""
 
-    @app.command("list", help="Show the newest; NAME=VALUE are any other filters of the service.")
+    @app.command("list", help="List the newest; NAME=VALUE pairs are further filters of the service.")
     def list_(
         context: typer.Context,
         filters: Annotated[list[str] | None, typer.Argument(metavar="[NAME=VALUE]...")] = None,
-        state: Annotated[list[str] | None, typer.Option(help="Only in one of these states.")] = None,
+        state: Annotated[list[str] | None, typer.Option(help="Only those in one of these states.")] = None,
         label: Annotated[list[str] | None, typer.Option(help="Only with this label: NAME or NAME=TEXT.")] = None,
         scan: Annotated[str | None, typer.Option(help="Only of this scan.")] = None,
         mask: Annotated[str | None, typer.Option(help="Only of this mask.")] = None,
@@ -53,7 +53,7 @@ def add_stored(
     def show_(context: typer.Context, identifier: ResourceId, as_json: AsJson = False) -> None:
         print_item(those(client_of(context)).get(identifier), as_json)
 
-    @app.command(help="Delete one for good.")
+    @app.command(help="Delete one permanently.")
     def delete(
         context: typer.Context,
         identifier: ResourceId,
@@ -65,7 +65,7 @@ def add_stored(
 def add_watch(app: typer.Typer, those: Callable[[Client], AwaitableResource[SyncMode, Any]]) -> None:
     """Add ``watch``."""
 
-    @app.command(help="Watch one until it is over, with live progress; Ctrl-C ends the watching, not the work.")
+    @app.command(help="Wait until one has ended, with progress; Ctrl-C stops the display, not the work.")
     def watch(context: typer.Context, identifier: ResourceId, timeout: Timeout = None, as_json: AsJson = False) -> None:
         show_when_done(those(client_of(context)), identifier, True, as_json, timeout)
 

@@ -34,7 +34,9 @@ add_stored(job, lambda client: client.jobs, _SHOWN)
 add_watch(job, lambda client: client.jobs)
 
 
-@reconstruction.command("create", help="Queue a reconstruction, such as: create SCAN modes=226 method=iterative --wait")
+@reconstruction.command(
+    "create", help="Queue a reconstruction, for example: create SCAN modes=226 method=iterative --wait"
+)
 def create_reconstruction(
     context: typer.Context,
     scan_id: Scan,
@@ -73,7 +75,7 @@ def mip(
     client_of(context).reconstructions.download_mip(identifier, target, axis=axis)
 
 
-@reconstruction.command("export", help="Write it for other programs: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png.")
+@reconstruction.command("export", help="Export it for other programs: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png.")
 def export(context: typer.Context, identifier: ResourceId, format: str, folder: Path = Path()) -> None:
     """Export a volume and download the files."""
     with progress_reporter() as progress:
@@ -84,7 +86,7 @@ def export(context: typer.Context, identifier: ResourceId, format: str, folder: 
         print(path)
 
 
-@batch.command("create", help="Queue a sweep, such as: create SCAN sound_speed=[1480,1500] --with modes=226")
+@batch.command("create", help="Queue a sweep, for example: create SCAN sound_speed=[1480,1500] --with modes=226")
 def create_batch(
     context: typer.Context,
     scan_id: Scan,
@@ -99,7 +101,7 @@ def create_batch(
     show_when_done(those, those.create(scan_id, settings(vary), each=each, **settings(common)), wait, as_json)
 
 
-@batch.command("cancel", help="Cancel what is left of a batch.")
+@batch.command("cancel", help="Cancel a batch's remaining jobs.")
 def cancel_batch(
     context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False
 ) -> None:
@@ -107,7 +109,7 @@ def cancel_batch(
     print_item(client_of(context).batches.cancel(identifier, reason), as_json)
 
 
-@job.command("create", help="Queue work, such as: create sound-speed scan_id=… first=1450 last=1550")
+@job.command("create", help="Queue a job, for example: create sound-speed scan_id=… first=1450 last=1550")
 def create_job(
     context: typer.Context, kind: str, asked: Settings = None, wait: Wait = False, as_json: AsJson = False
 ) -> None:
@@ -128,7 +130,7 @@ def prioritise(context: typer.Context, identifier: ResourceId, priority: int, as
     print_item(client_of(context).jobs.set_priority(identifier, priority), as_json)
 
 
-@job.command("log", help="Print what it wrote while it ran.")
+@job.command("log", help="Print its log.")
 def log(context: typer.Context, identifier: ResourceId) -> None:
     """Print a job's log."""
     print(client_of(context).jobs.log(identifier), end="")

@@ -21,7 +21,7 @@ AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the answe
 Settings: TypeAlias = Annotated[
     list[str] | None, typer.Argument(metavar="[NAME=VALUE]...", help="Parameters; values as in JSON, or plain text.")
 ]
-Timeout: TypeAlias = Annotated[float | None, typer.Option(help="Longest time to watch (s); the work goes on.")]
+Timeout: TypeAlias = Annotated[float | None, typer.Option(help="Maximum time to wait (s); the job continues.")]
 
 
 def settings(pairs: Sequence[str] | None) -> dict[str, Any]:

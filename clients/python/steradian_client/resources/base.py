@@ -46,7 +46,7 @@ class CrudResource(Resource[Mode], Generic[Mode, ModelT]):
 
     @dual_method
     async def delete(self, thing: ModelT | str, *, dependents: bool = False) -> None:
-        """Delete one for good.
+        """Delete one permanently.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ class Batches(AwaitableResource[Mode, Batch]):
         priority
             Smaller ones run first.
         points
-            Of masks that are looked through.
+            Options for subset masks.
         requires
             What each job's worker must have: ``{"memory": bytes, "cores": threads}``, either or both.
         parameters

@@ -47,7 +47,7 @@ class Scans(AwaitableResource[Mode, Scan]):
             A scan of the same plan that is over, whose missing points are to be measured: the new one begins with
             its A-lines.
         scanner_id
-            Who is to run it, where there are several.
+            Scanner that runs it, if there are several.
         idempotency_key
             Repeating the call with the same key finds the scan that the first call made; ``None`` makes a new key.
         """

@@ -89,7 +89,7 @@ class Imports(AwaitableResource[Mode, Job]):
         Parameters
         ----------
         description
-            What the file itself does not say: sampling_interval, positions, sound_speed, …
+            Values that are not in the file: sampling_interval, positions, sound_speed, …
         companion
             An upload with the positions (csv, npy), or k-Wave's input file.
         labels

@@ -115,7 +115,7 @@ class EmergencyStopController:
             press = self._known(self._scanner.get(self._scanner.id))
             if press is not None and number is not None and press.number != number:
                 raise EmergencyStopped(
-                    f"{press.who} pressed the emergency stop since; look again before you release it"
+                    f"{press.who} pressed the emergency stop since; check the state again before you release it"
                 )
             if press is not None:
                 self._latch.release(press.number)
@@ -131,7 +131,7 @@ class EmergencyStopController:
                     self._latch.make_durable()
                 self._record()
             except Exception as error:
-                _log.warning("the emergency stop cannot be looked at in the database, the latch holds: %s", error)
+                _log.warning("the emergency stop cannot be read from the database; the latch stays: %s", error)
                 self._over.wait(RECORD_INTERVAL / 4)
             self._pressed.wait(RECORD_INTERVAL)
 

@@ -273,7 +273,9 @@ async def _place(limiter: CapacityLimiter, scanner_id: str) -> AsyncIterator[Non
         with fail_after(PATIENCE):
             await limiter.acquire_on_behalf_of(who)
     except TimeoutError:
-        raise NodeUnavailable(f"the node of {scanner_id} is slow: {AT_ONCE} others wait for its answer") from None
+        raise NodeUnavailable(
+            f"the node of {scanner_id} is slow: {AT_ONCE} other requests wait for its answer"
+        ) from None
     try:
         yield
     finally:

@@ -40,5 +40,5 @@ class PeriodicRefresher:
                 try:
                     look()
                 except Exception as error:
-                    _log.warning("keys or nodes cannot be looked at in the database: %s", error)
+                    _log.warning("keys or nodes cannot be read from the database: %s", error)
             self._over.wait(EVERY)

@@ -87,7 +87,7 @@ def _forget_uploads(context: RetentionContext, oldest: float) -> None:
                 tell_redated(f"upload {upload}", came)
             continue
         context.arrays.delete(name)
-        _log.info("upload %s is deleted: it came at %s, and none is kept for more than a day", upload, came)
+        _log.info("upload %s is deleted: it was uploaded at %s, and uploads are kept for one day", upload, came)
 
 
 def _sweep_drafts(context: RetentionContext) -> None:

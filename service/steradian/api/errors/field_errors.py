@@ -70,9 +70,9 @@ def _finding(error: Mapping[str, Any], body: object, annotation: object) -> Find
     elif error["type"] == "missing":
         detail = f"{name} is missing"
     elif error["type"] == "unknown_query":
-        detail = f"{name} is no parameter of this address"
+        detail = f"{name} is not a parameter of this address"
     elif error["type"] == "extra_forbidden":
-        detail, allowed = f"{name} is no known field", "no such field"
+        detail, allowed = f"{name} is not a known field", "no such field"
     else:
         detail = f"{name} is {_short(error.get('input'))}"
     detail += f"; allowed: {allowed}" if allowed and error["type"] != "extra_forbidden" else ""

@@ -183,7 +183,7 @@ async def _invalid(request: Request, error: Exception) -> JSONResponse:
     raw = error.errors()
     if raw and raw[0]["type"] == "json_invalid":
         reason = raw[0].get("ctx", {}).get("error", "")
-        return problem_response(request.scope, "malformed-json", f"the body is no JSON: {reason}")
+        return problem_response(request.scope, "malformed-json", f"the body is not valid JSON: {reason}")
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if raw and raw[0]["loc"][:1] == ("body",) and error.body is not None and not _is_json(kind):
         text = f"the body is {kind or 'of no stated type'}; send Content-Type: application/json (curl --json)"
@@ -199,7 +199,7 @@ async def _handle_http_error(request: Request, error: Exception) -> JSONResponse
         detail = f"there is no {request.method} {address(request.url.path)}; the API begins at {link('')}"
     elif error.status_code == 405:
         headers["Allow"] = ", ".join(sorted(_methods(request)))
-        detail = f"{address(request.url.path)} knows no {request.method}; allowed: {headers['Allow']}"
+        detail = f"{address(request.url.path)} does not accept {request.method}; allowed: {headers['Allow']}"
     return problem_response(
         request.scope, PROBLEM_BY_STATUS.get(error.status_code, "bad-request"), detail, headers=headers
     )
@@ -243,7 +243,7 @@ def _is_deleted(request: Request, error: FileNotFoundError) -> bool:
 
 def _disk_full(request: Request) -> JSONResponse:
     _log.error("request %s: the disk is full", request_id_of(request.scope))
-    return problem_response(request.scope, DiskFull.code, "the disk is full; nothing of the request was kept")
+    return problem_response(request.scope, DiskFull.code, "the disk is full; nothing of the request was stored")
 
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:

@@ -46,7 +46,7 @@ class ArrayView(BaseModel):
     shape: list[int] = Field(description="One number for each axis that is left")
     dtype: str = Field(description="Type of the values as NumPy writes it")
     values: list[Any] | float | None = Field(
-        description="Nested lists, a level for each axis; null for what is no finite number"
+        description="Nested lists, one level per axis; null for values that are not finite"
     )
 
 
@@ -232,7 +232,7 @@ def array_response(
     shape, dtype = selection.shape, source.dtype
     size = selection.count * dtype.itemsize
     if kind == JSON and selection.count > MAX_JSON_VALUES:
-        allowed = f"at most {MAX_JSON_VALUES} values as JSON; {NPY} has no such limit"
+        allowed = f"at most {MAX_JSON_VALUES} values as JSON; {NPY} has no limit"
         raise InvalidInput(field, " × ".join(map(str, shape)), allowed)
     if size > limit:
         raise InvalidInput(field, " × ".join(map(str, shape)), f"at most {limit} bytes, not {size}")

@@ -48,7 +48,7 @@ class ReadPreconditions:
         """
         name = etag.strip('"')
         if self._match is not None and not parse_etags(self._match).contains(name):
-            raise RevisionConflict(f"{self._match} is not what it is now, {etag}")
+            raise RevisionConflict(f"{self._match} is not the current version, {etag}")
         if self._none_match is not None and parse_etags(self._none_match).contains_weak(name):
             raise NotModified(etag, vary)
         self._response.headers["ETag"] = etag
@@ -84,7 +84,7 @@ class WritePreconditions:
             found = re.fullmatch(rf"{re.escape(identifier)}-([0-9]{{1,18}})(-[0-9a-f]+)?", tag)
             if found:
                 return int(found[1])
-        raise RevisionConflict(f"{self._match} is no version of {identifier}")
+        raise RevisionConflict(f"{self._match} is not a version of {identifier}")
 
 
 Match: TypeAlias = Annotated[
@@ -96,7 +96,8 @@ async def _conditions(  # as is the next one: a plain function would be called i
     response: Response,
     if_match: Match = None,
     if_none_match: Annotated[
-        str | None, Header(alias="If-None-Match", description="ETag that you have; 304 if it is still right")
+        str | None,
+        Header(alias="If-None-Match", description="ETag of the copy that the client has; 304 if it is current"),
     ] = None,
 ) -> ReadPreconditions:
     return ReadPreconditions(response, if_match, if_none_match)

@@ -33,13 +33,13 @@ RANGED: Final[dict[str, Any]] = {
         {
             "name": "If-Range",
             "in": "header",
-            "description": "ETag of what you have a part of; if it is another one now, the whole file comes",
+            "description": "ETag of the partly downloaded file; if it has changed, the response is the whole file",
             "schema": {"type": "string"},
         },
         {
             "name": "Want-Repr-Digest",
             "in": "header",
-            "description": "sha-256=1 has the answer state the checksum of the whole file (RFC 9530)",
+            "description": "sha-256=1: the response states the checksum of the whole file (RFC 9530)",
             "schema": {"type": "string", "examples": ["sha-256=1"]},
         },
     ]

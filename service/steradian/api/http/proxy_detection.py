@@ -40,5 +40,5 @@ def stranger(scope: Scope) -> str | None:
     if user is None or user in {0, os.getuid()}:
         return None
     if user == GONE:
-        return "the program that asked has ended"
-    return f"the program that asked runs as another user (number {user}), as a proxy does"
+        return "the client process has ended"
+    return f"the client process runs as another user (number {user}), as a proxy does"

@@ -62,7 +62,7 @@ class Part:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                raise Conflict("another request sends this upload; ask again how far it is") from None
+                raise Conflict("another request is sending this upload; query its offset again") from None
             size = file.seek(0, os.SEEK_END)
             if size != offset:
                 raise Conflict(f"Upload-Offset is {offset}; allowed: {size}, as many bytes have come")

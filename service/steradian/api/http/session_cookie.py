@@ -77,12 +77,10 @@ def check_same_origin(seen: ValidSession, headers: Headers, *, changes: bool) ->
     if origin is not None and origin.partition("://")[2] not in _hosts(headers):
         raise CrossSiteRequest(f"a page of {origin!r} may not change anything with a session's cookie")
     if origin is None and site is None:
-        raise CrossSiteRequest(
-            "a request with a session's cookie must say where it comes from: Origin or Sec-Fetch-Site"
-        )
+        raise CrossSiteRequest("a request with a session cookie must state its origin: Origin or Sec-Fetch-Site")
     if not hmac.compare_digest(headers.get(TOKEN, "").encode(), seen.csrf_token.encode()):
         raise CrossSiteRequest(
-            f"a request with a session's cookie must bring {TOKEN} as GET {address(BASE)}/session tells it"
+            f"a request with a session cookie must send {TOKEN} as GET {address(BASE)}/session tells it"
         )
 
 

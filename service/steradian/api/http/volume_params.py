@@ -50,14 +50,19 @@ Part: TypeAlias = Annotated[
 ]
 Slab: TypeAlias = Annotated[
     str | None,
-    Query(max_length=40, description="Voxels along the axis, numpy syntax; else all of them", examples=["100:140"]),
+    Query(max_length=40, description="Voxels along the axis, NumPy syntax; default: all", examples=["100:140"]),
 ]
 Level: TypeAlias = Annotated[
     int | None, Query(ge=0, le=16, description="How many times halved along each axis; 0 is full resolution")
 ]
 MaxSize: TypeAlias = Annotated[
     int | None,
-    Query(ge=1, le=2**20, description="Most values along each axis; the finest level that has no more", examples=[512]),
+    Query(
+        ge=1,
+        le=2**20,
+        description="Maximum number of values along each axis; the finest level within it is returned",
+        examples=[512],
+    ),
 ]
 DataType: TypeAlias = Annotated[
     Literal["float32", "uint8"] | None, Query(description="Type of the values, else as stored; uint8 goes by window")

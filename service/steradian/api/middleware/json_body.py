@@ -53,7 +53,7 @@ def _parse(body: bytes) -> Any:
     except json.JSONDecodeError:
         raise
     except (ValueError, RecursionError) as error:
-        said = "it is nested too deep" if isinstance(error, RecursionError) else str(error)
+        said = "it is nested too deeply" if isinstance(error, RecursionError) else str(error)
         raise json.JSONDecodeError(said, "", 0) from None
 
 
@@ -84,7 +84,7 @@ def _check_texts(found: Any) -> None:
     while left:
         match left.pop():
             case str(text) if odd := _ODD.search(text):
-                raise ValueError(f"a text in it holds U+{ord(odd[0]):04X}, which is no character")
+                raise ValueError(f"a text contains U+{ord(odd[0]):04X}, which is not a character")
             case list(items):
                 left += items
             case dict(members):
@@ -96,5 +96,5 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(found) != len(pairs):
         counts = Counter(name for name, _ in pairs)
         twice = next(name for name, count in counts.items() if count > 1)
-        raise ValueError(f"the key {twice[:80]!r} stands twice in an object")
+        raise ValueError(f"the key {twice[:80]!r} occurs twice in an object")
     return found

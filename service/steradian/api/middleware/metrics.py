@@ -67,13 +67,13 @@ class _StateCollector(Collector):
             present = present_workers(session, now := services.ledger.clock())
             waiting, unmet = backlog(session, now, present), count_unsatisfiable(session, present)
         if waiting.seconds is not None:
-            told = "What one worker would take for all jobs that wait; absent where no past job tells"
+            told = "Estimated time of one worker for all queued jobs; absent without past jobs to estimate from"
             yield GaugeMetricFamily("steradian_jobs_waiting_work_seconds", told, waiting.seconds)
-        told = "How long ago the oldest job that waits was asked for"
+        told = "Age of the oldest queued job"
         yield GaugeMetricFamily("steradian_jobs_waiting_oldest_seconds", told, waiting.oldest)
         told = "Jobs that wait and that no worker which is present can do"
         yield GaugeMetricFamily("steradian_jobs_waiting_unmet", told, unmet)
-        told, labels = "What each worker has that was heard of lately", ["worker", "memory", "cores", "gpu"]
+        told, labels = "Capabilities of each worker that was present recently", ["worker", "memory", "cores", "gpu"]
         family = GaugeMetricFamily("steradian_worker", told, labels=labels)
         for name, has in present.items():
             family.add_metric([name, str(has.memory or ""), str(has.cores), has.gpu or ""], 1)

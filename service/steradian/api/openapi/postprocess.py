@@ -20,17 +20,17 @@ from steradian.api.middleware.stop_authorization import STOP_TICKET
 from steradian.api.openapi.links import add_links
 
 TAGS: Final = [
-    {"name": "service", "description": "What this service is, its limits, and where everything begins"},
+    {"name": "service", "description": "The service's version, limits and entry points"},
     {"name": "masks", "description": "Where to sense: arrangements of points on the film"},
-    {"name": "plans", "description": "In what order and how fast a mask is measured, and what that costs"},
+    {"name": "plans", "description": "Order and timing of a mask's measurement, and its cost"},
     {"name": "designs", "description": "Masks and plans that are only thought about: nothing is stored"},
     {"name": "scanners", "description": "The scanner, its lease, and the emergency stop"},
     {"name": "scans", "description": "Runs of plans and the A-lines that they measured"},
     {"name": "reconstructions", "description": "Volumes made of scans, their projections and quality"},
     {"name": "batches", "description": "Many reconstructions of one scan as one request"},
-    {"name": "jobs", "description": "The queue: how each job stands, its starts, log and files; uploads for imports"},
-    {"name": "events", "description": "What happens, as it happens"},
-    {"name": "health", "description": "For whoever watches the service"},
+    {"name": "jobs", "description": "The queue: state, attempts, log and files of each job; uploads for imports"},
+    {"name": "events", "description": "Event stream"},
+    {"name": "health", "description": "Health checks and metrics"},
 ]
 SECURITY: Final = {
     "key": {
@@ -42,7 +42,7 @@ SECURITY: Final = {
         "type": "apiKey",
         "in": "cookie",
         "name": cookies.NAME,
-        "description": f"A browser's session (POST /session); what changes something brings {cookies.TOKEN}, too",
+        "description": f"Browser session (POST /session); requests that change state also send {cookies.TOKEN}, too",
     },
     "stop-ticket": {
         "type": "apiKey",
@@ -78,16 +78,16 @@ OPERATION_NAMES: Final = frozenset(
 BY_STOP_TICKET: Final = frozenset({"emergency_stop_press", "emergency_stops_press", "emergency_stops_read"})
 """Operations that a stop ticket is good for."""
 RESPONSE_HEADERS: Final[dict[str, tuple[str, str]]] = {
-    "Accept-Ranges": ("That ranges of bytes can be asked for", "bytes"),
-    "Cache-Control": ("Whether it may be kept; what has an ETag may be, if it is asked about each time", "no-store"),
+    "Accept-Ranges": ("Byte ranges are supported", "bytes"),
+    "Cache-Control": ("Caching rules; responses with an ETag may be cached and revalidated", "no-store"),
     "Content-Range": ("Which bytes of how many these are", "bytes 0-99/1000"),
     "ETag": ("Version of this representation", '"s01jz0000000000000000000000-3-6c0b9a4e"'),
-    "Idempotency-Replayed": ("true when it is the answer to an earlier request with this key", "true"),
+    "Idempotency-Replayed": ("true if it is the stored response to an earlier request with this key", "true"),
     "Link": ("Where the next page is, as rel=next; missing on the last one", '</api/v1/scans?before=7>; rel="next"'),
-    "Location": ("Address of what was made", "/api/v1/scans/s01jz0000000000000000000000"),
+    "Location": ("URL of the created resource", "/api/v1/scans/s01jz0000000000000000000000"),
     "Preference-Applied": ("How long it may have waited", "wait=50"),
     "Repr-Digest": (
-        "Checksum of the whole file, where Want-Repr-Digest asked for it",
+        "Checksum of the whole file, if Want-Repr-Digest requested it",
         "sha-256=:47DEQpj8HBSa+/TImW+5JA==:",
     ),
     "Retry-After": ("Seconds after which it may be tried again", "1"),
@@ -103,7 +103,7 @@ RESPONSE_HEADERS: Final[dict[str, tuple[str, str]]] = {
     "X-Origin": ("Place of the first value along each axis of the answer (m; s along time)", "-0.00678,-0.00678,0"),
     "X-Request-ID": ("Identifier of the request, in the service's log too", "01jz0000000000000000000000"),
     "X-Row": ("Place of the A-line among all of the scan, frame after frame", "612"),
-    "X-Scale": ("Pressure unit of the scanner that a count stands for", "0.000244"),
+    "X-Scale": ("Pressure unit of one digitiser count", "0.000244"),
     "X-Shape": ("Shape of the array", "226,226,512"),
     "X-Spacing": ("Distance of values along each axis of the answer (m; s along time)", "6e-05,6e-05,1.2e-05"),
     "X-Window": ("Of uint8: the values that are 0 and 255", "0,1.5"),

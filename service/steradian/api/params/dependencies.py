@@ -97,7 +97,8 @@ def _key_header(what: str) -> Any:
 async def _key(
     request: Request,
     idempotency_key: Annotated[
-        str | None, _key_header("A repeated request with it is done once and gets the first one's answer")
+        str | None,
+        _key_header("Idempotency key: a repeated request with it is executed once and receives the first response"),
     ] = None,
 ) -> IdempotencyKey | None:
     return None if idempotency_key is None else await _read_key(request, idempotency_key)

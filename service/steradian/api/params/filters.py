@@ -20,7 +20,7 @@ def _one(what: str, example: str) -> Any:
     return Query(max_length=64, description=f"Only {what}", examples=[example])
 
 
-_STATES: Any = Query(description="Only in this state, or one of these")
+_STATES: Any = Query(description="Only in this state, or in one of these states")
 ScanStates: TypeAlias = Annotated[list[ScanState] | None, _STATES]
 JobStates: TypeAlias = Annotated[list[ReconstructionState] | None, _STATES]
 BatchStates: TypeAlias = Annotated[list[BatchState] | None, _STATES]
@@ -28,7 +28,7 @@ Labels: TypeAlias = Annotated[
     list[Annotated[str, StringConstraints(pattern="^[^=]", max_length=261)]] | None,
     Query(
         max_length=MOST_LABELS,
-        description="Only with this label: NAME, or NAME=TEXT; several: only with all of them",
+        description="Only with this label: NAME, or NAME=TEXT; several: with all of them",
         examples=[["phantom=yarn"]],
     ),
 ]

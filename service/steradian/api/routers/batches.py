@@ -64,15 +64,15 @@ class BatchRequest(Value):
     scan_id: Identifier = Field(description="Identifier of the scan")
     vary: dict[str, list[Any]] = Field(
         default_factory=dict,
-        description="Values of each parameter that varies; mask_id: masks to look through (what-if), frame: frames",
+        description="Values of each swept parameter; mask_id: subset masks (what-if), frame: frames",
     )
     each: Literal["wavelength", "frame"] | None = Field(
         default=None, description="A job for each excitation wavelength of the scan (its first frame), or each frame"
     )
-    parameters: dict[str, Any] = Field(default_factory=dict, description="What all jobs have in common")
-    points: Literal["nearest", "exact"] = Field(default="nearest", description="Of masks that are looked through")
+    parameters: dict[str, Any] = Field(default_factory=dict, description="Parameters common to all jobs")
+    points: Literal["nearest", "exact"] = Field(default="nearest", description="Options for subset masks")
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
-    requires: Required = Field(default=Required(), description="What the worker of each job must have")
+    requires: Required = Field(default=Required(), description="Capabilities required of each job's worker")
 
     def expand_grid(self, excitation: list[float]) -> dict[str, list[Any]]:
         """Return the varied values with the shorthand "each" expanded.
@@ -222,7 +222,7 @@ def read_batch(services: ServicesDep, batch_id: BATCH_ID) -> BatchView:
     return _view(services, services.batches.get(batch_id))
 
 
-@router.put("/{batch_id}/desired-state", summary="Cancel what is left of a batch")
+@router.put("/{batch_id}/desired-state", summary="Cancel a batch's remaining jobs")
 def set_batch_desired_state(
     services: ServicesDep, who: CurrentPrincipal, batch_id: BATCH_ID, wanted: JobWish
 ) -> BatchView:

@@ -24,7 +24,7 @@ REQUIRED_SCOPES: Final = {
 }
 """What a key must allow to delete a thing of each kind, also where it goes with another one."""
 Dependents = Annotated[
-    bool, Query(description="Also delete all that depends on it; else a 409 has-dependents names what does")
+    bool, Query(description="Also delete all dependent resources; otherwise a 409 has-dependents lists them")
 ]
 DELETED_RESPONSE: dict[str, Any] = {"status_code": 204, "response_class": Response}
 
@@ -71,7 +71,7 @@ def delete_reconstruction(
     return _delete(services, who, "reconstruction", reconstruction_id, dependents)
 
 
-@router.delete("/jobs/{job_id}", summary="Delete a job and what it left", tags=["jobs"], **DELETED_RESPONSE)
+@router.delete("/jobs/{job_id}", summary="Delete a job and its files", tags=["jobs"], **DELETED_RESPONSE)
 def delete_job(
     services: ServicesDep, who: CurrentPrincipal, job_id: JOB_ID, dependents: Dependents = False
 ) -> Response:

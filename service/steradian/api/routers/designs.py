@@ -30,7 +30,7 @@ Across = Annotated[float, Field(ge=-1, le=1)]
 Point = Annotated[
     tuple[Across, Across, Annotated[float, Field(gt=0, le=1)]] | None,
     Field(
-        description="x, y, z of the place that is looked at (m); none: the mask's first point of interest",
+        description="x, y, z of the evaluated position (m); none: the mask's first point of interest",
         examples=[[0, 0, 3.6e-3]],
     ),
 ]
@@ -59,7 +59,7 @@ class PointSpreadRequest(Value):
 class DesignView(BaseModel):
     """Preview of a mask and its plan."""
 
-    mask: MaskPreviewView = Field(description="What the mask promises at the point; null where there is none")
+    mask: MaskPreviewView = Field(description="Metrics of the mask at the point; null without a point of interest")
     positions: list[list[float]] = Field(description="(M, 2) x, y on the film in metres, centred on the aperture")
     weights: list[float] = Field(description="(M,) areas in m², lengths in m for a line")
     outline: list[list[float]] | None = Field(description="Corners of the sensed area (m); null: not known")
@@ -68,7 +68,7 @@ class DesignView(BaseModel):
     )
     visible_share: float | None = Field(description="Share of all orientations of edges that are visible there")
     visit: list[int] = Field(description="(M,) points in the order of interrogation")
-    plan: PreviewView = Field(description="What measuring it costs")
+    plan: PreviewView = Field(description="Cost of the measurement")
 
 
 class PointSpreadView(BaseModel):
@@ -79,18 +79,18 @@ class PointSpreadView(BaseModel):
     section: list[list[float]] = Field(description="(Nx, Nz) image in the plane y of the ball, its peak 1")
     lateral: float | None = Field(description="Full width at half maximum along x (m); null: cut off")
     axial: float | None = Field(description="Along z (m)")
-    true_width: float = Field(description="That of the ball itself (m)")
+    true_width: float = Field(description="Width of the ball itself (m)")
     background: float = Field(description="Root mean square beyond three widths, over the peak")
 
 
-@router.post("/preview", summary="What a mask and a plan would be together", response_model=DesignView)
+@router.post("/preview", summary="Preview of a mask with a plan", response_model=DesignView)
 async def preview_design(services: ServicesDep, wanted: DesignRequest) -> Response:
     """Compute a mask's points, visit order, coverage and cost without storing anything."""
     check_point_limit(wanted.arrangement, services.settings.max_mask_points)
     return Response(await services.workshop.submit(_look, wanted), media_type=JSON)
 
 
-@router.post("/point-spread", summary="What a tiny ball would look like", response_model=PointSpreadView)
+@router.post("/point-spread", summary="Simulated image of a small ball", response_model=PointSpreadView)
 async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest) -> Response:
     """Simulate a ball, sense it through a mask that is not stored, and reconstruct it."""
     check_point_limit(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))

@@ -64,14 +64,14 @@ async def _filter(
         Literal["scan", "reconstruction", "revision", "job", "batch", "scanner"] | None,
         Query(description="Only this kind"),
     ] = None,
-    scan_id: Annotated[str | None, Query(max_length=64, description="Only what concerns this scan")] = None,
+    scan_id: Annotated[str | None, Query(max_length=64, description="Only events of this scan")] = None,
     progress: Annotated[bool, Query(description="Also progress, at most five times a second")] = True,
     last_event_id: Annotated[
         str | None,
-        Query(max_length=100, description="Go on after this event, for clients that cannot set the header"),
+        Query(max_length=100, description="Continue after this event, for clients that cannot set the header"),
     ] = None,
     last_event_id_header: Annotated[
-        str | None, Header(alias="Last-Event-ID", description="Go on after this event: epoch.sequence")
+        str | None, Header(alias="Last-Event-ID", description="Continue after this event: epoch.sequence")
     ] = None,
 ) -> EventFilter:
     return EventFilter(kind, scan_id, progress, last_event_id_header or last_event_id)
@@ -142,7 +142,7 @@ def create_ticket(services: ServicesDep, who: CurrentPrincipal) -> TicketView:
 @router.get(
     "/events",
     status_code=200,
-    summary="What happens, as it happens",
+    summary="Event stream",
     response_class=EventStream,
     responses={200: {"description": "A stream that ends only when one side leaves", "content": _STREAM}},
 )
@@ -205,5 +205,5 @@ def _resume_position(bounds: LogBounds, last_event_id: str | None) -> tuple[int,
     if epoch != bounds.epoch or not (number.isascii() and number.isdecimal() and len(number) < 18):
         return bounds.last, "the id is of another log"
     if not bounds.before <= int(number) <= bounds.last:
-        return bounds.last, "the log does not hold what came after that id"
+        return bounds.last, "the log no longer holds the events after that id"
     return int(number), None

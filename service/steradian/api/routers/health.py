@@ -34,7 +34,7 @@ class Readiness(BaseModel):
 
     ready: bool
     checks: dict[str, bool]
-    reasons: dict[str, str] = Field(default_factory=dict, description="Of failed checks that have more to say, what")
+    reasons: dict[str, str] = Field(default_factory=dict, description="Reasons of failed checks")
 
 
 @router.get("/healthz", summary="Whether the process answers")

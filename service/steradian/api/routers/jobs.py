@@ -54,7 +54,7 @@ _EXAMPLES: dict[str, Any] = {kind: {"value": example} for kind, example in EXAMP
 @router.post(
     "",
     status_code=202,
-    summary="Queue work that is no reconstruction",
+    summary="Queue a job other than a reconstruction",
     response_model=JobView,
     responses={201: {"model": JobView, "description": "It was over within the time waited for"}},
 )
@@ -163,7 +163,7 @@ def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
 
 @router.get(
     "/{job_id}/log",
-    summary="What a job wrote while it ran",
+    summary="Log of a job",
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )

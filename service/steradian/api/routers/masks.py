@@ -63,7 +63,7 @@ async def create_mask(
 
 @router.post(
     "/preview",
-    summary="What a mask would be, and promises",
+    summary="Preview of a mask and its metrics",
     response_model=MaskPreviewView,
     responses={200: {"description": "Nothing is stored", "content": PICTURE}},
 )

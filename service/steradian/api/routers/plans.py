@@ -121,7 +121,7 @@ async def create_plan(services: ServicesDep, response: Response, wanted: PlanReq
 
 @router.post(
     "/preview",
-    summary="What a plan would cost",
+    summary="Preview of a plan's cost",
     response_model=PreviewView,
     responses={200: {"description": "Nothing is stored", "content": PICTURE}},
 )

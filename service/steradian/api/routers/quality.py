@@ -42,7 +42,7 @@ class QualityView(BaseModel):
     threshold: float
     state: ReconstructionState
     figures: dict[str, float | None] | None = Field(
-        description="Correlations, sharpness and error, when it is done", examples=[{"volume_correlation": 0.48}]
+        description="Correlations, sharpness and error, when it has succeeded", examples=[{"volume_correlation": 0.48}]
     )
     links: dict[str, str] = Field(examples=[{"job": f"{BASE}/jobs/…"}])
 
@@ -68,7 +68,7 @@ async def create_reconstruction_quality(
     return await submit_job(services, who, request, key, wait)
 
 
-@router.get("/{reconstruction_id}/quality", summary="What a reconstruction was compared with")
+@router.get("/{reconstruction_id}/quality", summary="Comparisons of a reconstruction")
 def list_reconstruction_quality(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
     """List the comparisons of a reconstruction, newest first."""
     services.reconstructions.get(reconstruction_id)

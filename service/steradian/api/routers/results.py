@@ -41,7 +41,7 @@ class RevisionView(BaseModel):
     number: int
     points: int = Field(description="A-lines the image is made of")
     planned: int
-    final: bool = Field(description="Whether it is the full reconstruction of the scan that is over")
+    final: bool = Field(description="Whether it is the full reconstruction of the completed scan")
     coverage: dict[str, float] = Field(
         description="Share of the points, and of the aperture's area, and the largest gap", examples=[{"points": 0.5}]
     )
@@ -188,7 +188,7 @@ async def read_reconstruction_zarr(
 
 @router.get(
     "/{reconstruction_id}/log",
-    summary="What the job wrote while it ran",
+    summary="Log of the job",
     deprecated=True,
     response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},

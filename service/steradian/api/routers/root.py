@@ -29,7 +29,7 @@ class RootView(BaseModel):
         description="Largest mask (points), body, upload, volume (bytes), wait (s); bytes of the disk that stay free,"
         " and that uploads and jobs may take now"
     )
-    formats: dict[str, list[str]] = Field(description="In what formats things can be had")
+    formats: dict[str, list[str]] = Field(description="Available formats")
     links: dict[str, str]
 
 

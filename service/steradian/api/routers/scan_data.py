@@ -59,7 +59,7 @@ ChangeCursor = Annotated[
     str | None,
     Query(
         max_length=60,
-        description="The next of an earlier answer: only what has changed since; all, where that is not known any more",
+        description="Cursor of an earlier response: only changes since then; everything if it is no longer valid",
         examples=["6f1d0c2a.7"],
     ),
 ]
@@ -89,7 +89,7 @@ class CoverageView(BaseModel):
     flagged: int = Field(description="Stored A-lines with a quality flag")
     flags: FlagsView
     fired: int = Field(description="Shots that the scanner fired")
-    area_fraction: float = Field(description="Share of the aperture that the stored points stand for, over all frames")
+    area_fraction: float = Field(description="Share of the aperture covered by the stored points, over all frames")
 
     @classmethod
     def of(cls, file: h5py.File, stored: NDArray[np.bool_], quality: NDArray[np.uint32]) -> Self:
@@ -124,7 +124,7 @@ class ShotsView(BaseModel):
     gain: list[float | None] = Field(description="Gain of the receiver in dB over its usual one")
     coverage: CoverageView = Field(description="Counts of all points, also where only some are listed")
     newest: int | None = Field(description="The A-line stored last, as a place in the array of A-lines; null: none")
-    next: str = Field(description="Send it as since, and only what has changed after this answer is listed")
+    next: str = Field(description="Cursor: send it as since to receive only later changes")
 
 
 class LatestView(ArrayView):
@@ -137,7 +137,7 @@ class LatestView(ArrayView):
     quality: int = Field(description="Flags of the scanner; 0 is good")
     time_zero: float | None = Field(description="s from the laser pulse to the first sample")
     sampling_interval: float = Field(description="s")
-    scale: float | None = Field(description="Pressure unit of the scanner that a count stands for")
+    scale: float | None = Field(description="Pressure unit of one digitiser count")
 
 
 @router.get(
@@ -155,14 +155,14 @@ async def read_scan_file(
     """Download the scan file, also in ranges."""
     row = await wait.wait_for(lambda: services.scans.get(scan_id), is_settled)
     if not is_settled(row):
-        raise NotReady(f"scan {scan_id} is {row.state}; its file can be had when it is over")
+        raise NotReady(f"scan {scan_id} is {row.state}; its file is available when the scan has ended")
     path = await run_in_threadpool(file_of, services, scan_id)
     etag = etag_of_file(path)
     conditions.tag(etag)
     return RangeFileResponse(path, media_type="application/x-hdf5", filename=f"{scan_id}.h5", headers={"ETag": etag})
 
 
-@router.get("/{scan_id}/shots", summary="What became of each shot")
+@router.get("/{scan_id}/shots", summary="Outcome of each shot")
 def read_scan_shots(
     services: ServicesDep, scan_id: SCAN_ID, points: Points = None, since: ChangeCursor = None
 ) -> ShotsView:

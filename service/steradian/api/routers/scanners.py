@@ -24,7 +24,7 @@ from steradian.storage.db.tables import ScannerRow
 
 router = APIRouter(prefix=f"{V1}/scanners", tags=["scanners"], route_class=AuthorizedRoute)
 
-FIRES = "the scanner says that its laser is on, or armed, although it was stopped"
+FIRES = "the scanner reports its laser on or armed after the stop"
 Number = Annotated[int, Header(alias="Scanner-Lease", ge=0, le=2**31, description="Number (fence) of your lease")]
 Lease = Annotated[
     int | None,
@@ -83,14 +83,14 @@ def read_scanner(services: ServicesDep, scanner_id: SCANNER_ID, conditions: Read
     return view
 
 
-@router.delete("/{scanner_id}", status_code=204, summary="Retire a scanner that is no more")
+@router.delete("/{scanner_id}", status_code=204, summary="Retire a scanner that no longer exists")
 def retire_scanner(
     services: ServicesDep,
     request: Request,
     who: CurrentPrincipal,
     scanner_id: SCANNER_ID,
     abandon: Annotated[
-        bool, Query(description="Also give up its scans that are not over: what is stored of them is kept as partial")
+        bool, Query(description="Also end its unfinished scans: their stored A-lines are kept as partial scans")
     ] = False,
     reason: Annotated[str | None, Query(max_length=500, description="Why; in its event")] = None,
 ) -> Response:

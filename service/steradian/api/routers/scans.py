@@ -53,7 +53,7 @@ class ScanRequest(Value):
 
     plan_id: str = Field(min_length=1, max_length=64, description="Identifier of the plan")
     scanner_id: str | None = Field(
-        default=None, min_length=1, max_length=40, description="Who is to run it; need not be said where there is one"
+        default=None, min_length=1, max_length=40, description="Scanner that runs it; optional if there is one scanner"
     )
     labels: dict[Name, Text] = Field(default_factory=dict, max_length=50, description="Texts of your own")
     completes: str | None = Field(
@@ -205,7 +205,7 @@ def _require_completable(services: ServiceContainer, scan_id: str, plan: PlanRow
     if row.plan_id != plan.id:
         raise InvalidInput("plan_id", plan.id, f"{row.plan_id}, the plan of the scan that is to be completed")
     if not is_terminal(row.state):
-        raise Conflict(f"scan {scan_id} is {row.state}: it may go on itself, and can be completed when it is over")
+        raise Conflict(f"scan {scan_id} is {row.state}: it may still continue, and can be completed when it has ended")
     held = row.summary or {}
     if not held.get("stored"):
         raise Conflict(f"scan {scan_id} holds no A-line to begin with; scan its plan")

@@ -24,7 +24,7 @@ class SessionView(BaseModel):
     """Session: the caller and their scopes."""
 
     principal: str = Field(description="As which the caller is known", examples=["key bench (0123456789ab)", "local"])
-    scopes: list[Scope] = Field(description="What the caller may do; admin is everything")
+    scopes: list[Scope] = Field(description="Scopes of the caller; admin includes all")
     csrf_token: str | None = Field(
         description=f"Value of the header {TOKEN} of requests with the session's cookie that change something;"
         " null where there is no session"
@@ -63,7 +63,7 @@ async def create_session(
     return SessionView.of(who, await run_in_threadpool(services.sessions.check, secret), services.stop_tickets)
 
 
-@router.get("/session", summary="Who asks, and what a page must know of its session")
+@router.get("/session", summary="The caller and its session")
 async def read_session(services: ServicesDep, request: Request, who: CurrentPrincipal) -> SessionView:
     """Return the principal of the key or cookie; without keys every caller of this machine is ``local``."""
     return SessionView.of(who, getattr(request.state, "session", None), services.stop_tickets)

@@ -35,8 +35,8 @@ class HistogramView(BaseModel):
     kind: Literal["codes", "values"] = Field(description="codes: of the digitiser; values: of anything else")
     edges: list[float]
     counts: list[int]
-    clipped_low: int = Field(description="Samples at the least value, where several follow each other")
-    clipped_high: int = Field(description="Samples at the greatest value, where several follow each other")
+    clipped_low: int = Field(description="Consecutive samples at the least value")
+    clipped_high: int = Field(description="Consecutive samples at the greatest value")
     missing_codes: int | None = Field(description="Codes between the least and the greatest that no sample has")
     mid_scale_offset: float | None = Field(description="Mean of all samples, in codes")
 
@@ -82,7 +82,7 @@ class BadLineView(BaseModel):
     y: float = Field(description="m")
     kind: Literal["dead", "noisy", "inverted", "saturated", "shifted"]
     detail: str
-    mend: Literal["leave-out", "sign", "shift"] = Field(description="What would mend it")
+    mend: Literal["leave-out", "sign", "shift"] = Field(description="Correction that would repair it")
 
 
 class SignalsView(BaseModel):
@@ -93,7 +93,7 @@ class SignalsView(BaseModel):
     sampling_interval: float = Field(description="s")
     looked_at: int
     complete: bool
-    decidable: bool = Field(description="Whether neighbours are alike enough to tell inverted and shifted A-lines")
+    decidable: bool = Field(description="Whether neighbours are similar enough to detect inverted and shifted A-lines")
     histogram: HistogramView
     spectrum: SpectrumView
     maps: SignalMapsView
@@ -103,7 +103,7 @@ class SignalsView(BaseModel):
     bad_counts: dict[str, int] = Field(description="Of all bad A-lines, by kind")
 
 
-@router.get("/{scan_id}/signals", summary="What the A-lines look like", response_model=SignalsView)
+@router.get("/{scan_id}/signals", summary="Statistics of the A-lines", response_model=SignalsView)
 async def read_scan_signals(
     services: ServicesDep, scan_id: SCAN_ID, conditions: ReadPreconditionsDep, frame: Frame = 0
 ) -> Response:

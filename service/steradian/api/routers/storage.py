@@ -18,17 +18,17 @@ class StorageView(BaseModel):
     """The data folder and the disk under it."""
 
     used_bytes: dict[str, int] = Field(
-        description="What the folder holds, by what it is for",
+        description="Contents of the folder by purpose",
         examples=[{"scans": 52000000, "reconstructions": 210000000}],
     )
-    quota_bytes: int | None = Field(description="What the folder may hold; null: as much as the disk")
+    quota_bytes: int | None = Field(description="Quota of the folder; null: the disk's size")
     free_bytes: int = Field(description="Free on the disk")
     reserve_bytes: int = Field(description="Stay free, for the database, logs and scans under way")
-    promised_bytes: int = Field(description="What scans, jobs and uploads that wait or are under way will write")
-    available_bytes: int = Field(description="What the next upload or job may take")
+    promised_bytes: int = Field(description="Bytes reserved for queued and running scans, jobs and uploads")
+    available_bytes: int = Field(description="Bytes available to the next upload or job")
 
 
-@router.get("", summary="What the data folder holds, and what may still come")
+@router.get("", summary="Usage of the data folder, and reserved bytes")
 async def read_storage(services: ServicesDep) -> StorageView:
     """Return the bytes used by all files; concurrent requests share one count."""
     try:

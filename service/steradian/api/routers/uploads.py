@@ -41,7 +41,7 @@ Length: TypeAlias = Annotated[
     int | None, Header(alias="Upload-Length", ge=1, description="Bytes of a file that is sent by PATCH", examples=[100])
 ]
 Offset: TypeAlias = Annotated[
-    int, Header(alias="Upload-Offset", ge=0, description="Bytes that have come; the body goes on there", examples=[0])
+    int, Header(alias="Upload-Offset", ge=0, description="Received bytes; the body continues there", examples=[0])
 ]
 
 
@@ -51,7 +51,7 @@ class UploadPreviewRequest(Value):
     model_config = ConfigDict(json_schema_extra={"examples": [{"description": {"sampling_interval": 8e-9}}]})
 
     description: dict[str, Any] | None = Field(
-        default=None, description="What the file itself does not say: sampling_interval, positions, sound_speed, …"
+        default=None, description="Values that are not in the file: sampling_interval, positions, sound_speed, …"
     )
     companion_id: Identifier | None = Field(
         default=None, description="Identifier of an upload with the positions (csv, npy) or of k-Wave's input file"
@@ -87,9 +87,9 @@ class UploadPreviewView(BaseModel):
     depth: float | None = Field(description="Distance of the point of interest (m); null: not stated")
     positions: list[list[float]] | None = Field(description="x, y of the sensors (m), a few thousand at most")
     rows: list[int] = Field(description="Which A-lines are shown")
-    traces: list[list[float]] = Field(description="Their first samples; 0 for what is no finite number")
-    missing: list[MissingView] = Field(description="What must be said before the file can be imported")
-    notes: list[str] = Field(description="What was decided or assumed where the file does not say")
+    traces: list[list[float]] = Field(description="Their first samples; 0 for values that are not finite")
+    missing: list[MissingView] = Field(description="Values that must be given before the file can be imported")
+    notes: list[str] = Field(description="Decisions and assumptions where the file has no value")
 
 
 class UploadView(BaseModel):
@@ -97,8 +97,10 @@ class UploadView(BaseModel):
 
     id: str
     bytes: int = Field(description="That have come")
-    length: int | None = Field(default=None, description="Of the whole file, where the rest has still to come (bytes)")
-    sha256: str | None = Field(default=None, description="Of the whole file, when it has just come")
+    length: int | None = Field(
+        default=None, description="Size of the whole file, if the rest is still to be uploaded (bytes)"
+    )
+    sha256: str | None = Field(default=None, description="Checksum of the whole file, when the upload is complete")
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
 
 
@@ -197,7 +199,7 @@ async def append_upload(services: ServicesDep, request: Request, upload_id: UPLO
     return Response(status_code=204, headers=_progress(size, part.length))
 
 
-@router.post("/{upload_id}/preview", summary="What would be understood of an upload", response_model=UploadPreviewView)
+@router.post("/{upload_id}/preview", summary="Preview of an upload's interpretation", response_model=UploadPreviewView)
 async def preview_upload(services: ServicesDep, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
     """Look into a file as an import would, in a process that is shut in; nothing is made of it."""
     names = [upload_id, *([wanted.companion_id] if wanted.companion_id else [])]

@@ -23,8 +23,8 @@ class JobView(BaseModel):
 
     id: str
     kind: str = Field(examples=["export"])
-    asked: dict[str, Any] = Field(description="What was asked for", examples=[{"format": "nifti"}])
-    priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
+    asked: dict[str, Any] = Field(description="Requested parameters", examples=[{"format": "nifti"}])
+    priority: int = Field(description="Smaller values run first; among equal values, callers take turns")
     turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
     requires: RequirementsView
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
@@ -35,7 +35,7 @@ class JobView(BaseModel):
     progress: ProgressView
     error: ErrorView | None
     request_id: RequestId
-    result: Result | None = Field(description="What it found, when it has succeeded; which of these, its kind says")
+    result: Result | None = Field(description="Result, when it has succeeded; its fields depend on the kind")
     files: list[str] = Field(description="Names of the files it left, behind links.files", examples=[["volume.nii.gz"]])
     created: datetime | None
     started: datetime | None

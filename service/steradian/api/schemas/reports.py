@@ -61,7 +61,7 @@ class SummaryView(ReportBase):
     """Counts of a scan that is over."""
 
     points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
-    stored: int | None = Field(default=None, description="A-lines that are kept")
+    stored: int | None = Field(default=None, description="Stored A-lines")
     fired: int | None = Field(default=None, description="Shots that the scanner fired")
 
 
@@ -114,7 +114,7 @@ class FitView(ReportBase):
     iterations: int | None = None
     stopped: str | None = Field(
         default=None,
-        description="What ended it: discrepancy, change, misfit (another step would not pay) or iterations",
+        description="Stopping criterion: discrepancy, change, misfit (no further improvement) or iterations",
     )
     products: int | None = Field(default=None, description="Products with the model, or direct reconstructions, in all")
     misfit: float | None = Field(default=None, description="Of the image, relative to the A-lines")
@@ -126,7 +126,7 @@ class BadLinesView(ReportBase):
 
     treatment: Literal["leave-out", "mend"] | None = None
     looked_at: int | None = Field(default=None, description="A-lines that were compared with their neighbours")
-    decidable: bool | None = Field(default=None, description="Whether inverted and shifted A-lines could be told")
+    decidable: bool | None = Field(default=None, description="Whether inverted and shifted A-lines could be detected")
     left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by kind")
     mended: dict[str, int] = Field(default_factory=dict, description="A-lines mended, by kind")
     rows: dict[str, list[int]] = Field(
@@ -144,7 +144,7 @@ class UnevennessView(ReportBase):
     sensitivity: list[float] | None = Field(
         default=None, description="Least and greatest share of the film's sensitivity divided by; null: by none"
     )
-    bad_lines: BadLinesView | None = Field(default=None, description="null: none was looked for")
+    bad_lines: BadLinesView | None = Field(default=None, description="null: not searched for")
 
 
 class ReportView(ReportBase):
@@ -162,18 +162,18 @@ class ReportView(ReportBase):
     planned: int | None = Field(default=None, description="A-lines that the scan was to have")
     sound_speed_m_s: float | None = Field(default=None, description="m/s")
     sensed_area_m2: float | None = Field(default=None, description="Sum of the weights (m², m for a line)")
-    notes: list[str] | None = Field(default=None, description="What to know of the image before it is trusted")
+    notes: list[str] | None = Field(default=None, description="Notes on the image's reliability")
     parameters: dict[str, Any] | None = Field(default=None, description="As they took effect")
-    provenance: dict[str, Any] | None = Field(default=None, description="Of what it was made")
-    missing: dict[str, Any] | None = Field(default=None, description="What a partly measured scan lacks")
+    provenance: dict[str, Any] | None = Field(default=None, description="Provenance")
+    missing: dict[str, Any] | None = Field(default=None, description="Missing parts of a partly measured scan")
     fit: FitView | None = None
     shots: UnevennessView | None = None
-    device: str | None = Field(default=None, description="What computed: cpu, or the GPU's name", examples=["cpu"])
+    device: str | None = Field(default=None, description="Device: cpu, or the GPU's name", examples=["cpu"])
     near_field_m: float | None = Field(default=None, description="Depth from which on the pictures show it (m)")
     scale_percentile: float | None = None
     scale_ends: dict[str, float] | None = Field(default=None, description="Value at the end of each picture's scale")
     seconds: dict[str, float] | None = Field(default=None, description="Wall time of each stage (s)")
-    what_if: dict[str, Any] | None = Field(default=None, description="How much it is like the image of all points")
+    what_if: dict[str, Any] | None = Field(default=None, description="Correlation with the image of all points")
     files: list[str] | None = Field(default=None, description="Names of the files it left")
 
 
@@ -186,7 +186,7 @@ class ObjectWidth(ReportBase):
     corrected: float | None = Field(default=None, description="Diameter whose image is as wide as fwhm (m)")
     at_most: float | None = Field(default=None, description="Largest diameter, where it is as wide as a thin one (m)")
     shape: str | None = Field(default=None, description="What was simulated", examples=["uniform cylinder"])
-    reason: str | None = Field(default=None, description="Why there is no corrected diameter")
+    reason: str | None = Field(default=None, description="Reason why there is no corrected diameter")
     base: float | None = Field(default=None, description="Level beside the object")
     height: float | None = Field(default=None, description="Of the peak above it")
     centre: float | None = Field(default=None, description="Distance of the object from start (m)")
@@ -204,7 +204,7 @@ class SoundSpeedView(ReportBase):
     at_edge: bool | None = Field(
         default=None, description="Whether the best is the first or last: the range should be moved"
     )
-    notes: list[str] | None = Field(default=None, description="What was decided or assumed about the scan")
+    notes: list[str] | None = Field(default=None, description="Decisions and assumptions about the scan")
 
 
 class ComparisonView(ReportBase):
@@ -234,7 +234,7 @@ class ImportView(ReportBase):
     plan_id: str | None = None
     mask_id: str | None = None
     points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
-    stored: int | None = Field(default=None, description="A-lines that are kept")
+    stored: int | None = Field(default=None, description="Stored A-lines")
     fired: int | None = Field(default=None, description="Shots that the scanner fired")
 
 
@@ -243,7 +243,7 @@ class ImageView(ReportBase):
 
     shape: list[int] | None = Field(default=None, examples=[[226, 226, 256]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
-    decimation: int | None = Field(default=None, description="How much coarser than the full image it is in depth")
+    decimation: int | None = Field(default=None, description="Ratio of its depth step to that of the full image")
     modes: int | None = None
 
 

@@ -37,7 +37,7 @@ class Listing(BaseModel, Generic[Item]):
 class ProgressView(BaseModel):
     """Progress of a scan or job."""
 
-    stage: str | None = Field(description="What is being done", examples=["A-lines"])
+    stage: str | None = Field(description="Current stage", examples=["A-lines"])
     done: int
     total: int = Field(description="In the same unit as done; 0 while unknown")
 
@@ -160,13 +160,13 @@ class ScanView(BaseModel):
     id: str
     plan_id: str
     mask_id: str
-    scanner_id: str | None = Field(description="Whose it is; null: it was imported, or is of earlier times")
+    scanner_id: str | None = Field(description="Owner; null: imported, or created by an earlier version")
     simulated: bool = Field(description="Whether the scanner is a simulation")
     state: ScanState
     desired_state: DesiredScanState
-    reason: str | None = Field(description="Why another state was wished")
+    reason: str | None = Field(description="Reason of the desired state")
     labels: dict[str, str] = Field(description="Texts of your own")
-    completes: str | None = Field(description="The scan whose A-lines it begins with")
+    completes: str | None = Field(description="Scan whose A-lines it starts with")
     fence: int = Field(description="Number of the scanner lease under which it was asked for")
     progress: ProgressView
     error: ErrorView | None
@@ -214,13 +214,13 @@ class ReconstructionView(BaseModel):
     kind: str = Field(description="reconstruction, live (follows its scan) or what-if", examples=["reconstruction"])
     scan_id: str
     batch_id: str | None = Field(description="The batch it belongs to")
-    mask_id: str | None = Field(description="The other mask of a what-if")
+    mask_id: str | None = Field(description="Mask of a what-if's subset")
     frame: int | None = Field(description="Which frame of the scan, if it has several")
     wavelength: float | None = Field(default=None, description="Excitation wavelength chosen, in m")
     average: bool = Field(default=False, description="Whether it is the mean of several frames")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
-    parameters: dict[str, Any] = Field(description="As asked for; when it has succeeded, as they took effect")
-    priority: int = Field(description="Smaller ones run first; among equal ones those who asked take turns")
+    parameters: dict[str, Any] = Field(description="Requested parameters; after success, the effective ones")
+    priority: int = Field(description="Smaller values run first; among equal values, callers take turns")
     turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
     requires: RequirementsView
     queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")

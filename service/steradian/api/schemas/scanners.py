@@ -21,7 +21,7 @@ from steradian.storage.db.tables import ScannerRow
 class LeaseView(BaseModel):
     """Lease of a scanner: its holder and expiry."""
 
-    holder: str = Field(description="How the holder calls itself")
+    holder: str = Field(description="Name given by the holder")
     principal: str = Field(description="Whose key it is: the lease is of no use to others", examples=["local"])
     note: str | None
     ends: datetime
@@ -48,11 +48,11 @@ class EmergencyView(BaseModel):
         " never started; unconfirmed: it could not be asked, use the hardware switch"
     )
     detail: str | None = Field(
-        description="What the scanner said, or why it could not be asked, in one sentence",
-        examples=["the scanner says that its laser is off and its shutter closed"],
+        description="The scanner's report, or the reason why it could not be asked, in one sentence",
+        examples=["the scanner reports its laser off and its shutter closed"],
     )
     seconds: float | None = Field(description="From the press to that (s)", examples=[0.03])
-    recorded: bool = Field(description="Whether it stands in the database, too; until then it is tried again")
+    recorded: bool = Field(description="Whether it is recorded in the database; until then recording is retried")
 
     @classmethod
     def of(cls, press: StopPress, deed: StopOutcome | None, *, recorded: bool) -> Self:
@@ -113,9 +113,7 @@ class ScannerView(BaseModel):
     connection: Connection = Field(
         description="in-use: another program holds the port, see holder; unknown: nobody looks", examples=["connected"]
     )
-    holder: str | None = Field(
-        description="The other program that holds the port", examples=["steradian (process 4242)"]
-    )
+    holder: str | None = Field(description="Other program that holds the port", examples=["steradian (process 4242)"])
     state: str = Field(
         description="idle, scanning (also where another program scans), paused or fault", examples=["idle"]
     )
@@ -130,7 +128,7 @@ class ScannerView(BaseModel):
     age: float | None = Field(
         description="How long ago that was (s): after 1 s (10 s for another node's scanner) all of it is unknown"
     )
-    look_interval: float = Field(description="How often it is looked at, at least (s)", examples=[LOOK_INTERVAL])
+    look_interval: float = Field(description="Maximum interval between checks (s)", examples=[LOOK_INTERVAL])
     since: datetime = Field(description="When connection or state changed last")
     last_error: str | None = Field(description="Why the scanner cannot be talked to now; null: all is well")
     lease: LeaseView | None

@@ -148,7 +148,7 @@ class EventBroadcaster:
             except SQLAlchemyError as error:  # a lack of connections is no DBAPIError
                 _log.warning("the log cannot be read: %s", getattr(error, "orig", error))
             except Exception:  # those who listen would wait for ever
-                _log.exception("the log cannot be understood")
+                _log.exception("the log cannot be parsed")
             await asyncio.sleep(POLL_INTERVAL)
 
     def _take(self, news: list[Event]) -> None:

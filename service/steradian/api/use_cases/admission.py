@@ -45,7 +45,7 @@ def check_reconstruction(services: ServiceContainer, wanted: ReconstructionReque
     """
     scan = services.scans.get(wanted.scan_id)
     if scan.state not in SETTLED_SCAN_STATES and not wanted.follow:
-        text = f"scan {scan.id} is {scan.state}; it can be reconstructed when it is over, or followed"
+        text = f"scan {scan.id} is {scan.state}; it can be reconstructed when it has ended, or live"
         raise NotReady(text)
     if scan.state in SETTLED_SCAN_STATES:
         _check_alines(services, scan)
@@ -202,7 +202,7 @@ def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) 
 def _scan_with_data(services: ServiceContainer, scan_id: str) -> ScanRow:
     scan = services.scans.get(scan_id)
     if scan.state not in SETTLED_SCAN_STATES:
-        raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it is over")
+        raise NotReady(f"scan {scan_id} is {scan.state}; it can be used when it has ended")
     _check_alines(services, scan)
     return scan
 

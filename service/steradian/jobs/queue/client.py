@@ -202,7 +202,7 @@ class JobQueue:
                 scanner = worked.get(queue or "")
                 if scanner is None or _exceeds_scanner_workers(row, scanner, known):
                     session.execute(move, {"everybody": QUEUE, "job": row.id, "queue": queue})
-                    _log.warning("job %s is anybody's: no worker on its scanner's node can do it", row.id)
+                    _log.warning("job %s is open to all workers: no worker on its scanner's node can run it", row.id)
 
     def forget(self, job_ids: Sequence[str]) -> None:
         """Delete ended jobs from the engine."""
@@ -223,7 +223,7 @@ class JobQueue:
                     self.ledger.cancelled(row.id, "service")
                 return
             if engine_state is not None:
-                died = Crashed(f"its worker could not go on; the queue's engine calls it {engine_state}")
+                died = Crashed(f"its worker could not continue; the queue engine reports {engine_state}")
                 self.ledger.finish_attempt(row.id, row.fence, died, "service")
                 self.forget([row.id])
             with self._database.write() as session:

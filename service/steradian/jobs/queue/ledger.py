@@ -173,7 +173,7 @@ class JobLedger(Repository[JobRow]):
 
         return self._fenced(job_id, fence, change)
 
-    def requeue(self, job_id: str, fence: int, worker: str, why: str = "the worker was asked to end") -> JobRow:
+    def requeue(self, job_id: str, fence: int, worker: str, why: str = "the worker was stopped") -> JobRow:
         """Queue a running job again and do not count its start; raises :class:`StaleFence`."""
 
         def change(session: Session, row: JobRow) -> None:

@@ -181,7 +181,7 @@ class WorkerRegistration:
         try:
             self.publish()
         except SQLAlchemyError as error:  # the next one comes soon
-            _log.debug("what this worker has is not noted: %s", error)
+            _log.debug("this worker's capabilities are not recorded: %s", error)
 
     def _keep(self) -> None:
         pause = threading.Event()

@@ -67,4 +67,4 @@ def monitor_peers(
                         _log.warning("worker %s is gone; its jobs are queued again", name)
                         recover(name)
         except Exception:
-            _log.exception("the other workers cannot be watched; trying again")
+            _log.exception("the other workers cannot be monitored; retrying")

@@ -103,7 +103,7 @@ class JobRunner:
             _log.warning("%s; another worker has it", error)
             return _R.RUNNING
         except NotFound as error:
-            _log.warning("%s any more; what was done for it counts for nothing", error)
+            _log.warning("%s any more; its result is discarded", error)
             return _R.CANCELLED
         except asyncio.CancelledError:
             # The engine ends a cancelled step at any of its waits, perhaps before that was written down.
@@ -129,7 +129,7 @@ class JobRunner:
                     break
                 if self._must_end:
                     await _kill(job)
-                    await self._put_back(row, "the worker was asked to end")
+                    await self._put_back(row, "the worker was stopped")
                 await progress.pass_on()
                 if await self._should_stop(row):
                     await _kill(job)
@@ -182,8 +182,8 @@ class JobRunner:
         except OSError as error:
             return Requeued(f"the job's process cannot be run: {error}")
         except Exception as error:
-            _log.exception("job %s: its process cannot be understood", row.id)
-            return Crashed(f"its process cannot be understood: {error}")
+            _log.exception("job %s: its process sent an invalid message", row.id)
+            return Crashed(f"its process sent an invalid message: {error}")
 
     async def _finish(self, row: JobRow, outcome: Outcome) -> JobRow:
         if not isinstance(outcome, Succeeded):
@@ -198,7 +198,7 @@ class JobRunner:
         except DBAPIError as error:
             if isinstance(outcome, Failed):
                 raise
-            return await self._finish(row, Failed("internal", f"the database refuses what it left: {error.orig}"))
+            return await self._finish(row, Failed("internal", f"the database rejects its result: {error.orig}"))
 
     async def _cancelled(self, row: JobRow) -> JobRow:
         await asyncio.to_thread(self._keeper.upload_log_and_remove, row.id, row.fence, self._data.job(row.id))
@@ -265,7 +265,7 @@ class JobRunner:
                     raise
                 if time.monotonic() - told > LOG_INTERVAL:
                     told = time.monotonic()
-                    _log.warning("the database does not take what became of a job; trying again: %s", error)
+                    _log.warning("the database does not accept a job's result; retrying: %s", error)
                 await asyncio.sleep(0.5)
 
 

@@ -328,7 +328,7 @@ def _wait(
     """Wait, but not longer than the scan lasts."""
     while True:
         if cancelled and cancelled():
-            raise Cancelled("the live view was stopped; its last revision is kept")
+            raise Cancelled("the live view was stopped; its last revision is stored")
         if seconds <= 0 or is_over():
             return
         wait(min(seconds, LONGEST_WAIT))

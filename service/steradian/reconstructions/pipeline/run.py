@@ -67,11 +67,11 @@ class Report:
     """What the sensors stand for together, the sum of their weights; for a line a length in m. ``None`` for methods
     that weights play no part in."""
     notes: list[str] = field(default_factory=list)
-    """What to know of the image before it is trusted."""
+    """Notes on the image's reliability."""
     parameters: dict[str, object] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
     missing: IncompleteCoverage | None = None
-    """What a partly measured scan lacks."""
+    """Missing parts of a partly measured scan."""
     fit: FitDiagnostics | None = None
     """How the method iterative found the image."""
     band: BandLimit | None = None

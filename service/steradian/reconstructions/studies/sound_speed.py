@@ -43,7 +43,7 @@ FINE_STEP = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Speeds around the best of the first round, in its steps, through which a parabola is laid."""
 BOOTSTRAP_GROUPS = 6
 """Groups of sensors, one left out at a time for the standard error (jackknife)."""
-BY_SHARPNESS = "the speed is that of the sharpest image, whose bias its error does not hold"
+BY_SHARPNESS = "the speed is that of the sharpest image; its error does not include the bias of that criterion"
 
 
 def scan_sound_speed(

@@ -84,7 +84,7 @@ def measure_width(
     found = profile(volume, *line)
     measured = find_width(*found)
     if measured is None:
-        raise InvalidInput("end", tuple(end), "the end of a line across one object, with what lies beside it")
+        raise InvalidInput("end", tuple(end), "the end of a line across one object and its surroundings")
     recording = _recording(scan, frame)
     if volume.dimensions == 2:
         return replace(measured, reason=_FROM_A_LINE)

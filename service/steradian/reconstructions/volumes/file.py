@@ -171,7 +171,7 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
 def check_format(file: h5py.File, path: Path) -> None:
     """Raise :class:`DamagedFile` for a file that is not a volume, or of an unknown version."""
     if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
-        raise DamagedFile(f"{path} is no volume file of schema version {' or '.join(map(str, READABLE))}")
+        raise DamagedFile(f"{path} is not a volume file of schema version {' or '.join(map(str, READABLE))}")
 
 
 def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:

@@ -75,7 +75,7 @@ class VolumeReader:
             When there are no values to project, or the image is from a line of sensors.
         """
         if not self._copies:
-            raise InvalidInput("slab", "a revision", "a volume that is whole; of a revision there are projections only")
+            raise InvalidInput("slab", "a revision", "a complete volume; a revision has projections only")
         if len(self.lattice.names) != 3:
             raise InvalidInput("slab", "an image from a line of sensors", "a volume, which has something to project")
         return self.lattice.shape[self.lattice.names.index(axis)]

@@ -65,9 +65,9 @@ class ScanUploader:
             try:
                 self.step()
             except (StoreUnavailable, SQLAlchemyError, OSError) as error:
-                _log.warning("scans are not kept yet, trying again: %s", error)
+                _log.warning("scans are not stored yet; retrying: %s", error)
             except Exception:  # nobody else would notice that this thread has ended
-                _log.exception("scans are not kept yet, trying again")
+                _log.exception("scans are not stored yet; retrying")
 
     def step(self) -> None:
         """Look once at all files of scans."""

@@ -108,7 +108,7 @@ def _draft(destination: Path) -> Iterator[Path]:
             yield folder
     except (OSError, sqlite3.Error, DBAPIError) as error:  # somebody else fills the disk meanwhile
         if (isinstance(error, OSError) and is_disk_full_error(error)) or "disk is full" in str(error):
-            raise DiskFull(f"the disk of {destination.parent} became full; nothing of the backup is kept") from error
+            raise DiskFull(f"the disk of {destination.parent} became full; no part of the backup is kept") from error
         raise
 
 

@@ -87,7 +87,7 @@ class Manifest:
             files = {path: Entry(**entry) for path, entry in document["files"].items()}
             fields = {name: document[name] for name in ("made", "revision", "scans", "jobs", "damaged")}
         except (FileNotFoundError, NotADirectoryError):
-            raise DamagedFile(f"{folder} is no backup, or one that was not finished: it has no {NAME}") from None
+            raise DamagedFile(f"{folder} is not a backup, or not a finished one: it has no {NAME}") from None
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise DamagedFile(f"{folder / NAME} cannot be read as a backup's: {error!r}") from error
         if strange := [path for path in files if not _is_ours(path)]:

@@ -25,10 +25,10 @@ _log = logging.getLogger(__name__)
 _S = ScanState
 STATE_BY_PHASE = {
     SessionPhase.RUNNING: (_S.RUNNING, "A-lines are stored"),
-    SessionPhase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link lost; it is being taken up again"),
-    SessionPhase.RESCUING: (_S.RECOVERING, "what was fired before is fetched from the scanner"),
+    SessionPhase.RECOVERING: (_S.RECOVERING, "the scanner is silent or its link is lost; reconnecting"),
+    SessionPhase.RESCUING: (_S.RECOVERING, "the A-lines fired before are fetched from the scanner"),
     SessionPhase.PAUSING: (_S.PAUSING, ""),
-    SessionPhase.PAUSED: (_S.PAUSED, "the laser is off; what was fired is stored"),
+    SessionPhase.PAUSED: (_S.PAUSED, "the laser is off; the fired A-lines are stored"),
     SessionPhase.ARMING: (_S.ARMING, ""),
     SessionPhase.STOPPING: (_S.STOPPING, ""),
     SessionPhase.ABORTING: (_S.ABORTING, ""),
@@ -158,13 +158,13 @@ class DatabaseControl(SessionControl):
             self._answers = True
         except SQLAlchemyError as error:
             if self._answers:
-                _log.warning("scan %s goes on without the database: %s", self._id, error)
+                _log.warning("scan %s continues without the database: %s", self._id, error)
             self._answers = False
         except SteradianError as error:
             self._failure = error
         except Exception as error:  # a thread that ended unseen would never hear a wish to stop
-            _log.exception("what is wished of scan %s cannot be read", self._id)
-            self._failure = ScanFailed(f"what is wished of the scan cannot be read: {error}")
+            _log.exception("the desired state of scan %s cannot be read", self._id)
+            self._failure = ScanFailed(f"the desired state of the scan cannot be read: {error}")
 
     def _lead(self, phase: SessionPhase, reason: str, person: str) -> None:
         """Bring the scan's state in line with a phase of the session."""

@@ -92,7 +92,7 @@ class EmergencyWatchdog:
                 if press is not None:
                     self._make_safe(press)
             except Exception:  # whatever it was, the next look comes
-                _log.exception("the emergency stop cannot be looked at")
+                _log.exception("the emergency stop cannot be read")
 
     def _make_safe(self, press: StopPress) -> None:
         scanner, cause, told = self._scanner, self._cause, self._told

@@ -28,7 +28,7 @@ class GivenUp(ScanFailed):
 
     def __init__(self, wish: Command) -> None:
         self.wish = wish
-        super().__init__(f"the scan was given up on request ({wish}) before the scanner had answered")
+        super().__init__(f"the scan was ended on request ({wish}) before the scanner had answered")
 
 
 def ending_wish(control: SessionControl) -> Command | None:

@@ -57,7 +57,7 @@ class FaultClerk:
         try:
             fault = self._watch.clear_fault(lambda: request.has_time)
         except SteradianError as error:
-            _log.warning("%s asks to clear the scanner's fault: %s", request.who, error)
+            _log.warning("%s requested to clear the scanner's fault: %s", request.who, error)
             return ClearAnswer(request.number, code=error.code, message=str(error)[:500])
         if fault:
             _log.warning("%s has cleared the scanner's fault %s", request.who, fault)

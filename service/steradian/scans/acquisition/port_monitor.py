@@ -248,7 +248,7 @@ class PortWatch:
             try:
                 self._look_once()
             except Exception:
-                _log.exception("the scanner cannot be looked for")
+                _log.exception("the search for the scanner failed")
         while not self._over.is_set():
             try:
                 with self._holding:

@@ -23,7 +23,7 @@ def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
     except fabry_perot.ScannerError:
         return None
     if heard.age > LOST:
-        return _told(heard, "disconnected", "the scanner is not heard; its scan is being taken up again", None)
+        return _told(heard, "disconnected", "the scanner is silent; reconnecting to its scan", None)
     return _told(heard, "connected", None, None)
 
 

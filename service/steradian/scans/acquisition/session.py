@@ -201,8 +201,8 @@ class ScanSession:
                 if self._rested:
                     self._drain()
                     raise ScanInterrupted(
-                        f"the laser rested {self._rested:.0f} s for a full disk; what it fired is stored, resume when"
-                        " it may fire again"
+                        f"the laser rested {self._rested:.0f} s because of a full disk; the fired A-lines are"
+                        " stored; resume when it may fire again"
                     )
                 recovering = self._scanner.is_recovering or self._scanner.seconds_since_heard > STALE_AFTER
                 if recovering:
@@ -247,12 +247,12 @@ class ScanSession:
         if wish is Command.ABORT:
             answer = self._scanner.stop_laser("the scan's own abort")  # not left before the scanner says that it is off
             if answer.laser != "off":
-                _log.warning("the abort is not confirmed, the laser goes off by itself: %s", answer.detail)
+                _log.warning("the abort is not confirmed; the laser switches off by its lease: %s", answer.detail)
             return SessionOutcome.ABORTED
         try:
             self._scanner.abort("laser-off")
         except fabry_perot.ScannerError as error:  # it does not hear us: then its lease is not renewed either
-            _log.warning("the scanner does not answer the abort, its laser goes off by itself: %s", error)
+            _log.warning("the scanner does not answer the abort; its laser switches off by its lease: %s", error)
             return SessionOutcome.ABORTED
         self._control.on_laser_off()
         self._drain()
@@ -381,7 +381,7 @@ class ScanSession:
         try:
             self._count(self._fired_before + self._insist(self._scanner.report).fired)
         except fabry_perot.ScannerError as error:
-            _log.warning("the scanner does not tell how often it fired: %s", error)
+            _log.warning("the scanner does not report its shot count: %s", error)
             self._note_fired()
 
     def _note_fired(self) -> None:

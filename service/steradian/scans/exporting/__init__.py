@@ -77,7 +77,7 @@ def export_scan(
                 or file.attrs.get("schema_version") not in schema.SUPPORTED_VERSIONS
             ):
                 raise DamagedFile(
-                    f"{scan} is no scan file of schema version {', '.join(map(str, schema.SUPPORTED_VERSIONS))}"
+                    f"{scan} is not a scan file of schema version {', '.join(map(str, schema.SUPPORTED_VERSIONS))}"
                 )
             if format == "sgl":
                 told = write_sgl(file, draft, destination.name, frame, progress, cancelled)

@@ -155,9 +155,11 @@ def _notes_on_time(scan: h5py.File, table: ShotTable, name: str) -> list[str]:
             "destination", name, f"t0[{whole}] in the name, or none: A-lines begin at {samples:.5g} samples"
         )
     if stated is None and samples and exact:
-        return [f"A-lines begin {whole} samples after the pulse, which only a name states: add _t0[{whole}] to it"]
+        return [
+            f"A-lines begin {whole} samples after the pulse, which only the file name can state: add _t0[{whole}] to it"
+        ]
     if not exact:
-        return [f"A-lines begin {samples:.5g} samples after the pulse, which an .sgl file cannot say"]
+        return [f"A-lines begin {samples:.5g} samples after the pulse, which an .sgl file cannot state"]
     return []
 
 

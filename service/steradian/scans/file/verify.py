@@ -97,7 +97,7 @@ def _check_frame(path: Path, file: h5py.File) -> None:
     """Check all but the A-lines."""
     kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if kind != schema.FORMAT or version not in schema.SUPPORTED_VERSIONS:
-        raise DamagedFile(f"{path} is no scan file that this program reads: format {kind!r}, version {version}")
+        raise DamagedFile(f"{path} is not a scan file that this program reads: format {kind!r}, version {version}")
     if "geometry_crc32c" in file.attrs and int(file.attrs["geometry_crc32c"]) != geometry_checksum(file):
         raise DamagedFile(f"{path}: positions, weights or order of the points do not match their checksum")
 

@@ -118,7 +118,7 @@ def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any],
             raise DamagedFile(f"{name} has a header of {length} bytes; allowed: at most {HEADER_BYTES}")
         shape, fortran, kind = read(io.BytesIO(width + file.read(length)))
     except (ValueError, EOFError, SyntaxError, TokenError) as error:
-        raise DamagedFile(f"{name} is no .npy file: {error}") from error
+        raise DamagedFile(f"{name} is not an .npy file: {error}") from error
     if kind.kind not in "iuf" or kind.itemsize > 8:
         raise DamagedFile(f"{name} holds values of the kind {kind}; expected real numbers of at most 8 bytes")
     size = prod(shape) * kind.itemsize
@@ -147,7 +147,9 @@ def order_in(
     sensors = len(said.positions) if isinstance(said.positions, np.ndarray) else known
     if len(shape) == 2 and sensors in shape and shape[order.index("point")] != sensors:
         order = order[::-1]
-        remark(f"the array was taken as ({', '.join(order)}), for {sensors} positions fit its axes in no other order")
+        remark(
+            f"the array was taken as ({', '.join(order)}), because {sensors} positions fit its axes in no other order"
+        )
     return order
 
 

@@ -94,7 +94,9 @@ class Description(Value):
     wavelength: int | None = quantity_field("index", "Which wavelength of an IPASC file; none: all", ge=0, default=None)
     frame: int | None = quantity_field("index", "Which frame of an IPASC file; none: all", ge=0, default=None)
     scanner: str = Field(default="", description="What measured it", max_length=200)
-    file_name: str = Field(default="", description="Name that an .sgl file had, which says more", max_length=300)
+    file_name: str = Field(
+        default="", description="Original name of an .sgl file, which holds further values", max_length=300
+    )
     simulated: bool | None = None
 
     @model_validator(mode="after")
@@ -156,7 +158,7 @@ def read_description(path: Path | None, options: Mapping[str, Any] | None = None
     NotFound
         When there is no such file.
     DamagedFile
-        When it is no JSON object.
+        When it is not a JSON object.
     InvalidInput
         When a field is unknown or out of range.
     """

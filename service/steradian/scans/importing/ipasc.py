@@ -108,7 +108,7 @@ def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tup
     if len(found) != count:
         return ()
     if len(found) and ((found >= NANOMETRES[0]) & (found <= NANOMETRES[1])).all():
-        remark("wavelengths of the light were taken in nm: the standard's metres make no sense of them")
+        remark("wavelengths of the light were taken in nm: in the standard's metres they are implausible")
         found = found / 1e9
     return tuple(map(float, found if said.wavelength is None else found[[said.wavelength]]))
 

@@ -40,7 +40,7 @@ def noticed(table: TraceBlocks) -> Iterator[Block]:
         )
     if 0 < dead < lines:
         named = ", ".join(map(str, constant)) + (", …" if dead > len(constant) else "")
-        remark(f"{dead} of {lines} A-lines are constant ({named}): dead channels count as sensors that heard nothing")
+        remark(f"{dead} of {lines} A-lines are constant ({named}): dead channels count as sensors without signal")
 
 
 def _moments(block: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:

@@ -44,7 +44,7 @@ def read_plan(file: h5py.File) -> ScanPlan:
     for field, value in stated.items():
         if getattr(plan, field) != value:
             raise DamagedFile(
-                f"{untrusted.name_of(file)} says that {field} is {value:g}, and in its plan {getattr(plan, field):g}"
+                f"{untrusted.name_of(file)} states {field} = {value:g}, but its plan {getattr(plan, field):g}"
             )
     return plan
 
@@ -88,12 +88,12 @@ def _needed(file: h5py.File, place: str, name: str) -> float:
 
 def _json(file: h5py.File, place: str, said: str | None) -> dict[str, Any]:
     def refuse(word: str) -> NoReturn:
-        raise ValueError(f"{word} is no number")
+        raise ValueError(f"{word} is not a number")
 
     try:
         found = json.loads(said or "", parse_constant=refuse)
     except (ValueError, RecursionError) as error:
         raise DamagedFile(f"{untrusted.name_of(file)}: {place} has no document in JSON: {error}") from error
     if not isinstance(found, dict):
-        raise DamagedFile(f"{untrusted.name_of(file)}: the document of {place} is no JSON object")
+        raise DamagedFile(f"{untrusted.name_of(file)}: the document of {place} is not a JSON object")
     return found

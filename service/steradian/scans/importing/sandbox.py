@@ -194,7 +194,7 @@ def main() -> None:
     assert destination is not None  # noqa: S101
     set_oom_score(LOG_TAIL)
     if not restrict_filesystem(_needed(source, description), destination.parent):
-        sys.stderr.write("no Landlock here: the reader of this file sees what its user may see\n")
+        sys.stderr.write("no Landlock here: the reader of this file can read all files of its user\n")
     threading.Thread(target=_end_with_stdin, daemon=True).start()
     said = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)

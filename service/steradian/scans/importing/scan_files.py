@@ -145,10 +145,10 @@ def _read(file: h5py.File) -> _Scan:
             _require_range(column, columns[column], stored, least, most)
     light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
     if light is not None and not np.array_equal(light, plan.frame_excitation):
-        raise DamagedFile(f"{name}: plan/frame_excitation is not what the plan says")
+        raise DamagedFile(f"{name}: plan/frame_excitation differs from the plan")
     beams = untrusted.array(file, "plan/beams") if "plan/beams" in file else np.empty((0, 2))
     if not np.array_equal(beams, np.reshape(plan.beams, (-1, 2))):
-        raise DamagedFile(f"{name}: plan/beams is not what the plan says")
+        raise DamagedFile(f"{name}: plan/beams differs from the plan")
     visit, bias = _visit(file, plan), _bias(file, plan)
     if untrusted.float_attribute(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")

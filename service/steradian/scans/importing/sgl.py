@@ -178,11 +178,11 @@ def _require_one_plane(name: str, held: int, total: int, shape: str, named: Name
     """Reject files that are too short or too long, and files of two planes by name."""
     if named is not None and named.two_planes:
         raise DamagedFile(
-            f"{name} is by its name a recording of a two-plane (V-shape) scanner; only one plane can be imported: "
+            f"{name} is, by its name, a recording of a two-plane (V-shape) scanner; only one plane can be imported: "
             "save each plane as a file of its own (and rename it, if it is one)"
         )
     if held < total:
-        raise DamagedFile(f"{name} is truncated: {held} samples, the header says {shape} = {total}")
+        raise DamagedFile(f"{name} is truncated: {held} samples, the header states {shape} = {total}")
     times, more = divmod(held, total)
     if held - total > len(TRAILER):
         if times >= 2 and more <= len(TRAILER):
@@ -224,7 +224,7 @@ def _compare(layout: Layout, named: NameSays) -> None:
         ("dt", named.dt, layout.interval, "ns", 1e9),
     ):
         if figure is not None and value is not None and not figure.agrees(value):
-            words = f"the name says {label} = {scale * figure.value:g} {unit}, the header {scale * value:g} {unit}"
+            words = f"the name states {label} = {scale * figure.value:g} {unit}, the header {scale * value:g} {unit}"
             remark(f"{words}; the header counts")
 
 
@@ -234,7 +234,7 @@ def _points(layout: Layout) -> NDArray[np.float64]:
     for name, count, step in zip(("x0_mm", "y0_mm"), layout.counts, layout.steps, strict=True):
         step, first = step if count > 1 else 0.0, layout.said(name)
         if first is not None and abs(first) > 1e3:
-            remark(f"{name[:2]} = {first:g} mm is no place on a scanner; not used")
+            remark(f"{name[:2]} = {first:g} mm is not a position on a scanner; not used")
             first = None
         lines.append((-(count // 2) * step if first is None else first / 1e3) + step * np.arange(count))
     x, y = lines
@@ -253,7 +253,7 @@ def _excitation(layout: Layout, named: NameSays) -> tuple[float, ...]:
         remark(f"excitation of {given:g} nm is out of {EXCITATION[0]:g} to {EXCITATION[1]:g} nm; not used")
         return ()
     if figure is not None and not figure.agrees(given / 1e9):
-        remark(f"the name says {1e9 * figure.value:g} nm, the file {given:g} nm; the file counts")
+        remark(f"the name states {1e9 * figure.value:g} nm, the file {given:g} nm; the file's value is used")
     return (given / 1e9,)
 
 
@@ -264,10 +264,10 @@ def _averages(layout: Layout, named: NameSays) -> int:
             return named.averages
         return 1
     if given % 1 or not 1 <= given <= MOST_AVERAGES:
-        remark(f"{given:g} averages are no whole number from 1 to {MOST_AVERAGES}; not used")
+        remark(f"{given:g} averages are not a whole number from 1 to {MOST_AVERAGES}; not used")
         return 1
     if named.averages is not None and named.averages != given:
-        remark(f"the name says {named.averages} averages, the file {given:g}; the file counts")
+        remark(f"the name states {named.averages} averages, the file {given:g}; the file's value is used")
     return int(given)
 
 

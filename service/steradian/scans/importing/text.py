@@ -2,7 +2,7 @@
 
 The first line of numbers settles the separator: semicolons before tabs before commas before spaces. A comma inside the
 fields of another separator is a decimal comma, in all lines. Lines that begin with # or % are left out, and one heading
-of words. Anything else that is no number, an empty field among them, is refused with its line and field.
+of words. Anything else that is not a number, an empty field among them, is refused with its line and field.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def _fault(fields: list[bytes]) -> str:
         if not field:
             return f"field {place} is empty"
         if number is None:
-            return f"field {place}: {_shown(field)} is no number"
+            return f"field {place}: {_shown(field)} is not a number"
         if not np.isfinite(number):
             return f"field {place}: {_shown(field)} is not finite"
     return "holds no number"

@@ -86,7 +86,9 @@ class RawTraceBlocks:
         self.file.seek(offset)
         data = self.file.read(length)
         if len(data) != length:
-            raise DamagedFile(f"{self.file.name} is truncated: {length} bytes wanted at {offset}, {len(data)} there")
+            raise DamagedFile(
+                f"{self.file.name} is truncated: {length} bytes expected at {offset}, {len(data)} present"
+            )
         return data
 
 

@@ -149,7 +149,7 @@ def text(file: h5py.File, place: str, name: str, *, most: int = MOST_TEXT) -> st
     if kind is None:
         return None
     if h5py.check_string_dtype(kind) is None or kind.itemsize > most:
-        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} is no text of at most {most} characters")
+        raise DamagedFile(f"{name_of(file)}: attribute {name} of {place} is not a text of at most {most} characters")
     value = file[place].attrs[name]
     value = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
     if len(value) > most:
@@ -323,7 +323,7 @@ def _inflation(found: h5py.Dataset) -> str:
         if info.size > most + (most >> 4) + 64:
             return f"has a chunk of {info.size} bytes for {most}"
         if not info.filter_mask & skipped and not _inflates_within(found.id, info.chunk_offset, most):
-            return f"has a chunk that inflates to more than its {most} bytes, or is no gzip data"
+            return f"has a chunk that inflates to more than its {most} bytes, or is not gzip data"
     return ""
 
 

@@ -268,7 +268,7 @@ class S3BlobStore:
 
     def _fetch(self, row: ObjectRow, draft: Path) -> None:
         if self._bucket.fetch(_key(row), draft) != row.sha256:
-            raise DamagedFile(f"what the store has of {row.name} does not match its checksum")
+            raise DamagedFile(f"the stored object {row.name} does not match its checksum")
 
     def _foreign(self) -> InvalidInput:
         return InvalidInput("store", self.place, "the store of this database, or an empty one where it has none")

@@ -75,7 +75,7 @@ class DiskQuota:
             return
         text = (
             f"{what} needs {need / 1e6:.1f} MB; the disk has {self.free / 1e6:.1f} MB free, of which "
-            f"{self.reserve / 1e6:.1f} MB stay free and {promised / 1e6:.1f} MB are promised to what waits or runs"
+            f"{self.reserve / 1e6:.1f} MB stay free and {promised / 1e6:.1f} MB are reserved for other work"
         )
         if self.quota is not None:
             text += f"; of the quota (quota_bytes), {self.quota / 1e6:.1f} MB, {used / 1e6:.1f} MB are in use"

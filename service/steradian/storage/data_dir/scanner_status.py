@@ -49,7 +49,7 @@ class ScannerStatus:
     error
         Why the scanner cannot be talked to now, or ``None``.
     holder
-        The other program that holds the port, or ``None``.
+        Other program that holds the port, or ``None``.
     model, serial
         Identity of the scanner; empty: unknown.
     heard

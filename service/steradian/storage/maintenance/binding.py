@@ -54,7 +54,7 @@ def check_binding(database: Database, data: DataDirectory) -> bool:
 def _mismatch_error(data: DataDirectory, known: str) -> InvalidInput:
     name = data.identity_file.name
     if data.identity_file.is_file() and data.identity is None:
-        how = f"if it is the folder of this database, write {known} into its file {name}, which a power cut has emptied"
+        how = f"if it is the folder of this database, write {known} into its file {name}, emptied by a power cut"
         return InvalidInput("data", data.root, how)
-    which = f"the data folder of this database, in which the file {name} says {known}"
+    which = f"the data folder of this database, whose file {name} contains {known}"
     return InvalidInput("data", data.root, f"{which}; is it mounted there?")

@@ -111,7 +111,7 @@ def _why_not(path: Path) -> tuple[str, str] | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        return f"cannot be looked at ({error.strerror})", "the folders above it must be open to the service's user"
+        return f"cannot be inspected ({error.strerror})", "the folders above it must be open to the service's user"
     is_folder = path.is_dir()
     wanted = os.R_OK | os.W_OK | (os.X_OK if is_folder else 0)
     differs = (os.geteuid(), os.getegid()) != (os.getuid(), os.getgid())

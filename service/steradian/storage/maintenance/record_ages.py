@@ -68,7 +68,7 @@ class Ages:
     def _doubt(self, now: datetime, seconds: float, database: Database) -> str | None:
         """Return the reason to distrust the clock, or None."""
         if now < EARLIEST:
-            return f"the clock says {_said(now)}"
+            return f"the clock shows {_said(now)}"
         if self._last is not None:
             before, then = self._last
             jump = (now - before) - timedelta(seconds=seconds - then)
@@ -76,9 +76,9 @@ class Ages:
             return f"the clock jumped {way} by {abs(jump)}, to {_said(now)}" if abs(jump) > JUMP else None
         newest = newest_record(database, now)
         if newest is not None and newest - now > JUMP:
-            return f"the clock says {_said(now)}, before the newest record of {_said(newest)}"
+            return f"the clock shows {_said(now)}, before the newest record of {_said(newest)}"
         if newest is not None and now - newest > UNSEEN:
-            return f"the newest record is of {_said(newest)}, the clock says {_said(now)}"
+            return f"the newest record is of {_said(newest)}, the clock shows {_said(now)}"
         return None
 
 
@@ -112,7 +112,7 @@ def redate(session: Session, before: datetime, now: datetime) -> None:
 
 def tell_redated(what: str, at: datetime) -> None:
     """Log that the age of a resource is counted from now."""
-    _log.warning("the date of %s, %s, was told by a wrong clock; its age is counted from now on", what, _said(at))
+    _log.warning("the date of %s, %s, comes from a wrong clock; its age counts from now on", what, _said(at))
 
 
 def _wrongly_dated(session: Session, before: datetime, now: datetime) -> dict[str, datetime]:

@@ -35,7 +35,7 @@ def sqlite_fault(path: Path) -> str | None:
         finally:
             connection.close()
     except sqlite3.DatabaseError as error:
-        return "is no SQLite database" if "not a database" in str(error) else f"is damaged ({error})"
+        return "is not an SQLite database" if "not a database" in str(error) else f"is damaged ({error})"
     return None if found == "ok" else f"is damaged ({' '.join(found.split())})"
 
 
@@ -88,7 +88,7 @@ def check_before_start(settings: Settings) -> list[str]:
         When a database is damaged, or knows nothing of what the folder holds.
     """
     data = DataDirectory(settings.data)
-    advice = f"`steradian check {settings.data}` tells what can be got back"
+    advice = f"`steradian check {settings.data}` lists what can be recovered"
     metadata = None
     if settings.database_url is None:
         metadata = sqlite_fault(data.metadata_file)

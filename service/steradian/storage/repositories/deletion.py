@@ -36,7 +36,7 @@ class HasDependents(Conflict):
 
     def __init__(self, what: Resource, dependents: Sequence[Resource]) -> None:
         self.dependents = dependents
-        super().__init__(f"{what.kind} {what.id} is needed by {len(dependents)} others; delete them too, or first")
+        super().__init__(f"{what.kind} {what.id} has {len(dependents)} dependent resources; delete them too, or first")
 
 
 class InUse(Conflict):

@@ -81,7 +81,7 @@ class ScannerRows(Repository[ScannerRow]):
             row = self._find(session, self.id, lock=True)
             mine = select(ScanRow.id).where(ScanRow.scanner_id == self.id, ScanRow.state.not_in(_OVER))
             if left := list(session.scalars(mine.order_by(ScanRow.sequence))):
-                raise InUse(f"{self.id} cannot be retired while a scan of it is not over: {', '.join(left)}")
+                raise InUse(f"{self.id} cannot be retired before its scans have ended: {', '.join(left)}")
             row.retired, row.since = self.clock(), self.clock()
             row.address, row.follows, row.lease_ends = None, False, None
             row.connection, row.state = "unknown", "idle"

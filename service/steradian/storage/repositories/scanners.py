@@ -120,7 +120,7 @@ class ScannerRepository(ScannerRows):
         if row.stopped_at is not None:
             return "the emergency stop is pressed"
         if self._is_held(row) and scan.fence != row.fence:
-            return f"it was asked for under lease {scan.fence}, and the scanner is held under {row.fence}"
+            return f"it was requested under lease {scan.fence}, and the scanner is held under {row.fence}"
         return None
 
     def stop(self, who: str, reason: str | None, number: str | None = None, *, carried: bool = False) -> ScannerRow:

@@ -266,7 +266,7 @@ class ScanRepository(Repository[ScanRow]):
                 row.desired_state, frozenset(DesiredScanState)
             )
             if wish not in possible:
-                allowed = ", ".join(sorted(possible)) or "nothing, it is over or about to be"
+                allowed = ", ".join(sorted(possible)) or "nothing; it has ended or is about to end"
                 raise Conflict(f"scan {identifier} is {row.state} and cannot be {wish}; allowed: {allowed}")
             if admit is not None and wish is DesiredScanState.RUNNING:
                 row.fence = admit(session, row)

@@ -1,5 +1,5 @@
 // @ts-check
-// What happens, as it happens: one event stream for all pages of the browser, for it opens six connections to a service
+// Event stream: one event stream for all pages of the browser, for it opens six connections to a service
 // and the emergency stop needs one. One page listens and tells the others. When the stream is cut, everybody is told,
 // and asks instead.
 import { BASE } from "./api.js";

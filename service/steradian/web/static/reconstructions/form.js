@@ -163,7 +163,7 @@ function reading(field) {
       if (!plain || plain === "none") return null;
       if (field.words.includes(plain)) return plain;
       const value = Number(plain.replace(",", "."));
-      return Number.isFinite(value) ? Number((value / factor).toPrecision(12)) : plain; // what is no number the API refuses
+      return Number.isFinite(value) ? Number((value / factor).toPrecision(12)) : plain; // what is not a number the API refuses
     },
     write: (/** @type {any} */ value) => (value === null || value === undefined ? "" : typeof value === "number" ? String(Number((value * factor).toPrecision(9))) : String(value)),
   };

@@ -90,7 +90,7 @@ export class Histogram {
       if (!values) continue;
       for (let n = 0; n < values.length; n++) {
         const bin = Math.floor(((values[n] - low) / (high - low || 1)) * BINS);
-        if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // neither what is no number nor what lies below
+        if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // neither what is not a number nor what lies below
       }
     }
     const most = Math.log1p(Math.max(...counts)) || 1;
