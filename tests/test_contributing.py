@@ -100,7 +100,7 @@ def house(tmp_path_factory):
     [ARRANGEMENT, FORMAT, JOB, ENGINE + ENGINES, HTTP],
     ids=["an arrangement", "a format", "a kind of job", "an engine", "all over HTTP"],
 )
-def test_what_was_added_as_the_page_says_works(house, tmp_path, use):
+def test_contributing_instructions_yield_working_extension(house, tmp_path, use):
     path = os.pathsep.join(str(each) for each in (house / "service", house / "driver", ROOT / "tests"))
     environment = os.environ | {"PYTHONPATH": path}
     done = subprocess.run([sys.executable, "-c", use], cwd=tmp_path, env=environment, capture_output=True, text=True)

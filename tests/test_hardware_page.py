@@ -83,7 +83,7 @@ def test_the_served_example_passes_conformance(walked):
     assert re.search(r"\b2[0-9] passed, 0 failed, 2 skipped", walked[1]), walked[1]
 
 
-def test_what_was_measured_is_the_objects_pressure(pressure):
+def test_measured_pressure_matches_closed_form(pressure):
     """Beside the closed form: place, time zero and each point's sensitivity must be right for it."""
     measured, true, late, _ = pressure
     true = true[:, late:]

@@ -67,7 +67,7 @@ def test_lists_are_filtered_by_options(run):
 
 
 @pytest.mark.parametrize("words", [("state=queued", "--state", "running"), ("limit=5",)])
-def test_a_filter_that_is_an_option_too_is_said_once(monkeypatch, capsys, words):
+def test_cli_list_option_passed_as_filter_exits_2(monkeypatch, capsys, words):
     monkeypatch.setattr(sys, "argv", ["steradian-client", "--url", "http://127.0.0.1:9", "job", "list", *words])
     with pytest.raises(SystemExit) as end:
         main()

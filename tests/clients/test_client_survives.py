@@ -91,7 +91,7 @@ def test_an_upload_that_is_cut_off_is_sent_again(shaky, line, service, tmp_path)
     service.uploads.delete(upload)
 
 
-def test_a_request_whose_answer_is_lost_is_done_once(service, shaky, line):
+def test_client_retry_after_lost_response_applies_request_once(service, shaky, line):
     """A scan queued over a line that loses the answer is queued once, as its key says; a deletion is done."""
     plan = slow_plan(service, 50)
     before = {scan.id for scan in service.scans.list()}
@@ -106,7 +106,7 @@ def test_a_request_whose_answer_is_lost_is_done_once(service, shaky, line):
     assert {scan.id for scan in service.scans.list()} == before
 
 
-def test_what_makes_the_laser_fire_is_not_sent_again_unasked(service, shaky, line):
+def test_laser_firing_request_with_lost_response_is_not_retried(service, shaky, line):
     """Somebody may have stopped the scan since: the client says that it does not know, and fires no more."""
     scan = service.scans.create(long_plan(service).id)
     assert any(event.kind == "progress" for event in service.events.follow(scan_id=scan.id))
@@ -154,7 +154,7 @@ def test_files_of_a_job_lie_in_the_folder_that_was_asked_for(tmp_path):
 
 
 @pytest.mark.timeout(60)  # where it is kept for later, that is not over
-def test_what_makes_the_laser_fire_is_not_kept_for_later(line):
+def test_laser_firing_request_while_disconnected_is_not_queued(line):
     """Somebody may stop the scan before a service that is away is back: the order is dropped, not sent then."""
     with Client(line.url, patience=1e6) as client:
         client.health()
@@ -194,7 +194,7 @@ def test_an_event_stream_that_is_reset_goes_on_where_it_broke(service, shaky, li
 
 
 @pytest.mark.parametrize("another_listens", [False, True])
-def test_who_listens_later_is_told_of_no_progress_that_is_past(service, another_listens):
+def test_event_stream_late_subscriber_gets_no_past_progress(service, another_listens):
     """Progress is what is being done now, not what was when somebody last listened, or a moment ago for another."""
     scan = service.scans.create(long_plan(service).id)
     following = service.events.follow(kind="scan")
@@ -218,7 +218,7 @@ def test_who_listens_later_is_told_of_no_progress_that_is_past(service, another_
     assert ("progress", scan.id) not in [(event.kind, event.subject) for event in said]
 
 
-def test_a_log_that_is_another_is_said_so(service):
+def test_event_stream_unknown_last_event_id_yields_reset(service):
     """An id that the log does not know is a reset, and the stream goes on from now."""
     event = next(itertools.islice(service.events.follow(last_event_id="elsewhere.7"), 1))
     assert event.kind == "reset"
@@ -276,7 +276,7 @@ def test_a_wait_outlasts_the_service_it_waits_for(served):
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_scan_whose_acquisition_is_killed_is_resumed_by_its_own_number(served):
+def test_scan_resume_after_acquisition_kill_completes_same_scan(served):
     """The wait ends with the interruption; the scan goes on when it is asked to, and has each point once."""
     with Client(served.url, patience=300) as client:
         scan = client.scans.create(slow_plan(client).id)

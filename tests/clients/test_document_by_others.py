@@ -87,14 +87,14 @@ def drop_format(document):
     [drop_address, drop_method, rename, demand_parameter, demand_field, drop_field, take_less, drop_format],
     ids=lambda change: change.__name__,
 )
-def test_what_breaks_a_client_is_noticed(tools, tmp_path, change):
+def test_openapi_diff_breaking_change_is_detected(tools, tmp_path, change):
     document = json.loads(COMMITTED.read_text())
     change(document)
     (tmp_path / "changed.json").write_text(json.dumps(document))
     assert breaks(tools, COMMITTED, tmp_path / "changed.json")
 
 
-def test_what_is_added_breaks_nobody(tools, tmp_path):
+def test_openapi_diff_additive_change_is_not_breaking(tools, tmp_path):
     document = json.loads(COMMITTED.read_text())
     paths, schemas = document["paths"], document["components"]["schemas"]
     paths[f"{SCANS}/{{scan_id}}/colour"] = paths[SCANS] | {"get": paths[SCANS]["get"] | {"operationId": "colour_read"}}

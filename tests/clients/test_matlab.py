@@ -120,7 +120,7 @@ def test_a_line_of_sensors_gives_an_image(octave):
         ("steradian.upload(steradian.service('http://127.0.0.1:9', ''), 1, 1, 1)", "unreachable", "127.0.0.1:9"),
     ],
 )
-def test_an_error_says_what_is_wrong(octave, call, identifier, words):
+def test_matlab_error_contains_problem_identifier_and_message(octave, call, identifier, words):
     """Identifier and message are those of the problem, whoever found it."""
     said, _ = octave(f"try, {call}; catch e, printf('%s | %s', e.identifier, e.message); end")
     assert f"steradian:{identifier} | " in said

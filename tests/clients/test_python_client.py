@@ -149,7 +149,7 @@ def test_a_batch_is_waited_for_as_one(service, done):
         service.batches.get(batch.id)
 
 
-def test_who_is_awaited_gets_the_same(url, done):
+def test_async_client_returns_same_results_as_blocking_client(url, done):
     """The asynchronous client reads, follows events and waits, several at a time, as the blocking one does."""
     mask, plan, _, _ = done
 
@@ -272,7 +272,7 @@ def test_filters_hold_on_every_page(service, monkeypatch):
         service.jobs.list(colour="red")
 
 
-def test_the_service_says_how_it_is(service):
+def test_client_service_status_methods_return_service_state(service):
     assert service.health().status == "ok"
     assert service.service_info().mode == "simulated"
     assert set(service.readiness().checks) >= {"database", "disk", "queue"}
@@ -280,7 +280,7 @@ def test_the_service_says_how_it_is(service):
     assert "# HELP" in service.metrics()
 
 
-def test_a_plans_preview_keeps_nothing(service, done):
+def test_plan_and_mask_preview_stores_nothing(service, done):
     before = [plan.id for plan in service.plans.list()]
     assert service.plans.preview(done[0].id, pulse_rate=7).laser_seconds == pytest.approx(done[0].count / 7)
     assert [plan.id for plan in service.plans.list()] == before
@@ -291,7 +291,7 @@ def test_a_plans_preview_keeps_nothing(service, done):
     assert len(service.masks.points(done[0].id).positions) == done[0].count
 
 
-def test_no_service_is_said_so(tmp_path):
+def test_client_unreachable_service_raises_connection_failed(tmp_path):
     """An address where nothing answers is an Unreachable at once, which names it."""
     with Client("http://127.0.0.1:9") as client:
         with pytest.raises(ConnectionFailed, match=r"127\.0\.0\.1:9"):

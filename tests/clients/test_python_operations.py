@@ -76,7 +76,7 @@ def test_idempotency_keys_go_where_the_document_takes_them():
 
 
 @pytest.mark.parametrize("kind", [Client, AsyncClient])
-def test_every_method_says_what_it_does(kind):
+def test_client_methods_all_have_docstrings(kind):
     client = kind("http://127.0.0.1:9")
     nouns = [client, *(noun for noun in vars(client).values() if isinstance(noun, Resource))]
     assert len(nouns) == 12

@@ -41,7 +41,7 @@ def plain(name):
     return name.lower().replace("_", "-").replace(".", "-")
 
 
-def test_it_is_nobody_and_can_write_nothing_but_its_data(service):
+def test_container_runs_unprivileged_and_writes_only_data_and_tmp(service):
     lines = service.inside("cat", "/proc/1/status").splitlines()
     status = dict(line.split(":\t", 1) for line in lines if ":\t" in line)
     assert status["Uid"].split() == ["10001"] * 4

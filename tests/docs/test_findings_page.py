@@ -61,7 +61,7 @@ def found_in(plan, wish):
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_stands_against_a_plan_is_on_the_page(name):
+def test_findings_page_lists_plan_finding(name):
     finding = found_in(*REFUSED[name])
     assert name.split(",")[0] == f"{finding.severity} {finding.field}"
     rows = [row for row in PAGE["Plans"] if row[:2] == [finding.severity, finding.field]]
@@ -98,7 +98,7 @@ def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
     assert "the weights sum to" in source
 
 
-def test_flags_of_a_lines_are_those_of_the_scanner():
+def test_findings_page_aline_flags_match_scanner_flags():
     flags = [row[0] for row in PAGE["Scans"][1:] if len(row) == 4]
     assert flags == [*FLAG_BITS, "dark"]
 
@@ -123,7 +123,7 @@ def test_why_jobs_fail_is_on_the_page():
     assert set(told) == {code for each in codes for code in each if code}
 
 
-def test_the_kinds_of_what_is_wrong_with_a_folder_are_listed_with_it():
+def test_data_folder_page_inconsistency_kinds_match_code():
     service = JOBS.parent
     source = "".join((service / name).read_text("utf-8") for name in ("runtime/fsck.py", "cli/check.py"))
     told = {row[0] for row in tables("data-folder.md")["A damaged folder"][1:]}

@@ -49,7 +49,7 @@ def test_a_cancelled_consumers_lease_is_not_renewed_while_the_next_a_line_takes_
         asyncio.run(cancel(simulator))
 
 
-def test_what_was_on_its_way_to_a_cancelled_consumer_comes_to_the_next_one():
+def test_cancelled_consumer_pending_alines_go_to_next_consumer():
     async def take_all(simulator) -> list[int]:
         numbers: list[int] = []
         async with await fabry_perot.connect_async(simulator.url) as scanner:

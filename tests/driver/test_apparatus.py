@@ -76,7 +76,7 @@ def test_a_block_ends_where_the_wavelength_changes_and_is_one_point_for_a_galvo_
     assert [given[0] for given in armed] == [1, 1, 1, 1]
 
 
-def test_blocks_record_what_single_shots_do_whenever_software_looks():
+def test_instrument_block_records_equal_single_shots_at_any_poll_rate():
     """The truth of each A-line from point and shot number alone; a look each 50 µs or 150 ms finds the same."""
     where = points(30, averages=1, y=np.arange(30) * -70_000)
     often, seldom = ready(), ready()
@@ -90,7 +90,7 @@ def test_blocks_record_what_single_shots_do_whenever_software_looks():
         assert (first.fire_time, first.shot) == (second.fire_time, second.shot)
 
 
-def test_no_pulse_leaves_after_the_permission_even_if_nobody_calls_again():
+def test_instrument_fires_no_pulse_after_permission_expires_without_poll():
     instrument = ready()
     instrument.queue_points(0, points(60, averages=5), 0)
     instrument.poll(0)
@@ -105,7 +105,7 @@ def test_no_pulse_leaves_after_the_permission_even_if_nobody_calls_again():
     assert not np.any((times >= 50_000) & (times < 5_000_000)), "the time without permission is not made up for"
 
 
-def test_a_stop_keeps_what_is_whole_and_wastes_the_rest():
+def test_instrument_stop_keeps_complete_averages_and_discards_partial():
     instrument = ready()
     instrument.queue_points(0, points(10, averages=4), 0)
     taken = run(instrument, 21_000)
@@ -119,7 +119,7 @@ def test_a_stop_keeps_what_is_whole_and_wastes_the_rest():
     assert instrument.shots() == shots
 
 
-def test_a_sweep_is_a_job_that_ends_and_nobody_waits_for_it():
+def test_instrument_sweep_is_nonblocking_and_returns_result_once():
     instrument = SimulatedInstrument(phantoms.yarn(0), seed=3, response=Response(nonlinear=True))
     wavelengths = np.linspace(1_546_000, 1_554_000, 81).round().astype(np.int64)
     instrument.sweep(1_000_000, -2_000_000, wavelengths, 0)
@@ -145,7 +145,7 @@ PARTS = {
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_whatever_a_part_raises_is_a_fault_of_that_part(part, monkeypatch):
+def test_instrument_part_exception_raises_fault_of_that_part(part, monkeypatch):
     instrument = ready()
     name, fault = PARTS[part]
 
@@ -265,7 +265,7 @@ def test_a_sweep_that_is_cut_short_ends_and_its_hardware_rests(end, monkeypatch)
     assert (bench.device.state in (DeviceState.ESTOP, DeviceState.FAULT)) is (end != "new session")
 
 
-def test_a_pulse_whose_energy_is_out_of_range_flags_the_average_that_hides_it():
+def test_average_with_out_of_range_pulse_energy_is_flagged_misfire():
     """Four pulses of 1, 1, 0.4 and 1.6 of nominal are 1.0 in the mean."""
 
     def line(*energies: int) -> int:
@@ -279,7 +279,7 @@ def test_a_pulse_whose_energy_is_out_of_range_flags_the_average_that_hides_it():
     )
 
 
-def test_a_scanner_flags_pulses_beyond_what_its_laser_says_and_tells_the_host_what_is_nominal():
+def test_scanner_flags_out_of_range_pulses_and_reports_nominal_energy():
     settings = {"energy_jitter": 0.3, "repeat": 0, "speed": 20, "seed": 1}
     with launch(**settings) as simulator, fabry_perot.connect(simulator.url) as scanner:
         known = scanner.capabilities

@@ -46,7 +46,7 @@ def test_only_the_missing_fragment_is_asked_for():
     assert len(assembly.pop_ready()) == 1
 
 
-def test_nothing_beyond_the_window_is_kept_so_memory_is_bounded():
+def test_reassembler_alines_beyond_window_are_discarded():
     assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     for number in range(20):
         assembly.receive(payload(number))
@@ -97,7 +97,7 @@ def test_several_a_lines_of_one_frame_come_out_one_by_one_with_their_own_number_
     assert [(line.number, line.point, int(line.samples[0])) for line in lines] == [(0, 5, 3), (1, 6, 4), (2, 7, 5)]
 
 
-def test_of_several_in_one_frame_only_those_are_kept_that_are_new_undamaged_and_within_the_window():
+def test_reassembler_multi_aline_frame_keeps_new_intact_alines_in_window():
     assembly = AlineReassembler(PLAN, 0, window=4, repeat=100)
     assembly.receive(payload(1))
     data = bytearray(several(0, [3, 4, 5, 6, 7]))
@@ -121,7 +121,7 @@ def test_a_payload_shorter_than_its_head_is_an_error():
         AlineReassembler(PLAN, 0, window=4, repeat=100).receive(bytes(15))
 
 
-def test_a_repaired_fragment_count_starts_the_a_line_anew():
+def test_reassembler_corrected_fragment_count_restarts_aline():
     assembly, data = AlineReassembler(PLAN, 0, window=4, repeat=100), blob()
     assembly.receive(payload(0, fragment=0, fragments=3, data=data[:20]))
     assembly.receive(payload(0, fragment=0, fragments=2, data=data[:30]))

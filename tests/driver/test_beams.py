@@ -153,7 +153,7 @@ def of_three(monkeypatch):
     monkeypatch.setitem(CAPABILITIES, "beam_offsets_nm", [[0, 0], [5, 0], [0, 5]])
 
 
-def test_a_device_of_three_beams_passes_what_is_tried_of_beams(of_three):
+def test_conformance_three_beam_device_passes_beam_scenarios(of_three):
     assert outcomes("beams", "multi_beam_order", "full_ring", ring=15) == dict.fromkeys(
         ["beams", "multi_beam_order", "full_ring"], ""
     )

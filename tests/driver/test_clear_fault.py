@@ -82,7 +82,7 @@ def test_an_interlock_that_opened_is_named_with_its_remedy_and_the_command_that_
             scanner.tune(0.0, 0.0)
 
 
-def test_a_fault_is_not_cleared_while_its_cause_stands_and_then_the_scan_goes_on_exactly_once(simulator):
+def test_clear_fault_with_active_cause_refused_then_scan_completes_once(simulator):
     lines: list = []
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         interrupted(scanner, simulator, lines)
@@ -102,7 +102,7 @@ def test_a_fault_is_not_cleared_while_its_cause_stands_and_then_the_scan_goes_on
     assert report(simulator)["shots"] == COUNT + scanner.status.shots_wasted
 
 
-def test_a_scan_whose_fault_was_cleared_goes_on_exactly_once_after_a_restart_of_the_host(simulator):
+def test_clear_fault_before_host_restart_scan_completes_exactly_once(simulator):
     lines: list = []
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         interrupted(scanner, simulator, lines)
@@ -163,7 +163,7 @@ def test_a_frame_of_a_fault_is_shown_with_its_name():
 
 
 @pytest.mark.parametrize("part", ["closed", "key"])
-def test_the_device_refuses_to_clear_a_fault_while_its_cause_stands(part):
+def test_device_clear_fault_with_active_cause_returns_wrong_state(part):
     bench = Bench()
     bench.connect()
     bench.upload(30)

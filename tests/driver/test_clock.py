@@ -28,7 +28,7 @@ def test_a_clock_held_back_goes_on_from_there_and_skips_no_simulated_time():
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
-def test_a_clock_that_stands_still_or_runs_backwards_is_refused(rate):
+def test_scaled_clock_nonpositive_rate_raises_value_error(rate):
     with pytest.raises(ValueError, match="> 0"):
         ScaledClock(rate)
 
@@ -40,6 +40,6 @@ def test_no_clock_runs_backwards():
     assert clock.now() <= clock.now()
 
 
-def test_the_limits_of_a_fast_simulator_stay_what_they_are_in_the_hosts_time():
+def test_device_timing_scaled_keeps_limits_in_host_time():
     timing = DeviceTiming().scaled(20.0)
     assert (timing.status_period, timing.lease_cap) == (2_000_000, 20_000_000)

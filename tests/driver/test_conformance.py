@@ -42,7 +42,7 @@ def test_the_device_passes_every_scenario(limits):
 
 
 @pytest.mark.parametrize("speed", [20, 200])
-def test_conformance_of_a_device_whose_time_runs_faster_passes_what_looks_at_a_scan(speed, monkeypatch):
+def test_conformance_scan_scenarios_pass_on_accelerated_device_clock(speed, monkeypatch):
     monkeypatch.setitem(CAPABILITIES, "clock_rate", float(speed))
     wanted = ("credit", "lease_expiry", "stale_echo", "future_echo", "new_session", "abort_levels")
     assert outcomes(*wanted, speed=speed) == dict.fromkeys(wanted, "")
@@ -69,7 +69,7 @@ def test_a_mutant_fails_the_scenario_made_for_it(name, monkeypatch):
     assert outcomes(KILLERS[name])[KILLERS[name]].startswith("expected: ")
 
 
-def test_nothing_opens_the_shutter_of_real_hardware_and_nobody_is_asked_unless_wanted(monkeypatch):
+def test_conformance_real_hardware_skips_firing_and_interactive_by_default(monkeypatch):
     monkeypatch.setitem(CAPABILITIES, "simulated", False)
     line = VirtualLine(ring=16)
     found = run(ConformanceHost(line, line.clock))
@@ -81,7 +81,7 @@ def test_nothing_opens_the_shutter_of_real_hardware_and_nobody_is_asked_unless_w
 
 
 @pytest.mark.parametrize("name", ["lease kept over a new session", "lease by arrival time", "echoes of the future"])
-def test_firmware_that_starts_when_it_must_not_does_not_fire_real_hardware_unless_wanted(name, monkeypatch):
+def test_conformance_mutant_firmware_never_fires_real_hardware_by_default(name, monkeypatch):
     MUTANTS[name].apply(monkeypatch)
     monkeypatch.setitem(CAPABILITIES, "simulated", False)
     line = VirtualLine(ring=16)
@@ -100,7 +100,7 @@ def test_a_silent_line_fails_every_scenario_and_ends():
     assert [each.failure for each in found] == ["HELLO of version 2 is not answered"] * 2
 
 
-def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_path):
+def test_conformance_command_prints_table_writes_junit_and_sets_exit_code(tmp_path):
     command = [sys.executable, "-m", "fabry_perot", "conformance"]
     with launch(ring=32) as simulator:
         good = subprocess.run(
@@ -134,7 +134,7 @@ def test_the_command_prints_a_table_keeps_junit_and_fails_with_the_device(tmp_pa
     }
 
 
-def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
+def test_conformance_junit_failure_contains_expected_behaviour(monkeypatch):
     MUTANTS["token used again"].apply(monkeypatch)
     line = VirtualLine(ring=16)
     report = as_junit(run(ConformanceHost(line, line.clock), fire=True, only=["arm_token"]), "here")
@@ -143,7 +143,7 @@ def test_a_failure_stands_in_the_junit_file_with_what_was_expected(monkeypatch):
     assert suite.find("testcase/failure").get("message") == "expected: another token for another ARM"
 
 
-def test_an_answer_without_what_it_must_have_fails_its_scenario_and_not_the_run(monkeypatch):
+def test_conformance_incomplete_response_fails_only_its_scenario(monkeypatch):
     """ARM without a token is the device's failing; the scenarios behind it are tried all the same."""
     monkeypatch.setitem(operations._TABLE, Operation.ARM, lambda device, body: (Result.OK, {}))
     found = outcomes("arm_token", "plan_gaps", "hello_nonce")

@@ -39,7 +39,7 @@ def simulator():
         yield running
 
 
-def test_probing_finds_the_scanner_says_what_it_is_and_leaves_out_what_does_not_answer(simulator, tmp_path):
+def test_discover_probe_identifies_scanner_and_omits_unresponsive_port(simulator, tmp_path):
     found = fabry_perot.discover([simulator.url, str(tmp_path / "nothing")], probe=True)
     assert [(item.url, item.serial, item.busy) for item in found] == [(simulator.url, "SIM-0000", False)]
 
@@ -56,7 +56,7 @@ def test_without_probing_nothing_is_sent_to_anybody(monkeypatch, tmp_path):
     assert isinstance(fabry_perot.discover(), list)
 
 
-def test_missing_c_code_for_byte_stuffing_is_said_at_the_start(simulator, monkeypatch, caplog):
+def test_connect_without_cobs_c_extension_logs_warning(simulator, monkeypatch, caplog):
     monkeypatch.setattr(framing.cobs, "_using_extension", False)
     with caplog.at_level(logging.WARNING), fabry_perot.connect(simulator.url):
         assert "C extension" in caplog.text
@@ -96,7 +96,7 @@ def test_the_asyncio_driver_scans_tunes_and_reports_like_the_synchronous_one(sim
     assert report.stored == 600
 
 
-def test_a_plan_with_a_start_measures_only_the_rest_and_keeps_the_numbers(simulator):
+def test_upload_with_start_measures_remaining_points_with_original_numbers(simulator):
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         with pytest.raises(fabry_perot.PlanInvalid, match="no scan"):
             scanner.report()
@@ -217,7 +217,7 @@ def acquire(scanner: fabry_perot.Scanner) -> list:
     return lines
 
 
-def test_a_second_host_on_tcp_hears_at_once_who_is_connected(simulator):
+def test_second_tcp_host_raises_port_busy_naming_first_host(simulator):
     """No waiting for an answer that will not come: the error names the first host's address."""
     with fabry_perot.connect(simulator.url, timing=PATIENT) as first:
         with pytest.raises(fabry_perot.PortBusy, match=r"127\.0\.0\.1:\d+") as busy:
@@ -237,7 +237,7 @@ def test_a_second_host_on_a_terminal_hears_which_process_holds_it():
     assert f"process {os.getpid()}" in str(busy.value)
 
 
-def test_the_account_of_a_scan_can_be_had_after_the_link_is_lost_for_good():
+def test_scan_report_after_permanent_link_loss_is_available():
     """Every stored A-line is counted, and the fired shots as last heard; the report says how old that is."""
     brief = fabry_perot.RecoveryPolicy(patience=0.5)
     with launch(speed=5) as running, fabry_perot.connect(running.url, timing=PATIENT, recovery=brief) as scanner:
@@ -274,7 +274,7 @@ def test_a_scanner_that_goes_silent_is_logged_once_while_it_is_silent_and_once_w
                 silent = [record.getMessage() for record in caplog.records]
             finally:
                 os.kill(running.pid, signal.SIGCONT)
-            until(lambda: "heard again" in caplog.text)
+            until(lambda: "received again" in caplog.text)
             assert scanner.state == "linked"
     assert len(silent) == 1, "said once, not at each look"
     WORK.reset(before)

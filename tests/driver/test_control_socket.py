@@ -108,7 +108,7 @@ HOLDER = """
 """
 
 
-def test_where_sockets_are_files_those_of_a_killed_holder_are_replaced(simulator, monkeypatch):
+def test_control_socket_files_of_killed_holder_are_removed(simulator, monkeypatch):
     monkeypatch.setattr(control, "ABSTRACT", False)
     with program(HOLDER, simulator.url) as holder:
         assert holder.stdout.readline() == "held\n"
@@ -172,7 +172,7 @@ def test_a_holder_is_found_under_the_number_that_its_port_has_after_it_was_unplu
         os.close(blocked)
 
 
-def test_a_holder_whose_port_is_unplugged_is_not_asked_for_another_one_that_got_its_number():
+def test_control_socket_rejects_requests_for_reused_port_number():
     with launch(speed=5) as simulator, fabry_perot.connect(simulator.url) as scanner:
         (listener,) = sockets_of(simulator.url)
         number = [name for name in ports.aliases(simulator.url) if name.startswith("device")]

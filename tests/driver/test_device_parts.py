@@ -40,7 +40,7 @@ def test_no_safe_state_leads_back_to_an_armed_laser_in_one_step(state):
 
 @pytest.mark.parametrize("state", sorted(RUNNING))
 @pytest.mark.parametrize("event", [E.LEASE_LAPSED, E.NEW_SESSION, E.LASER_OFF])
-def test_a_running_scan_goes_to_safe_hold_whatever_it_waits_for(state, event):
+def test_running_scan_lease_session_or_laser_loss_enters_safe_hold(state, event):
     assert TRANSITIONS[state, event] is S.SAFE_HOLD
 
 
@@ -102,7 +102,7 @@ def test_the_ring_refuses_rather_than_overwrites():
     assert (ring.acknowledged, ring.produced, ring.used) == (1, 3, 2)
 
 
-def test_the_ring_ignores_an_acknowledgement_of_what_was_never_produced():
+def test_ring_acknowledgement_beyond_last_produced_is_ignored():
     ring = ALineRingBuffer(2)
     ring.append(0, b"a")
     ring.acknowledge(5, 10, [(7, 0xFF)])
@@ -174,7 +174,7 @@ def test_a_parameter_out_of_range_is_refused_by_its_name_and_changes_nothing(ben
     assert outcome is None if operation is Operation.TUNE_SCAN else outcome[0] is Result.OK  # None: a sweep has begun
 
 
-def test_what_would_disturb_a_scan_is_refused_while_it_runs(bench):
+def test_device_conflicting_operations_during_scan_return_wrong_state(bench):
     bench.scan(50)
     bodies = {Operation.PLAN_NEW: PLAN_NEW, Operation.SET: {"power": 1}, Operation.TUNE_SCAN: SWEEP}
     for operation, body in bodies.items():
@@ -194,14 +194,14 @@ def test_a_plan_is_not_replaced_without_purge_while_a_lines_of_it_are_held(bench
     assert bench.device.ring.used == 20
 
 
-def test_a_scanner_that_cannot_tune_says_so_and_an_unknown_operation_too(bench):
+def test_device_unsupported_and_unknown_operations_are_rejected(bench):
     bench.connect()
     bench.device.limits["tuning_us"] = 0
     assert execute(bench.device, Operation.TUNE_SCAN, SWEEP)[0] is Result.NOT_SUPPORTED
     assert execute(bench.device, 99, {})[0] is Result.UNKNOWN_OPERATION
 
 
-def test_a_device_that_looks_late_finds_what_the_hardware_took_at_its_own_times(bench):
+def test_device_late_poll_collects_hardware_triggered_shots(bench):
     bench.scan(50)
     bench.run(50)
     fired = len(bench.instrument.log)
@@ -263,7 +263,7 @@ def test_a_lines_share_a_frame_as_far_as_payload_group_credit_and_their_kind_all
     assert sent(ring) == frames
 
 
-def test_what_is_asked_for_again_goes_by_itself_and_only_if_it_is_held_and_exists():
+def test_ring_retransmits_requested_fragments_only_if_held():
     ring = ring_of(*PLAIN)
     sent(ring)
     ring.acknowledge(2, 99, [(1, 0xFF), (3, 0xFF), (4, 9), (5, 0), (5, 0), (6, 0xFF), (40, 0)])
@@ -273,7 +273,7 @@ def test_what_is_asked_for_again_goes_by_itself_and_only_if_it_is_held_and_exist
     assert sent(ring) == [(8, 1, 1, True)]
 
 
-def test_an_acknowledgement_of_what_was_never_fired_is_ignored():
+def test_ring_acknowledgement_beyond_last_fired_is_ignored():
     ring = ring_of(*PLAIN)
     ring.acknowledge(13, 99, [])
     assert (ring.acknowledged, ring.used) == (0, 12)
@@ -283,7 +283,7 @@ def test_an_acknowledgement_of_what_was_never_fired_is_ignored():
         ring.append(0, b"")
 
 
-def test_the_first_control_messages_go_first_and_a_full_outbox_drops_what_will_be_repeated():
+def test_transmit_queue_sends_urgent_first_and_drops_newest_when_full():
     outbox = TransmitQueue(7)
     for count in range(MAX_QUEUED + 5):
         outbox.enqueue(Type.PLAN_STATUS, bytes([count]))

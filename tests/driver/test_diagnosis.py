@@ -89,13 +89,13 @@ TABLE = [
 
 
 @pytest.mark.parametrize(("data", "trouble", "words"), [row[1:] for row in TABLE], ids=[row[0] for row in TABLE])
-def test_classify_of_what_a_line_did_to_frames_tells_what_it_did(data, trouble, words):
+def test_classify_damaged_frames_returns_line_fault_and_explanation(data, trouble, words):
     assert classify(data) is trouble
     assert words in explain(data, baud=3_000_000)
 
 
 @pytest.mark.parametrize("name", ["XON/XOFF of STATUS", "LF to CR LF", "7 bits", "read too fast"])
-def test_classify_from_any_byte_on_tells_the_same(name):
+def test_classify_line_fault_is_independent_of_start_offset(name):
     data, trouble = next(row[1:3] for row in TABLE if row[0] == name)
     assert {classify(data[at:]) for at in range(0, 97, 8)} == {trouble}
 

@@ -33,7 +33,7 @@ def imported() -> set[str]:
     return names - sys.stdlib_module_names - {"fabry_perot"}
 
 
-def test_the_driver_requires_exactly_what_it_imports():
+def test_driver_distribution_requirements_equal_imports():
     where = packages_distributions()
     assert {where[name][0] for name in imported()} == requirements(ROOT / "driver")
 

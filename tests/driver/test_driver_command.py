@@ -42,7 +42,7 @@ def points_of(tmp_path, count=40):
     return where * 1e-3
 
 
-def test_list_finds_the_scanner_and_says_who_has_it(simulator, tmp_path):
+def test_list_command_shows_scanner_and_port_holder(simulator, tmp_path):
     said = run("list", simulator.url, tmp_path / "nothing", "--probe", cwd=tmp_path)
     nothing = f"{tmp_path / 'nothing'}\tcannot open {tmp_path / 'nothing'}: no such file; is the scanner"
     assert said.startswith(f"{simulator.url}\tsimulated Fabry-Perot scanner SIM-0002\n{nothing}")
@@ -54,7 +54,7 @@ def test_list_finds_the_scanner_and_says_who_has_it(simulator, tmp_path):
         assert re.search("is connected|in use by", run("status", simulator.url, cwd=tmp_path, code=1))
 
 
-def test_status_shows_what_the_scanner_says_of_itself(simulator, tmp_path):
+def test_status_command_shows_scanner_status(simulator, tmp_path):
     figures = json.loads(run("status", simulator.url, "--json", cwd=tmp_path))
     with fabry_perot.connect(simulator.url) as scanner:
         assert figures["serial"] == scanner.capabilities.serial
@@ -69,7 +69,7 @@ def test_watch_shows_a_line_each_time(simulator, tmp_path):
     assert all("shots" in line and "laser" in line for line in lines)
 
 
-def test_tune_keeps_the_map_that_the_library_measures(simulator, tmp_path):
+def test_tune_command_saves_map_equal_to_library_map(simulator, tmp_path):
     where = points_of(tmp_path, 3)
     run("tune", simulator.url, "--points", "points.csv", "--steps", 41, "-o", "map.npz", cwd=tmp_path)
     kept = TuningMap.load(tmp_path / "map.npz")
@@ -79,7 +79,7 @@ def test_tune_keeps_the_map_that_the_library_measures(simulator, tmp_path):
     np.testing.assert_allclose(kept.wavelength, again.wavelength, atol=20e-12)
 
 
-def test_a_scan_into_a_file_is_what_the_library_measures(simulator, tmp_path):
+def test_scan_command_output_file_equals_library_scan(simulator, tmp_path):
     where = points_of(tmp_path)
     said = run("scan", simulator.url, "points.csv", "--samples", 300, "--rate", 100, cwd=tmp_path)
     assert "40 of 40 A-lines in scan.npy" in said
@@ -98,7 +98,7 @@ def test_a_scan_into_a_file_is_what_the_library_measures(simulator, tmp_path):
     assert "allowed" in run("scan", simulator.url, "points.csv", cwd=tmp_path, code=1), "the file exists"
 
 
-def test_ctrl_c_of_a_scan_turns_the_laser_off_and_keeps_every_shot(tmp_path):
+def test_scan_command_sigint_turns_laser_off_and_keeps_every_shot(tmp_path):
     points_of(tmp_path, 2000)
     with launch(speed=1.0, **EXACT) as simulator:
         command = [sys.executable, "-m", "fabry_perot", "scan", simulator.url, "points.csv", "--samples", "64"]
@@ -145,7 +145,7 @@ def test_monitor_shows_the_frames_of_both_directions(simulator, tmp_path):
         (["tune", "/nowhere", "--points", "line.npy"], "shape (3,)"),
     ],
 )
-def test_what_goes_wrong_is_one_line(words, said, tmp_path):
+def test_driver_command_error_prints_one_line(words, said, tmp_path):
     (tmp_path / "text.csv").write_text("x,y\nno,number\n")
     np.save(tmp_path / "line.npy", np.zeros(3))
     errors = run(*words, cwd=tmp_path, code=1)

@@ -41,7 +41,7 @@ def stop(simulator, **options):
     return fabry_perot.emergency_stop(simulator.url, timeout=20.0, **options), before
 
 
-def test_emergency_stop_of_an_idle_port_reads_what_the_device_says():
+def test_emergency_stop_of_idle_port_returns_device_status():
     with launch() as simulator:
         answer, _ = stop(simulator)
         assert (answer.laser, answer.shutter, answer.holder) == ("off", "closed", "")
@@ -139,7 +139,7 @@ def test_emergency_stop_of_a_line_that_is_cut_is_unconfirmed():
     assert "no scanner answered" in answer.detail
 
 
-def test_emergency_stop_while_the_line_is_unplugged_keeps_the_laser_off_after_it_is_back(tmp_path):
+def test_emergency_stop_during_unplug_keeps_laser_off_after_reconnect(tmp_path):
     """It comes back so soon that the scan would be taken up; a stop that a busy machine delays does not count."""
     for attempt in range(6):
         folder = tmp_path / str(attempt)
@@ -160,7 +160,7 @@ def test_emergency_stop_while_the_line_is_unplugged_keeps_the_laser_off_after_it
     pytest.fail("no stop came while the line was away")
 
 
-def test_emergency_stop_before_a_scan_is_armed_keeps_it_from_being_armed():
+def test_emergency_stop_before_arm_prevents_arming():
     parameters = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 100.0}
     with launch(speed=5) as simulator, fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         scanner.upload([(0.0, 0.0)] * 20, **parameters)
@@ -196,7 +196,7 @@ def test_emergency_stop_of_a_scan_that_a_person_resumes_loses_nothing():
 
 
 @pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root can become another user")
-def test_emergency_stop_by_a_user_who_may_not_open_the_port_reaches_the_program_that_holds_it(tmp_path):
+def test_emergency_stop_without_port_permission_is_relayed_by_port_holder(tmp_path):
     with launch(**FAST) as simulator:
         terminal = os.path.realpath(simulator.url)
         os.chmod(terminal, 0o600)
@@ -225,7 +225,7 @@ def test_emergency_stop_believes_no_process_that_does_not_hold_the_port(tmp_path
 
 @pytest.mark.long
 @pytest.mark.parametrize("line", ["terminal", "tcp"])
-def test_the_stop_command_says_what_the_device_says_and_fails_when_it_cannot_ask(line, tmp_path):
+def test_stop_command_prints_device_status_and_fails_if_unreachable(line, tmp_path):
     with launch(**FAST, tcp="127.0.0.1:0" if line == "tcp" else None) as simulator:
         with scan_of(simulator, tmp_path) as scan:
             done = command("stop", simulator.url, "--by", "Pat")
@@ -245,7 +245,7 @@ def command(*words):
 
 
 @pytest.mark.long
-def test_emergency_stop_in_a_random_order_of_troubles_never_says_off_while_the_shutter_is_open(tmp_path):
+def test_emergency_stop_under_faults_never_reports_off_with_open_shutter(tmp_path):
     rng = np.random.default_rng(7)
     for number in range(25):
         folder = tmp_path / str(number)

@@ -70,7 +70,7 @@ WAYS = {
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_whatever_ends_a_scan_the_host_is_told_of_a_shutter_that_is_closed(way):
+def test_scan_end_of_any_cause_reports_closed_shutter(way):
     act, state = WAYS[way]
     bench = scanning(40 if way == "last point" else 500)
     assert bench.host.status.laser & (SHUTTER_OPEN | LASER_EMITTING) == SHUTTER_OPEN | LASER_EMITTING
@@ -96,7 +96,7 @@ def test_the_shutter_stays_closed_until_start():
 
 
 @pytest.mark.parametrize("state", [S.IDLE, S.READY, S.ARMED, S.SCANNING])
-def test_an_open_interlock_or_a_key_turned_off_is_told_in_every_state_and_a_fault_where_the_laser_may_fire(state):
+def test_open_interlock_or_key_off_reported_always_and_faults_if_armed(state):
     for name, bit, fault in (("closed", INTERLOCK_CLOSED, FAULT_INTERLOCK), ("key", KEY_ON, FAULT_KEY)):
         bench = Bench()
         bench.connect()
@@ -114,7 +114,7 @@ def test_an_open_interlock_or_a_key_turned_off_is_told_in_every_state_and_a_faul
         assert bench.host.status.fault == (fault if latched else 0)
 
 
-def test_a_shutter_that_does_not_close_is_told_as_open_and_latched_as_a_fault():
+def test_stuck_shutter_is_reported_open_and_latches_fault():
     bench = scanning()
     bench.instrument.stuck = True
     bench.call(Operation.PAUSE)

@@ -33,7 +33,7 @@ def smooth(count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 31, 32, 33, 1024])
-def test_the_document_read_by_somebody_else_gives_the_same_samples(count):
+def test_independent_rice_decoder_returns_same_samples(count):
     samples = smooth(count)
     used, data = encode(samples, Encoding.DELTA_RICE)
     if count > 32:
@@ -117,7 +117,7 @@ def test_packing_is_chosen_where_the_line_is_the_bottleneck(name, changes, numbe
 
 
 @pytest.mark.parametrize(("name", "encodings"), [("zip", [0, 1]), ("delta-rice", [0])])
-def test_an_encoding_the_scanner_lacks_is_refused_with_those_it_has(name, encodings):
+def test_unsupported_encoding_raises_plan_invalid_listing_supported(name, encodings):
     with pytest.raises(PlanInvalid, match="auto"):
         known(encodings=encodings).encoding(name)
 

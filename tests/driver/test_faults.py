@@ -57,7 +57,7 @@ def test_a_stall_gives_up_everything_at_its_end_and_a_cut_nothing():
     assert (cut(b"a", 99), cut(b"b", 150), cut(b"c", 200)) == (b"a", b"", b"c")
 
 
-def test_a_slow_reader_takes_its_rate_and_keeps_the_order():
+def test_fault_slow_reader_limits_rate_and_preserves_order():
     item = faults.SlowReader(1_000.0)
     out = [item(DATA[:100] if step == 0 else b"", 10_000 * step) for step in range(12)]
     assert b"".join(out) == DATA[:100]
@@ -79,7 +79,7 @@ def test_a_frame_of_a_type_is_lost_or_doubled_by_its_count(copies):
     assert item.seen == 40
 
 
-def test_a_recorder_keeps_the_end_and_a_replay_puts_it_in_front_once():
+def test_fault_recorder_keeps_tail_and_replay_inserts_it_once():
     recorder = faults.Recorder(50)
     assert through(recorder, DATA) == DATA
     assert recorder.data == DATA[-50:]

@@ -34,7 +34,7 @@ frames = st.builds(
 
 @given(st.lists(frames, max_size=5), st.randoms(use_true_random=False))
 @settings(deadline=None)
-def test_frames_come_back_whatever_the_pieces_they_arrive_in(sent, source):
+def test_deframer_arbitrary_chunks_restore_all_frames(sent, source):
     data = b"".join(map(encode_frame, sent))
     deframer, received = Deframer(), []
     while data:
@@ -93,7 +93,7 @@ def test_garbage_before_and_between_frames_is_skipped_and_counted():
     assert deframer.counters.bad > 50
 
 
-def test_a_line_full_of_noise_without_zeros_needs_no_more_memory_than_a_frame():
+def test_deframer_noise_without_delimiters_uses_bounded_memory():
     deframer = Deframer()
     for _ in range(100):
         deframer.feed(b"\x55" * 10_000)

@@ -88,7 +88,7 @@ def until(done: Callable[[], object]) -> None:
         time.sleep(1e-3)
 
 
-def test_the_laser_tunes_without_anybody_waiting_and_says_when_it_is_there(laser, table):
+def test_laser_tune_is_nonblocking_and_reports_completion(laser, table):
     assert laser.limits()["wavelength_pm"] == [1_545_000, 1_555_000]
     laser.tune(1_552_345, now())
     until(lambda: laser.tuned(now()))
@@ -100,7 +100,7 @@ def test_the_laser_tunes_without_anybody_waiting_and_says_when_it_is_there(laser
     assert laser.parameters() == {"interrogation_uw": 500}
 
 
-def test_what_the_laser_refuses_is_a_fault_of_the_laser_in_its_own_words(lab):
+def test_laser_rejected_command_raises_laser_fault_with_device_message(lab):
     lab.laser.tune(1_600_000, now())
     with pytest.raises(InstrumentError, match=r"-222,.Data out of range; 1600\.0000NM") as raised:
         lab._aimed(now())
@@ -128,7 +128,7 @@ def test_the_card_steps_the_mirrors_through_places_of_the_film_and_the_records_k
     assert lab.shots() == 24
 
 
-def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, table):
+def test_lab_fires_no_pulse_after_permission_expires_without_poll(lab, table):
     points = np.zeros(60, POINT)
     points["averages"], points["wavelength"] = 100, 1_550_000
     lab.begin(PlanSampling(64, 8_000, 1_000_000))
@@ -148,7 +148,7 @@ def test_no_pulse_leaves_after_the_permission_though_nobody_calls_again(lab, tab
 
 
 @pytest.mark.parametrize("renewed", [False, True], ids=["permitted", "permission lapsed and renewed"])
-def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permission(lab, table, renewed):
+def test_gated_point_fires_from_gate_edge_despite_permission_lapse(lab, table, renewed):
     points = np.zeros(2, POINT)
     points["averages"], points["wavelength"], points["flags"] = 3, 1_550_000, FLAG_GATE
     assert lab.capabilities()["gate"]
@@ -170,7 +170,7 @@ def test_a_gated_point_is_fired_on_from_an_edge_whatever_becomes_of_the_permissi
     assert [each.averages for each in taken] == [3, 3]
 
 
-def test_an_open_interlock_keeps_the_shutter_closed_whatever_the_line_says(lab, table):
+def test_open_interlock_keeps_shutter_closed(lab, table):
     table.interlock = False
     lab.open()
     assert not lab.shutter_open()
@@ -187,7 +187,7 @@ def test_a_table_that_would_have_to_wait_is_refused_as_a_fault_of_the_galvo(lab)
     assert raised.value.fault == FAULT_GALVO
     lab.galvo.steps_by_trigger = False
     one = np.ones(1, np.int64)
-    lab.galvo.follow(BeamPath(one, one, one, 500 * one), now())
+    lab.galvo.start_path(BeamPath(one, one, one, 500 * one), now())
     assert film_place(lab.galvo._volts[None])[0] == pytest.approx([1e-9, 1e-9], abs=5e-6)
 
 
@@ -201,7 +201,7 @@ def laser_process(port: int = 0) -> Iterator[tuple[str, subprocess.Popen]]:
             process.kill()
 
 
-def test_laser_that_was_off_and_on_is_opened_again_and_set_up_anew(monkeypatch):
+def test_scpi_laser_power_cycle_is_reopened_and_reconfigured(monkeypatch):
     monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
     with laser_process() as (visa, process), closing(ScpiLaser(visa)) as laser:
         laser.tune(1_552_345, now())

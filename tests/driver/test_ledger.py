@@ -55,7 +55,7 @@ def test_a_second_reboot_before_anything_is_fired_again_names_nothing_more():
     assert ledger.refired == [5, 6, 7]
 
 
-def test_shots_after_a_start_whose_answer_was_lost_are_counted_too():
+def test_ledger_counts_shots_after_start_with_lost_response():
     ledger = ShotLedger()
     ledger.record_start(boot=1, start=0, laser_shots=0, wasted=0)
     ledger.record_reboot(plan(50, 1), 2, kept=5, laser_shots=8, wasted=0)
@@ -67,6 +67,6 @@ def test_shots_after_a_start_whose_answer_was_lost_are_counted_too():
 
 
 @pytest.mark.parametrize(("stored", "balanced"), [(10, True), (9, False), (11, False)])
-def test_a_report_says_whether_every_shot_is_accounted_for(stored, balanced):
+def test_scan_report_balance_detects_unaccounted_shots(stored, balanced):
     report = ScanReport(20, 27, stored, 1, (3, 4), 2, 1, 0, 1, 0, 0, 0)
     assert report.is_balanced is balanced

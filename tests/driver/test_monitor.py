@@ -41,7 +41,7 @@ def test_a_monitor_of_a_device_that_has_just_booted_shows_its_state(line):
         until(lambda: monitor.status.key == "off")
 
 
-def test_a_monitor_begins_no_session_with_a_device_that_says_its_status():
+def test_monitor_of_device_reporting_status_starts_no_session():
     with launch() as simulator:
         with fabry_perot.connect(simulator.url) as scanner:
             scanner.upload([(0.0, 0.0)] * 5, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
@@ -54,7 +54,7 @@ def test_a_monitor_begins_no_session_with_a_device_that_says_its_status():
             assert scanner._host.session == session % 0xFFFF + 1, "the one after the scanner's own"
 
 
-def test_a_monitor_shows_the_age_of_what_it_knows_and_why_it_knows_nothing_new():
+def test_monitor_without_new_data_shows_status_age_and_error():
     with launch() as simulator, fabry_perot.Monitor(simulator.url) as monitor:
         connected(monitor)
         assert monitor.status.age < 60
@@ -87,7 +87,7 @@ def test_a_monitor_of_a_port_that_does_not_exist_waits_for_it(tmp_path):
             connected(monitor)
 
 
-def test_a_monitor_of_a_port_that_another_program_has_locked_says_which():
+def test_monitor_of_locked_port_names_holder_process():
     with launch() as simulator, program(FOREIGN, simulator.url) as other:
         assert other.stdout.readline() == "held\n"
         with fabry_perot.Monitor(simulator.url) as monitor:
@@ -196,7 +196,7 @@ def test_a_status_that_waited_in_a_buffer_is_not_shown_as_of_now():
     assert passive.status is not None
 
 
-def test_a_monitor_is_closed_while_it_looks_for_its_port(tmp_path):
+def test_monitor_close_while_searching_port_stops_thread(tmp_path):
     monitor = fabry_perot.Monitor(str(tmp_path / "port"))
     monitor.close()
     assert not monitor._thread.is_alive()

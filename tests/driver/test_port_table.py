@@ -146,7 +146,7 @@ def held(how: str) -> Port:
 
 
 TABLE: list[tuple[str, Port, type[ScannerError], str]] = [
-    ("no such file", at("FOLDER/ttyUSB7"), PortUnavailable, "there is no such file"),
+    ("no such file", at("FOLDER/ttyUSB7"), PortUnavailable, "no such file"),
     ("folder", at("FOLDER"), PortUnavailable, "not a serial port but a folder"),
     ("plain file", at(__file__), PortUnavailable, "not a serial port but a file"),
     ("/dev/null", at("/dev/null"), PortUnavailable, "not a serial port but another kind of device"),
@@ -186,7 +186,7 @@ TABLE: list[tuple[str, Port, type[ScannerError], str]] = [
     ("frames 0xF0", answers(lambda: firmware(2, frame=0xF0)), ProtocolMismatch, "of version 0xF0, those of this"),
     ("locked", held("lock"), PortBusy, "is in use by HOLDER"),
     ("claimed", held("claim"), PortBusy, "is in use by HOLDER"),
-    ("open elsewhere", held("open"), ResponseTimeout, "HOLDER has PORT open, too"),
+    ("open elsewhere", held("open"), ResponseTimeout, "HOLDER has PORT open as well"),
     ("TCP, nobody", nobody, PortUnavailable, "nothing listens there"),
     ("TCP, web server", web_server, PortUnavailable, "text came from a web server"),
     (
@@ -234,7 +234,7 @@ def test_error_of_a_bad_line_counts_bytes_and_frames(scanner):
     fabry_perot.connect(scanner).close()
     with line(scanner, down=seven_bits) as bad, pytest.raises(ResponseTimeout, match=r"[\d,]+ bytes in \d") as raised:
         fabry_perot.connect(bad.url, timing=EAGER)
-    assert "0 whole frames" in str(raised.value)
+    assert "0 valid frames" in str(raised.value)
 
 
 def test_every_error_of_a_port_is_worded_differently():
@@ -319,7 +319,7 @@ def test_port_without_permission_is_busy_on_windows(monkeypatch):
         open_transport("COM3")
 
 
-def test_discover_tells_of_each_port_who_is_there_or_why_nobody_could_be_asked(scanner, tmp_path):
+def test_discover_reports_scanner_or_reason_for_each_port(scanner, tmp_path):
     with ExitStack() as stack:
         busy, old = held("lock")(stack, tmp_path, scanner), answers(lambda: firmware(0, named=3))(stack, tmp_path, "")
         quiet = sends(b"")(stack, tmp_path, scanner)

@@ -55,7 +55,7 @@ class BrokenPort:
 
 @pytest.mark.parametrize("kind", [TerminalTransport, SocketTransport])
 @pytest.mark.parametrize("error", [serial.SerialException("gone"), OSError(5, "gone"), TypeError("no descriptor")])
-def test_whatever_pyserial_raises_of_a_lost_port_is_a_lost_link_and_closing_it_is_no_error(kind, error):
+def test_serial_port_error_raises_link_lost_and_close_succeeds(kind, error):
     port = kind(BrokenPort(error))
     with pytest.raises(LinkLost):
         port.read()
@@ -106,7 +106,7 @@ def test_a_port_without_a_scanner_is_released_after_the_last_try():
     assert wire.closed
 
 
-def test_waiting_for_what_does_not_come_ends_in_time():
+def test_session_wait_without_event_raises_response_timeout():
     session = Session(Wire(device()))
     try:
         with pytest.raises(ResponseTimeout, match=r"within 0\.01 s"):
@@ -115,7 +115,7 @@ def test_waiting_for_what_does_not_come_ends_in_time():
         session.close()
 
 
-def test_a_port_that_takes_no_bytes_any_more_is_opened_anew_after_as_many_tries_as_it_needs(monkeypatch):
+def test_port_with_failing_writes_is_reopened_with_retries(monkeypatch):
     monkeypatch.setattr(io_pump, "INITIAL_BACKOFF", 0.001)
     wire, tries = Wire(device()), []
 
@@ -163,7 +163,7 @@ def test_a_pump_that_never_ran_is_stopped_without_waiting():
     assert wire.closed
 
 
-def test_a_scanner_that_is_not_connected_says_so():
+def test_scanner_without_connection_raises_response_timeout():
     scanner = Scanner(Wire(device()))
     with scanner:
         scanner._host.capabilities = scanner._host.status = None
@@ -184,7 +184,7 @@ def test_resuming_a_plan_the_scanner_does_not_hold_and_a_start_beyond_the_plan_a
             scanner.arm()
 
 
-def test_a_scanner_says_whether_anything_fired_is_still_to_be_delivered():
+def test_scanner_has_pending_data_until_fired_alines_are_delivered():
     with Scanner(Wire(device())) as scanner:
         assert not scanner.has_pending_data
         # more than the device holds: it cannot be done before the host acknowledges
@@ -252,7 +252,7 @@ def test_a_port_that_cannot_be_locked_is_busy_and_one_that_is_not_there_unavaila
         transport.open_transport("nonsense://there")
 
 
-def test_an_abort_is_sent_although_nobody_reads_what_the_tap_shows_any_more():
+def test_abort_with_failing_tap_callback_is_still_sent():
     """As after ``| head``: the port outlives its onlooker."""
 
     def show(line: str) -> None:

@@ -102,13 +102,13 @@ def test_the_document_has_a_vector_for_each_frame_checked_here():
 
 
 @pytest.mark.parametrize("name", FRAMES)
-def test_a_golden_vector_is_what_the_code_sends_and_understands(name):
+def test_protocol_golden_frame_encodes_and_decodes_identically(name):
     data = bytes.fromhex(VECTORS[name])
     assert encode_frame(FRAMES[name]) == data
     assert Deframer().feed(data) == [FRAMES[name]]
 
 
-def test_the_golden_packed_samples_are_what_the_code_makes_and_understands():
+def test_protocol_golden_packed_samples_encode_and_decode_identically():
     words = re.search(r"^SAMPLES as delta-rice .*:\n\n    ([0-9a-f ]+)$", DOCUMENT, re.MULTILINE).group(1)
     samples = np.array([0, 1, 3, 2, -5, -5, 40, 39] * 5, np.int16)[:36]
     assert encode(samples, Encoding.DELTA_RICE) == (Encoding.DELTA_RICE, bytes.fromhex(words))

@@ -8,7 +8,7 @@ from fabry_perot.simulator import phantoms, recorder
 PLACES = [(x, y) for x in range(-2_000_000, 2_000_001, 500_000) for y in (-1_000_000, 0, 1_000_000)]
 
 
-def test_a_place_is_computed_once_for_all_frames_and_records_stay_what_the_phantom_says(monkeypatch):
+def test_recorder_computes_pressure_once_per_position_across_frames(monkeypatch):
     asked = []
 
     def counted(balls, where, *args):

@@ -113,7 +113,7 @@ def test_unplugging_and_plugging_in_again_interrupts_a_scan_but_costs_no_shot(tm
     assert (report.reconnects, report.restarts, report.refired) == (1, 0, ())
 
 
-def test_after_a_reboot_only_the_points_whose_a_lines_are_lost_are_fired_again_and_named(tmp_path):
+def test_reboot_refires_and_lists_only_points_with_lost_alines(tmp_path):
     report = run_scan(tmp_path, 250, [(50, "reboot", 2.0)], speed=20, ring=64)
     assert report.restarts == 1
     assert report.fired == 250 + len(report.refired)
@@ -121,7 +121,7 @@ def test_after_a_reboot_only_the_points_whose_a_lines_are_lost_are_fired_again_a
 
 
 @pytest.mark.parametrize("late", [0, 60])
-def test_a_start_whose_answer_is_read_late_still_counts_from_its_first_point(late):
+def test_start_with_late_response_counts_shots_from_first_point(late):
     """A busy host looks at START's answer when A-lines have come already, after the first one and after a reboot."""
     world = World()
     world.connect()
@@ -138,7 +138,7 @@ def test_a_start_whose_answer_is_read_late_still_counts_from_its_first_point(lat
     assert_named(world)
 
 
-def test_points_that_a_former_host_had_fired_are_named_when_a_reboot_loses_them():
+def test_reboot_lists_lost_points_fired_by_previous_host():
     world = World()
     world.begin()
     world.run(40)
@@ -184,7 +184,7 @@ def test_soak_1605_points_over_a_bad_line_with_two_unplugs_and_a_reboot(tmp_path
     assert report.repaired > 0 < report.bad_frames
 
 
-def test_without_recovery_a_restart_is_reported_as_what_it_is():
+def test_reboot_without_recovery_raises_device_restarted():
     with (
         launch(speed=5, ring=64) as simulator,
         fabry_perot.connect(simulator.url, recovery=RecoveryPolicy(restarts=False)) as scanner,
@@ -199,7 +199,7 @@ def test_without_recovery_a_restart_is_reported_as_what_it_is():
 @pytest.mark.parametrize(
     ("do", "seconds", "error"), [("reboot", 0.1, fabry_perot.DeviceRestarted), ("unplug", 1e4, fabry_perot.LinkLost)]
 )
-def test_what_ends_the_connection_while_a_scan_is_taken_up_is_told(do, seconds, error, tmp_path):
+def test_connection_loss_during_scan_resume_raises_its_error(do, seconds, error, tmp_path):
     # A busy machine may hold this process up for longer than the laser may rest: that would be told instead.
     brief = RecoveryPolicy(patience=2.0 if error is fabry_perot.LinkLost else 60.0, restarts=False, within=60.0)
     with (

@@ -76,7 +76,7 @@ def test_an_application_that_wakes_up_has_its_say_before_the_laser_comes_back():
     assert world.keeper.busy
 
 
-def test_an_interlock_that_opened_while_the_laser_was_off_keeps_it_off():
+def test_interlock_opened_during_laser_off_prevents_automatic_restart():
     world = running()
     world.hung = True
     world.run(700)

@@ -54,7 +54,7 @@ def test_a_hung_consumer_drops_the_laser_although_the_link_stays_alive(bench):
     assert bench.host.time_since_heard(bench.clock.now()) < 200_000
 
 
-def test_a_lapsed_lease_keeps_plan_and_data_and_an_explicit_resume_finishes_the_scan(bench):
+def test_expired_lease_keeps_data_and_explicit_resume_completes_scan(bench):
     bench.scan(200)
     bench.run(200)
     bench.consuming = False
@@ -142,7 +142,7 @@ def test_a_lease_for_another_boot_id_with_the_same_tag_is_ignored(bench):
     assert bench.device.lease.until == until
 
 
-def test_a_hello_ack_meant_for_somebody_else_is_ignored(bench):
+def test_hello_ack_with_foreign_nonce_is_ignored(bench):
     bench.connect()
     session = bench.host.session
     other = bench.host.hello._replace(nonce=77, session=session ^ 1)
@@ -183,7 +183,7 @@ def test_a_line_that_takes_no_bytes_does_not_stop_the_devices_time_and_with_it_t
     assert bench.device.state is DeviceState.SAFE_HOLD
 
 
-def test_only_what_was_delivered_can_be_acknowledged(bench):
+def test_acknowledgement_of_undelivered_alines_is_ignored(bench):
     bench.consuming = False
     bench.scan(20)
     bench.run(100)
@@ -278,7 +278,7 @@ def test_an_unused_arm_token_expires(bench):
     assert bench.device.state is DeviceState.READY
 
 
-def test_an_interrupted_average_is_fired_anew_and_its_shots_are_accounted_for(bench):
+def test_interrupted_average_is_refired_and_its_shots_counted_as_wasted(bench):
     bench.scan(6, averages=10)
     bench.until(lambda: len(bench.instrument.log) == 14)
     bench.host.abort(AbortLevel.PAUSE, bench.clock.now())
@@ -312,7 +312,7 @@ def test_a_fault_of_the_hardware_in_mid_scan_is_latched_reported_by_its_code_and
 
 
 @pytest.mark.parametrize("error", [PlanInvalid("samples", 9, "1 … 8"), RequestRejected("ARM", "no-lease", "READY")])
-def test_an_error_says_the_same_on_the_other_side_of_a_process_boundary(error):
+def test_error_pickle_round_trip_preserves_message_and_attributes(error):
     again = pickle.loads(pickle.dumps(error))  # noqa: S301
     assert str(again) == str(error)
     assert vars(again) == vars(error)

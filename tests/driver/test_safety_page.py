@@ -25,7 +25,7 @@ def test_a_named_test_exists_in_one_file(file, name):
     assert len(found) == 1
 
 
-def test_every_line_of_the_tables_of_what_is_done_names_a_test():
+def test_safety_page_measure_rows_each_name_a_test():
     for title in (
         "Measures in firmware and driver",
         "Automatic restart of the laser",
@@ -38,7 +38,7 @@ def test_every_line_of_the_tables_of_what_is_done_names_a_test():
             assert re.search(r"`test_\w+\.py::\w+`|the hardware's own test", row), row
 
 
-def test_the_figures_are_what_the_formulas_give():
+def test_safety_page_figures_equal_formula_results():
     host, device = HostTiming(), DeviceTiming()
     ttl, cap, shutter, period = (µs * 1e-6 for µs in (host.ttl, device.lease_cap, device.shutter, host.abort_period))
     line, turn, watchdog, lost = 0.005, 0.01, 0.1, 2

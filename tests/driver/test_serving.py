@@ -145,14 +145,14 @@ scanner = fabry_perot.connect""",
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
 @pytest.mark.parametrize("program", [FORGETFUL + TOLD, WHILE_CONNECTING], ids=["in mid-scan", "while it connects"])
-def test_a_program_that_is_told_to_end_leaves_no_shutter_of_its_own_open(program):
+def test_sigterm_closes_shutter_of_in_process_device(program):
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=250)
     assert "closed" in done.stdout.partition("the end")[2], done
     assert done.returncode == 128 + signal.SIGTERM
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
-def test_what_a_program_has_said_of_sigterm_itself_stays():
+def test_sigterm_handler_of_program_is_preserved():
     own = "import signal\nsignal.signal(signal.SIGTERM, lambda *_: print('own', flush=True))\n"
     later = TOLD.replace("time.sleep(60)", "scanner.close()\nprint(signal.getsignal(signal.SIGTERM).__name__)")
     done = subprocess.run([sys.executable, "-c", own + FORGETFUL + later], capture_output=True, text=True, timeout=250)
@@ -179,7 +179,7 @@ fabry_perot.serve(instrument, "socket://127.0.0.1:0", ready=ready)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
-def test_a_service_that_is_told_to_end_closes_the_shutter():
+def test_sigterm_while_serving_closes_shutter():
     with subprocess.Popen([sys.executable, "-c", SERVING], stdout=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None
         assert "ready\n" in iter(program.stdout.readline, "")
@@ -189,7 +189,7 @@ def test_a_service_that_is_told_to_end_closes_the_shutter():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a program without telling it")
-def test_a_service_that_is_told_to_end_before_its_first_turn_closes_the_shutter():
+def test_sigterm_before_first_serving_iteration_closes_shutter():
     program = subprocess.run([sys.executable, "-c", SERVING, "at once"], capture_output=True, text=True, timeout=250)
     assert "closed" in program.stdout.partition("ready")[2], program.stderr
     assert program.returncode == 128 + signal.SIGTERM

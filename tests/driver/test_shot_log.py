@@ -11,7 +11,7 @@ SHOTS = st.lists(st.tuples(st.integers(0, 2**62), st.integers(0, 2**31)), max_si
 
 
 @given(SHOTS, st.integers(1, 10), st.slices(12))
-def test_it_holds_what_a_bounded_list_of_pairs_holds(shots, most, part):
+def test_shot_log_behaves_like_bounded_deque(shots, most, part):
     log, plain = ShotLog(most), deque(maxlen=most)
     for shot in shots:
         log.append(shot)

@@ -24,7 +24,7 @@ def silent(log, begin, seconds, step=20_000):
     return end
 
 
-def test_silence_log_of_a_program_that_did_not_run_says_nothing(said):
+def test_silence_log_of_suspended_program_logs_no_silence(said):
     """Held up for seconds between two looks, a program has heard nothing because it did not listen."""
     log, now = SilenceLog(), 0
     for _ in range(18):
@@ -34,21 +34,21 @@ def test_silence_log_of_a_program_that_did_not_run_says_nothing(said):
     assert said() == []
 
 
-def test_silence_log_of_a_silent_scanner_tells_beginning_and_end(said):
+def test_silence_log_of_silent_scanner_logs_start_and_end(said):
     silent(SilenceLog(), 0, 2)
     first, last = said()
     assert first.startswith("the scanner is silent: nothing was received from it for 1.0")
     assert last == "the scanner is received again after 2.0 s"
 
 
-def test_silence_log_of_short_silences_says_nothing(said):
+def test_silence_log_of_short_silences_logs_no_message(said):
     log, now = SilenceLog(), 0
     for _ in range(20):
         now = silent(log, now, 0.9 * TOLD_AFTER / SECOND)
     assert said() == []
 
 
-def test_silence_log_of_many_silences_tells_the_first_and_counts_the_others(said):
+def test_silence_log_of_repeated_silences_logs_first_and_counts_rest(said):
     log, now = SilenceLog(), 0
     for _ in range(18):
         now = silent(log, now, 2)

@@ -85,7 +85,7 @@ def test_without_noise_an_a_line_is_the_phantoms_pressure_within_one_count_and_t
     assert 0.2 * 32767 < most < 0.7 * 32767, "the gain uses about half of full scale"
 
 
-def test_a_digitiser_that_begins_late_says_so_with_each_a_line_to_100_ps():
+def test_digitiser_trigger_delay_is_reported_per_aline_to_100_ps():
     """12 µs are 18 mm: time zero must not be limited to a few microseconds."""
     where, begins = points(10), 12.3456e-6
     with (
@@ -107,7 +107,7 @@ def test_the_pulse_rate_sets_the_time_between_shots():
     assert np.diff(fired) == pytest.approx(0.02, abs=5e-6)
 
 
-def test_a_paced_uart_carries_no_more_than_its_baud_rate_and_loses_nothing():
+def test_simulated_uart_limits_rate_to_baud_without_loss():
     where = points(12)
     with launch(speed=20, baud=921_600) as simulator, fabry_perot.connect(simulator.url) as scanner:
         limit = scanner.capabilities.alines_per_second(600)
@@ -268,13 +268,13 @@ def test_the_command_links_its_terminal_and_tidies_up_on_sigterm(tmp_path):
     assert not link.is_symlink()
 
 
-def test_the_readmes_example_runs_as_it_stands():
+def test_readme_example_runs_unmodified():
     readme = (Path(__file__).parents[2] / "driver" / "README.md").read_text()
     code = re.search(r"```python\n(.*?)```", readme, re.DOTALL).group(1)
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102
 
 
-def test_a_simulator_whose_starter_is_gone_takes_its_folder_along(tmp_path):
+def test_simulator_of_exited_parent_removes_its_folder(tmp_path):
     """Whoever leaves at once, or is killed, removes nothing any more."""
     code = """if True:
         import os

@@ -39,7 +39,7 @@ def test_status_of_a_scanner_in_fault_and_in_emergency_stop_names_them():
         assert status(simulator.url)["state"] == "estop"
 
 
-def test_get_in_fault_answers_without_a_hardware_that_does_not_and_tells_its_text(monkeypatch):
+def test_get_in_hardware_fault_returns_state_and_fault_text(monkeypatch):
     bench = Bench()
     bench.connect()
     words = "the laser TCPIP::127.0.0.1::5025::SOCKET was lost" + 200 * "!"

@@ -48,7 +48,7 @@ def test_an_acknowledgement_of_an_earlier_abort_confirms_no_later_one():
 
 
 @pytest.mark.parametrize("versions", [(0, 0), (3, 9)])
-def test_a_host_of_other_versions_is_told_so_and_disturbs_nothing(versions):
+def test_hello_with_unsupported_version_is_rejected_and_scan_continues(versions):
     bench = Bench()
     bench.scan(500)
     bench.run(60)
@@ -99,7 +99,7 @@ def test_every_name_that_get_answers_is_in_the_document():
     assert set(answer) - set(bench.instrument.values) == set(re.findall(r"`(\w+)`", section))
 
 
-def test_cbor_is_what_the_document_says():
+def test_cbor_encoding_matches_protocol_document():
     assert cbor2.dumps({"clock_rate": 1.0}, canonical=True).hex() in DOCUMENT.replace(" ", "")
     for width in ("fb3ff0000000000000", "fa3f800000", "f93c00"):
         assert cbor2.loads(bytes.fromhex(width)) == 1.0

@@ -134,7 +134,7 @@ def test_client_without_hello_never_takes_the_place_of_the_host(bench):
     bench.until(host, Type.STATUS)
 
 
-def test_observer_that_says_hello_while_a_host_is_connected_is_told_busy_and_may_still_stop(bench):
+def test_tcp_observer_hello_with_connected_host_gets_busy_and_can_abort(bench):
     host, observer = bench.connected(), bench.client()
     observer.send(hello(2))
     name = bench.until(observer, Type.BUSY).decode()

@@ -96,7 +96,7 @@ def test_request_ids_wrap_without_being_taken_for_old_ones(bench):
         assert bench.call(Operation.GET)["shots"] == 0
 
 
-def test_a_request_nobody_answers_ends_with_a_typed_error(bench, faults):
+def test_request_without_response_raises_response_timeout(bench, faults):
     bench.connect()
     bench.up.filters.append(faults.drop(Operation.GET, lambda count: True))
     bench.down.filters.append(faults.drop(0x83, lambda count: True))
@@ -104,7 +104,7 @@ def test_a_request_nobody_answers_ends_with_a_typed_error(bench, faults):
         bench.call(Operation.GET)
 
 
-def test_a_real_scanner_is_tuned_its_map_kept_and_its_drift_seen(tmp_path):
+def test_pretune_real_film_saves_accurate_map_and_detects_drift(tmp_path):
     where = np.random.default_rng(0).uniform(-5e-3, 5e-3, (12, 2)).round(6)
     film = Film(3)
     truth = np.array([film.bias(round(x * 1e9), round(y * 1e9)) for x, y in where]) * 1e-12
@@ -208,7 +208,7 @@ def test_a_phantom_from_a_file_is_its_balls_or_its_volumes_strongest_voxels(tmp_
     assert one.centres.tolist() == [pytest.approx([1e-4, 2e-4, 1.3e-3])]
     assert one.amplitudes.tolist() == [2.0]
     np.savez(tmp_path / "c.npz", other=volume)
-    with pytest.raises(ValueError, match="wanted: balls"):
+    with pytest.raises(ValueError, match="expected: balls"):
         shapes.from_file(tmp_path / "c.npz")
     np.savez(tmp_path / "d.npz", volume=0 * volume, spacing=[1e-4] * 3, origin=[0, 0, 1e-3])
     with pytest.raises(ValueError, match="all zero"):
@@ -216,7 +216,7 @@ def test_a_phantom_from_a_file_is_its_balls_or_its_volumes_strongest_voxels(tmp_
 
 
 @pytest.mark.parametrize(("relief", "alike", "unlike"), [("scatter", 5e-6, 100e-6), ("domains", 2e-6, 8e-3)])
-def test_films_are_uneven_as_their_relief_says(relief, alike, unlike):
+def test_film_resonance_is_correlated_only_within_relief_length(relief, alike, unlike):
     """Resonances at places so near each other are the same, at places so far apart they are not."""
     film, random = Film(1, relief), np.random.default_rng(0)
     places = (random.integers(-250, 250, (200, 2)) * 20_000 + 7_000).tolist()

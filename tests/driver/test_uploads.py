@@ -32,7 +32,7 @@ def test_the_identity_of_a_plan_is_worked_out_once_however_often_a_scan_asks_for
     )
 
 
-def test_only_the_very_upload_is_resumed_and_what_was_fired_is_had_without_firing():
+def test_upload_resume_requires_same_tag_and_delivers_held_alines_unfired():
     with launch(speed=10.0, ring=8) as simulator:
         with fabry_perot.connect(simulator.url) as scanner:
             scanner.upload(POINTS, **PARAMETERS, tag=5)

@@ -20,7 +20,7 @@ TALKS = {talk["name"]: talk for talk in json.loads((driver_vectors.FOLDER / "tra
 
 
 @pytest.mark.parametrize("vector", FRAMES["right"], ids=lambda vector: vector["name"])
-def test_a_right_frame_is_what_the_code_sends_and_both_readers_understand(vector):
+def test_vector_valid_frame_encodes_and_decodes_identically(vector):
     fields = [vector[name] for name in ("type", "flags", "boot", "session", "sequence")]
     frame, data = Frame(*fields, bytes.fromhex(vector["payload"])), bytes.fromhex(vector["bytes"])
     assert encode_frame(frame) == data
@@ -45,7 +45,7 @@ def test_the_a_line_in_pieces_has_the_samples_of_its_point():
     assert line["values"] == truth(3, 60).tolist()
 
 
-def test_the_files_are_what_the_code_makes_today():
+def test_vector_files_equal_generated_vectors():
     assert FRAMES == {"right": driver_vectors.right_frames(), "wrong": driver_vectors.wrong_frames()}
     assert list(TALKS.values()) == driver_vectors.transcripts()
 
@@ -66,7 +66,7 @@ def test_a_host_that_hears_the_device_of_a_transcript_ends_up_with_its_a_lines(n
     assert all((line.samples == truth(line.point, 200)).all() for line in lines)
 
 
-def test_the_refusals_are_those_of_the_document():
+def test_vector_refusals_match_protocol_document():
     sent = [
         frame
         for step in TALKS["refusals"]["steps"]

@@ -43,7 +43,7 @@ def test_at_baud_of_a_port_is_the_option_then_the_ports_own_then_the_plans(scann
 
 
 @pytest.mark.parametrize(("scanner", "baud"), [("/dev/ttyUSB0", 7), ("/dev/ttyUSB0", 10**9), ("simulated", 921_600)])
-def test_at_baud_refuses_what_is_out_of_range_or_has_no_line(scanner, baud):
+def test_at_baud_with_invalid_rate_or_simulated_scanner_is_refused(scanner, baud):
     with pytest.raises(InvalidInput, match=rf"baud is {baud}; allowed"):
         at_baud(scanner, baud)
 

@@ -106,7 +106,7 @@ def test_a_change_to_a_callee_in_another_file_is_noticed(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_who_is_killed_while_a_new_form_is_kept_leaves_no_earlier_one_in_its_place(tmp_path: Path) -> None:
+def test_jit_cache_write_killed_midway_leaves_no_stale_version(tmp_path: Path) -> None:
     outer = tmp_path / "outer.py"
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
     use = "from outer import scaled; print(scaled(10))"
@@ -119,7 +119,7 @@ def test_who_is_killed_while_a_new_form_is_kept_leaves_no_earlier_one_in_its_pla
 
 
 @pytest.mark.long
-def test_lacking_is_what_could_be_kept_on_disk_and_is_not(tmp_path: Path) -> None:
+def test_is_uncached_is_true_only_for_cacheable_uncompiled_signatures(tmp_path: Path) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
     (tmp_path / "outer.py").write_text(CALLER + "nowhere = compiled(lambda x: x, kept=False)")
     program = """
@@ -145,7 +145,7 @@ def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of
 
 
 @pytest.mark.long
-def test_what_lies_beside_the_source_is_found_from_any_cache_and_by_the_same_kind_of_processor_only(
+def test_jit_cache_beside_source_is_reused_only_on_same_cpu_type(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))

@@ -152,7 +152,7 @@ def test_a_stop_outlives_a_restart_and_only_a_release_ends_it(tmp_path):
         until(lambda: service.scanner.send_command("report")["shots"] > after["shots"])
 
 
-def test_a_latch_whose_block_is_torn_counts_as_pressed_until_somebody_releases_it(tmp_path):
+def test_latch_with_damaged_block_counts_as_pressed_until_released(tmp_path):
     data = DataDirectory(tmp_path)
     data.create()
     latch, other = EmergencyLatch(data.emergency), EmergencyLatch(data.emergency)

@@ -64,7 +64,7 @@ def test_growth_is_that_of_a_line_of_least_squares_after_the_first_quarter():
 
 
 @pytest.mark.long
-def test_memory_is_told_for_each_process_over_time(tmp_path):
+def test_memory_watch_reports_growth_per_process(tmp_path):
     """One that takes 4 MiB again and again grows, the one above it, which waits for it, hardly does.
 
     It may shrink: systems take pages from whoever does not use them.
@@ -90,7 +90,7 @@ def test_memory_is_told_for_each_process_over_time(tmp_path):
     assert len(found["api"]["over_time"]) > 10
 
 
-def test_what_the_api_has_worked_out_beside_it_is_no_memory_of_its_own(tmp_path):
+def test_memory_watch_excludes_child_process_from_api_memory(tmp_path):
     """Its process holds little, the one that it starts and that ends again 64 MiB."""
     (tmp_path / "steradian.api.py").write_text(
         "import subprocess, sys\n"

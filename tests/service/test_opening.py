@@ -18,7 +18,7 @@ LINE = equiangular_mask(10e-3, 2e-3, 30)
 
 
 @pytest.mark.parametrize("made", [MASK, LINE, PLAN], ids=["mask", "line", "plan"])
-def test_masks_and_plans_come_back_equal_whatever_their_file_is_called(tmp_path, made):
+def test_open_of_renamed_mask_or_plan_file_returns_equal_object(tmp_path, made):
     made.save(tmp_path / "made.json")
     (tmp_path / "made.json").rename(tmp_path / "anything")
     again = steradian.open(tmp_path / "anything")
@@ -38,7 +38,7 @@ def test_volumes_come_back_from_their_file_and_from_the_folder_of_a_reconstructi
 
 
 @pytest.mark.parametrize("name", ["a.nii.gz", "a.nrrd", "a.vtkhdf", "a.tif", "a.zarr", "a.png", "a.h5"])
-def test_a_volume_is_saved_by_its_names_ending_and_nothing_else_is_left(tmp_path, name):
+def test_volume_save_chooses_format_by_extension_and_leaves_no_extra_file(tmp_path, name):
     VOLUME.save(tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
@@ -86,7 +86,7 @@ def test_the_depth_points_down_and_voxels_lie_where_their_axes_say():
     pyplot.close("all")
 
 
-def test_what_is_none_of_these_is_told_what_it_is_not(tmp_path):
+def test_open_of_unsupported_or_damaged_file_raises_matching_error(tmp_path):
     with pytest.raises(NotFound):
         steradian.open(tmp_path / "none.h5")
     with pytest.raises(NotFound):

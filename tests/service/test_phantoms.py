@@ -46,7 +46,7 @@ def test_the_films_directivity_is_the_simulated_scanners(random) -> None:
     assert np.abs(ours - theirs).max() < 1e-3 * np.abs(theirs).max()
 
 
-def test_pressure_refuses_what_is_not_on_the_plane() -> None:
+def test_pressure_with_positions_off_the_plane_is_refused() -> None:
     with pytest.raises(InvalidInput):
         phantoms.pressure(phantoms.yarn(), np.zeros((4, 3)), **RECORD)
 
@@ -58,7 +58,7 @@ def test_the_films_band_takes_half_the_power_at_22_mhz() -> None:
         assert_allclose(phantoms.band_limited(wave, 4e-9)[0, 1000:3000].std() / wave.std(), gain, atol=0.01)
 
 
-def test_waves_on_a_line_are_those_of_k_wave() -> None:
+def test_propagate_2d_matches_kwave_simulation() -> None:
     """The tree that k-Wave simulated: what remains between its A-lines and ours is its 30 dB of noise."""
     with np.load(DATA / "tree_kwave_slice.npz") as file:
         data = dict(file)
@@ -147,7 +147,7 @@ def test_vessels_branch_within_their_region_and_differ_by_seed() -> None:
     assert 0.9 < float(axis[0, 0, 0]) < 1.1
 
 
-def test_a_tree_stands_in_its_place_at_any_size_and_differs_by_seed() -> None:
+def test_tree_phantom_is_consistent_across_sizes_and_varies_with_seed() -> None:
     big, small = phantoms.tree(3), phantoms.tree(3, shape=(256, 64), spacing=240e-6)
     assert big.values.min() == 0
     assert big.values.max() == 1

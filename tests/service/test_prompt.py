@@ -71,7 +71,7 @@ def test_the_transcript_of_a_session_at_the_prompt(prompt):
 
 
 @pytest.mark.long
-def test_what_is_imported_is_light_and_what_is_public_is_there():
+def test_package_import_loads_no_heavy_module_and_resolves_public_names():
     import subprocess
 
     code = """if True:

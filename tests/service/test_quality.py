@@ -63,7 +63,7 @@ def test_tenenbaum_of_a_volume_weighs_the_planes_beside() -> None:
     assert_allclose(quality.tenenbaum((i + 2 * k).astype(np.float32)), 32**2 * (1 + 4))
 
 
-def test_tenenbaum_looks_only_at_the_rectangle_around_the_region() -> None:
+def test_tenenbaum_uses_only_bounding_rectangle_of_region() -> None:
     image = np.zeros((20, 20))
     image[:10] = np.arange(20.0)  # a slope of 1 in the upper half, an edge below it
     region = np.zeros_like(image, dtype=bool)
@@ -140,7 +140,7 @@ def test_a_line_that_does_not_fall_to_half_has_no_direct_width() -> None:
     assert quality.direct_fwhm(np.arange(5.0), [0, 1, 2, 1, 0]) == 2
 
 
-def test_fits_refuse_what_is_no_line_or_edge() -> None:
+def test_spread_fits_of_invalid_profiles_are_refused() -> None:
     with pytest.raises(InvalidInput):
         quality.line_spread([0, 1, 2, 3], [-1, -2, -3, -4])
     with pytest.raises(InvalidInput):
@@ -178,7 +178,7 @@ def test_an_image_compared_with_itself_is_perfect_at_any_scale(random) -> None:
     assert_allclose(figures["mip_z_sharpness"], figures["mip_z_reference_sharpness"], rtol=1e-5)
 
 
-def test_a_projection_hides_what_the_volume_shows() -> None:
+def test_volume_correlation_detects_artefacts_hidden_in_projection() -> None:
     """Artefacts below the maximum of their columns leave the z-projection alone; the volume's figure tells them."""
     values = np.zeros((20, 20, 20), np.float32)
     values[6:14, 9:12, 10] = 1
@@ -190,7 +190,7 @@ def test_a_projection_hides_what_the_volume_shows() -> None:
     assert figures["volume_correlation"] < 0.5
 
 
-def test_the_disc_leaves_out_what_lies_beside_it() -> None:
+def test_compare_with_diameter_ignores_voxels_outside_disc() -> None:
     values = np.zeros((40, 40, 6), np.float32)
     values[18:23, 17:24, 3] = 1
     values[20, 20, 3] = 2

@@ -17,7 +17,7 @@ def test_the_service_is_compared_with_every_loop(tmp_path):
     assert all(row["jobs_per_second"] > 0 and row["cpu_s_per_job"] > 0 for row in rows)
 
 
-def test_waiting_times_are_those_of_single_jobs(tmp_path):
+def test_queue_latency_percentiles_are_plausible_for_single_jobs(tmp_path):
     row = latency(Settings.create(data=tmp_path, port=0), jobs=4)
     assert 0 < row["start_p50_ms"] < 5000
     assert 0 <= row["progress_p50_ms"] < 5000

@@ -10,7 +10,7 @@ from steradian.benchmarks.scale_report import BEGIN, END, tables, write_page
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
-def test_nodes_serve_what_one_service_serves(tmp_path, postgres, seaweed):
+def test_scale_benchmark_covers_single_and_multi_node_without_errors(tmp_path, postgres, seaweed):
     shared = {"database_url": postgres.database(), "store": seaweed.bucket(), "store_endpoint": seaweed.endpoint}
     rows = scale(shared, seconds=10, clients=10, streams=3, jobs=3)
     for where in (SINGLE_SERVICE, MULTI_NODE):
@@ -27,7 +27,7 @@ def test_nodes_serve_what_one_service_serves(tmp_path, postgres, seaweed):
     assert "old" not in page.read_text()
 
 
-def test_a_share_is_of_what_the_processors_could_do_with_what_a_job_costs_one_worker(monkeypatch):
+def test_scale_table_computes_share_from_single_worker_cost(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     about = {"case": "jobs", "jobs": 10}
     folder = {

@@ -6,7 +6,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
 
 
-def test_a_variable_sets_what_is_not_given(monkeypatch):
+def test_environment_variable_sets_only_settings_not_given(monkeypatch):
     monkeypatch.setenv("STERADIAN_PORT", "9000")
     monkeypatch.setenv("STERADIAN_WORKERS", "3")
     settings = Settings.create(data=Path("here"), workers=2, host=None)
@@ -45,7 +45,7 @@ def test_a_store_is_a_bucket_and_holds_no_key(store):
         ("store_endpoint", "ftp://host?token=swordfish"),
     ],
 )
-def test_what_may_hold_a_secret_is_not_repeated_when_it_is_refused(field, value):
+def test_refused_secret_setting_is_not_echoed_in_message(field, value):
     """The message ends in terminals, logs and tickets."""
     with pytest.raises(InvalidInput, match=f"^{field} is .*; allowed: ") as refused:
         Settings.create(data=Path("here"), **{field: value})

@@ -152,7 +152,7 @@ def test_emergency_stop_with_the_database_locked_turns_another_programs_laser_of
 
 
 @pytest.mark.long
-def test_a_program_that_fires_while_the_stop_stands_is_stopped_too(scanner, released, plan, tmp_path):
+def test_active_emergency_stop_halts_other_program_that_fires(scanner, released, plan, tmp_path):
     assert press(released)[0]["laser"] == "off"
     before = scanner.send_command("report", fired=False)["shots"]
     command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
@@ -162,7 +162,7 @@ def test_a_program_that_fires_while_the_stop_stands_is_stopped_too(scanner, rele
         assert released.get(SCANNER).json()["emergency_stop"]["laser"] in {"off", "unconfirmed"}
 
 
-def test_emergency_stop_without_any_program_says_what_the_scanner_says(scanner, released):
+def test_emergency_stop_of_idle_scanner_reports_device_state(scanner, released):
     until(lambda: released.get(SCANNER).json()["connection"] == "connected")
     told, _ = press(released)
     assert told["laser"] == "off"
@@ -170,7 +170,7 @@ def test_emergency_stop_without_any_program_says_what_the_scanner_says(scanner, 
 
 
 @pytest.mark.long
-def test_emergency_stop_of_a_scanner_that_is_gone_is_unconfirmed_and_says_why(tmp_path):
+def test_emergency_stop_of_missing_scanner_is_unconfirmed_with_reason(tmp_path):
     port = tmp_path / "port"
     service = Service(tmp_path / "data", log=tmp_path / "log", scanner=str(port), workers=0)
     service.folder.mkdir()

@@ -184,7 +184,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_emergency_stop_reaches_the_laser_or_says_that_it_could_not_be_asked(
+def test_emergency_stop_drill_closes_shutter_or_reports_unconfirmed(
     name, scanner, service, other, points, plan_file, tmp_path
 ):
     times = []

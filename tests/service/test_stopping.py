@@ -21,7 +21,7 @@ def test_it_is_set_once_and_waits_no_longer():
         event.clear()
 
 
-def test_every_thread_that_waits_is_told():
+def test_event_set_wakes_every_waiting_thread():
     event, told = SignalSafeEvent(), []
     threads = [threading.Thread(target=lambda: told.append(event.wait(250))) for _ in range(3)]
     for thread in threads:

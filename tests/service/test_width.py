@@ -110,7 +110,7 @@ def test_corrected_width_of_vessel_is_its_diameter(method: str, diameter: float,
 
 
 @pytest.mark.long
-def test_image_as_narrow_as_the_point_spread_tells_the_largest_diameter_only() -> None:
+def test_width_near_point_spread_gives_only_upper_bound() -> None:
     scan = recording(gaussian_vessel(20e-6))
     how = ReconstructionParameters.create(modes=133, depth_range=(1.5e-3, 3.5e-3))
     image = reconstruct_in_memory(scan, how)

@@ -125,7 +125,7 @@ def test_the_documents_below_a_path_try_a_request_there(laboratory, chromium):
     context.close()
 
 
-def test_a_page_below_a_path_that_nothing_says_works_all_the_same(tmp_path, chromium):
+def test_page_below_unannounced_proxy_path_works(tmp_path, chromium):
     """Where a proxy takes a path off and says nothing of it, what the page needs is found beside the page.
 
     The browser's Host is passed on all the same: without it, no page can show that it is of this service.

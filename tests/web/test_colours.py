@@ -24,7 +24,7 @@ def rgb(pixels):
 
 
 @pytest.mark.parametrize(("name", "of"), [("inferno", "inferno"), ("cividis", "cividis"), ("grey", "gray")])
-def test_tables_are_those_of_the_pictures(modules, name, of):
+def test_colour_tables_match_rendered_pictures(modules, name, of):
     """No colour is further than 4 of 255 from the one that the service's own pictures have."""
     found = rgb(modules.call(MODULE, f"return Array.from(m.table('{name}'));"))
     assert np.abs(found - colours(of).astype(int)).max() <= 4
@@ -40,7 +40,7 @@ def test_shades_stand_out_of_the_page(modules, theme, page):
     assert (np.maximum(light[:-1], light[-1]) / np.minimum(light[:-1], light[-1])).min() >= 3
 
 
-def test_depths_are_those_of_the_pictures(modules):
+def test_depth_colour_table_matches_rendered_pictures(modules):
     found = rgb(modules.call(MODULE, "return Array.from(m.table('depth'));"))
     assert np.abs(found - depth_colours().astype(int)).max() <= 1
 

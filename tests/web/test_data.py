@@ -19,7 +19,7 @@ def recording(tmp_path):
     return [tmp_path / "<b>ball.npy", tmp_path / "places.csv"]
 
 
-def test_a_recording_is_looked_into_what_it_lacks_is_said_and_it_becomes_a_scan(service, open_page, recording):
+def test_uploaded_recording_is_inspected_and_imported_as_scan(service, open_page, recording):
     before = service.get("/scans").json()["items"]
     page = open_page(service, "/data")
     page.set_input_files("#files", recording)
@@ -64,7 +64,7 @@ def test_depths_of_a_record_that_begins_late_are_shown(service, open_page, tmp_p
     expect(page.locator("dl.figures")).to_contain_text("4.5\N{NO-BREAK SPACE}mm to 9.0\N{NO-BREAK SPACE}mm")
 
 
-def test_what_is_given_last_counts(service, open_page, recording):
+def test_late_response_of_replaced_upload_is_ignored(service, open_page, recording):
     """A file that is still on its way when others are dropped changes nothing once it is there."""
     page, held = open_page(service, "/data"), []
     page.route("**/api/v1/uploads", lambda route: route.continue_() if held else held.append(route))
@@ -100,7 +100,7 @@ def test_no_line_lies_under_the_legend(service, open_page, recording):
     expect(button).to_have_attribute("aria-pressed", "false")
 
 
-def test_a_grid_is_told_by_its_pitch(service, open_page, recording):
+def test_import_form_with_grid_pitch_places_sensors(service, open_page, recording):
     """Nobody says where 144 sensors are: with a pitch they are a square, centred."""
     page = open_page(service, "/data")
     page.set_input_files("#files", recording[0])

@@ -33,7 +33,7 @@ def stored(service):
     return [service.get(f"/{noun}").json()["items"] for noun in ("masks", "plans", "scans")]
 
 
-def test_what_is_shown_is_what_the_service_says_and_nothing_is_stored(service, open_page):
+def test_design_preview_shows_service_figures_and_stores_nothing(service, open_page):
     before = stored(service)
     page = ready(open_page(service, f"/design{SMALL}&pulse_rate=10"))
     mask = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
@@ -48,7 +48,7 @@ def test_what_is_shown_is_what_the_service_says_and_nothing_is_stored(service, o
     assert stored(service) == before
 
 
-def test_what_is_wrong_stands_beside_its_field(service, open_page):
+def test_design_error_is_shown_beside_its_field(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}"))
     page.locator(FIELD.format("depth")).fill("-1")
     expect(page.locator("#remarks-depth")).to_contain_text("allowed: > 0")
@@ -102,7 +102,7 @@ def test_every_arrangement_can_be_looked_at(service, open_page, arrangement):
     expect(page).to_have_url(re.compile(r"[?&]look="))
 
 
-def test_a_refusal_of_the_second_point_stands_beside_it(service, open_page):
+def test_design_error_of_second_point_is_shown_beside_its_field(service, open_page):
     page = ready(open_page(service, "/design?mask=combined&count=60&count2=60"))
     page.locator(FIELD.format("x2")).fill("9")
     expect(page.locator("#remarks-x2")).to_contain_text("over the aperture")
@@ -135,7 +135,7 @@ def test_any_number_of_points_of_interest(service, open_page):
     page.provoked("status of 422")  # what is refused
 
 
-def test_the_form_offers_what_the_api_takes_of_a_plan(service, open_page):
+def test_design_form_offers_every_plan_field_of_api(service, open_page):
     """Every field of the request (wavelengths by their map); in the units of a person, and stored in the API's."""
     page = ready(open_page(service, f"/design{SMALL}&pulse_rate=200"))
     schema = httpx.get(f"{service.url}/openapi.json").json()["components"]["schemas"]["DesignRequest"]

@@ -69,7 +69,7 @@ def test_a_dialog_does_not_take_the_stop_away(service, open_page, released):
 
 
 @pytest.mark.parametrize("press", ["click", "key"])
-def test_the_stop_switches_the_laser_off_and_says_so(service, open_page, released, press):
+def test_stop_button_switches_laser_off_and_shows_confirmation(service, open_page, released, press):
     scan = slow_scan(service)
     page = open_page(service, "/reconstructions")
     stop = page.get_by_role("button", name="Emergency stop")
@@ -101,7 +101,7 @@ def other(service):
     database.close()
 
 
-def test_the_stop_is_that_of_every_scanner_and_says_the_worst_of_them(service, open_page, released, other):
+def test_stop_button_stops_every_scanner_and_shows_worst_outcome(service, open_page, released, other):
     page = open_page(service, "/scans")
     expect(page.locator("#scanner")).to_contain_text("canner")
     page.get_by_role("button", name="Emergency stop").click()
@@ -110,7 +110,7 @@ def test_the_stop_is_that_of_every_scanner_and_says_the_worst_of_them(service, o
     until(lambda: other.get(other.id).stopped_at)
 
 
-def test_a_page_that_could_not_ask_who_there_is_stops_every_scanner(service, open_page, released, other):
+def test_stop_without_scanner_list_stops_every_scanner(service, open_page, released, other):
     """As one that is opened while the database is away."""
     page = open_page(service, "/healthz")
     page.route("**/api/v1/scanners", lambda route: route.fulfill(status=503, json={"code": "database-unavailable"}))
@@ -144,7 +144,7 @@ def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_rel
 
 
 @pytest.mark.parametrize("known", [None, {"laser": "unconfirmed", "recorded": True}], ids=["nothing", "less"])
-def test_what_a_press_was_answered_stays_shown_while_the_scanner_s_state_says_less(service, open_page, known):
+def test_stop_response_stays_shown_while_scanner_state_knows_less(service, open_page, known):
     """As on a node that has not the scanner: it knows from the database, and that learns it later."""
     stop = {"number": "01k0000000000000000000000", "at": "2026-01-01T00:00:00Z", "by": "Ada", "reason": "smoke"}
     answer = stop | {"laser": "off", "seconds": 0.1, "recorded": known is not None}
@@ -178,7 +178,7 @@ def test_the_stop_works_while_the_event_stream_is_cut(service, open_page, releas
     page.provoked("net::ERR_FAILED")  # the stream that was cut
 
 
-def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, released):
+def test_failed_stop_request_shows_hardware_switch_hint(service, open_page, released):
     page = open_page(service, "/data")
     page.route("**/emergency-stop", lambda route: route.abort())
     page.get_by_role("button", name="Emergency stop").click()
@@ -189,7 +189,7 @@ def test_who_gets_no_answer_is_sent_to_the_hardware_switch(service, open_page, r
     page.provoked("net::ERR_FAILED")  # the presses that were lost
 
 
-def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, released):
+def test_stop_request_without_response_is_sent_again(service, open_page, released):
     """As behind a proxy that holds a connection which leads nowhere."""
     page = open_page(service, "/data")
     held = []
@@ -204,7 +204,7 @@ def test_a_press_whose_answer_never_comes_is_sent_again(service, open_page, rele
     assert laser(service) in AT_REST
 
 
-def test_a_page_whose_requests_hang_says_that_nobody_answers(service, open_page):
+def test_page_with_hanging_requests_reports_unresponsive_service(service, open_page):
     """Its event stream seems open: a connection that leads nowhere tells no end."""
     page = open_page(service, "/scans")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
@@ -229,7 +229,7 @@ def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
     service.http.post("/emergency-stop").raise_for_status()
 
 
-def test_a_page_whose_stream_was_cut_is_live_again(service, open_page):
+def test_page_reconnects_after_event_stream_cut(service, open_page):
     page = open_page(service, "/scans")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     page.context.set_offline(True)
@@ -241,7 +241,7 @@ def test_a_page_whose_stream_was_cut_is_live_again(service, open_page):
     page.provoked("net::ERR_INTERNET_DISCONNECTED")
 
 
-def test_who_listens_after_the_stream_has_opened_is_told_to_read(service, open_page):
+def test_late_event_listener_receives_refresh_event(service, open_page):
     """A view's script may come later than the stream: a scan's page then waited for ever."""
     page = open_page(service, "/scans")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
@@ -268,7 +268,7 @@ def test_keys_lead_from_view_to_view(service, open_page):
     expect(page.get_by_role("searchbox")).to_be_focused()
 
 
-def test_the_theme_follows_the_system_until_somebody_chooses(service, open_page):
+def test_theme_follows_system_until_user_selects_one(service, open_page):
     page = open_page(service, "/data", color_scheme="light")
     background = "() => getComputedStyle(document.body).backgroundColor"
     light = page.evaluate(background)

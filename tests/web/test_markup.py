@@ -62,7 +62,7 @@ def test_labels_holders_reasons_links_and_problems(service, open_page, markup):
 
 
 @pytest.mark.parametrize("markup", MARKUP)
-def test_names_of_files_and_what_is_in_them(service, open_page, markup):
+def test_file_names_and_contents_with_markup_are_shown_as_text(service, open_page, markup):
     """The name of a file that is sent, what is said of its contents, the label it gives; why a job was cancelled."""
     page = open_page(service, "/data")
     name = markup.replace("/", "")

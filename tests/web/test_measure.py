@@ -55,7 +55,7 @@ def test_the_width_s_error_is_its_scatter(modules):
 @pytest.mark.parametrize(
     "values", [[0, 1, 2, 3, 4], [4, 3, 2, 1, 0], [1, 1, 1, 1], [-3, -2, -3, -4], [1, 2], [0, 0, 0]]
 )
-def test_what_does_not_fall_to_a_half_has_no_width(modules, values):
+def test_fwhm_of_profile_without_half_maximum_is_null(modules, values):
     script = (
         "const values = Float64Array.from(given.values); return m.fwhm({distances: values.map((_, n) => n), values});"
     )
@@ -71,7 +71,7 @@ def test_a_short_line_does_not_know_its_error(modules):
     assert found["width"] == pytest.approx(FWHM * 0.25, rel=0.01)
 
 
-def test_a_line_beyond_the_image_keeps_what_lies_in_it(modules):
+def test_profile_beyond_image_is_cropped_with_original_distances(modules):
     """Distances stay those from the line's own beginning."""
     script = f"{TYPED} const p = m.profile(given.plane, [-5, 0], [5, 0]); return [p.distances[0], p.distances.at(-1)];"
     first, last = modules.call(MODULE, script, plane=gaussian(0.2))

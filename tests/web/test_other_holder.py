@@ -44,7 +44,7 @@ def other(scanner, tmp_path):
     program.wait(60)
 
 
-def test_page_beside_a_program_that_fires_says_so_and_stops_it(lab, scanner, open_page, other):
+def test_page_shows_other_program_that_fires_and_stops_it(lab, scanner, open_page, other):
     page = open_page(lab, "/data")
     pill = page.locator("#scanner")
     expect(pill).to_contain_text(re.compile(r"in use by .*process \d+"))
@@ -56,7 +56,7 @@ def test_page_beside_a_program_that_fires_says_so_and_stops_it(lab, scanner, ope
     lab.http.delete("/scanners/scanner-0/emergency-stop")
 
 
-def test_fault_on_the_page_is_named_refused_while_it_stands_and_cleared(lab, scanner, open_page):
+def test_fault_on_page_is_named_blocks_resume_and_can_be_cleared(lab, scanner, open_page):
     until(lambda: lab.get("/scanners/scanner-0").json()["connection"] == "connected")
     scan = lab.start_scan(lab.plan(300, pulse_rate=20))["id"]
     page = open_page(lab, f"/scans/{scan}")

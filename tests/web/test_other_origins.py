@@ -49,7 +49,7 @@ def volume(tmp_path):
         service.close()
 
 
-def test_a_viewer_that_is_named_reads_a_volume_and_nothing_else_happens(volume, chromium, tmp_path):
+def test_allowed_origin_can_only_read_volume(volume, chromium, tmp_path):
     service, viewer, address = volume
     context = chromium.new_context()
     page = context.new_page()

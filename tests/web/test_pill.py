@@ -44,7 +44,7 @@ def shown(service, open_page):
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_pill_of_one_scanner_says_what_the_device_says(service, shown, fields, told):
+def test_status_pill_of_one_scanner_shows_device_state(service, shown, fields, told):
     page, pill = shown(scanner_of(service, **fields))
     expect(pill).to_contain_text(re.compile(".*".join(map(re.escape, told.split("|")))))
     assert bool(AT_REST.search(page.locator("header").inner_text())) is ("laser off" in told)
@@ -74,7 +74,7 @@ def test_pill_and_panel_of_a_stopped_scanner_say_how_the_laser_is_now(service, s
     assert bool(AT_REST.search(text)) is (fields["laser"] == "off")
 
 
-def test_panel_of_an_unconfirmed_stop_says_why_it_could_not_be_asked(service, shown):
+def test_stop_panel_of_unconfirmed_stop_shows_reason(service, shown):
     why = f"in use by {HOLDER}, which does not answer: use the hardware switch"
     page, _ = shown(scanner_of(service, emergency_stop=STOP | {"laser": "unconfirmed", "detail": why}, laser="unknown"))
     expect(page.locator("#stopped")).to_contain_text(f"In use by {HOLDER}")
@@ -90,7 +90,7 @@ def test_pill_during_a_press_that_is_not_answered_does_not_say_off(service, show
     page.provoked("net::ERR_FAILED")  # the presses that were lost
 
 
-def test_pill_of_several_scanners_says_off_only_where_all_are(service, shown):
+def test_status_pill_of_several_scanners_shows_off_only_if_all_are_off(service, shown):
     one, other = scanner_of(service), scanner_of(service) | {"id": "scanner-1", "laser": "unknown", "age": None}
     page, pill = shown(one, other)
     expect(pill).to_contain_text("2 scanners")
@@ -127,6 +127,6 @@ def test_pill_of_a_page_that_was_hidden_is_unknown_until_it_is_looked_at_again(s
     expect(pill).to_contain_text("laser off")
 
 
-def test_pill_states_how_often_it_looks(service, shown):
+def test_status_pill_states_polling_interval(service, shown):
     _, pill = shown(scanner_of(service))
     expect(pill).to_have_attribute("title", re.compile("every 200.ms, this page asks the service every second"))

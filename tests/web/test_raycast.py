@@ -91,7 +91,7 @@ def test_a_length_in_the_picture_is_as_long_as_in_the_volume(modules):
     assert apart[1] == 0
 
 
-def test_what_is_clipped_away_is_not_seen(modules):
+def test_raycast_hides_clipped_voxels(modules):
     near, far = (0.0, 0.0, 0.8), (0.0, 0.0, 2.0)
     whole, _ = draw(modules, blobs(near, far) * [1.0], (0, 0, 1))
     below, found = draw(modules, blobs(near, far), (0, 0, 1), clip=[0, 1, 0, 1, 0.5, 1], places=[near, far])
@@ -119,7 +119,7 @@ def test_the_window_and_the_colours_hold(modules):
     assert signed.max() < 20, "a maximum-intensity projection of negative values shows the highest of them: none"
 
 
-def test_what_is_thin_is_as_bright_as_in_the_slices(modules):
+def test_raycast_window_matches_slices_for_thin_structures(modules):
     """A wire that a coarse copy has at 0.3 of its brightness, as its voxels are means, has the whole of the colours."""
     wire = np.zeros((24, 24, 40), np.uint8)
     wire[:, 12, 25] = round(0.3 * 255)

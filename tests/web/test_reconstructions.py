@@ -35,7 +35,7 @@ def made(client, scan):
     return [client.reconstructions.wait(job) for job in jobs]
 
 
-def test_again_with_changes_marks_what_is_changed(open_page, service, client, made):
+def test_rerun_form_marks_and_submits_changed_parameters(open_page, service, client, made):
     """The form has the values of the origin in the units a person gives, marks a change, and asks for exactly that."""
     page = open_page(service, f"/reconstructions?again={made[0].id}")
     page.wait_for_selector("[data-field='sound_speed']")
@@ -111,7 +111,7 @@ def test_every_field_explains_itself(open_page, service, made):
     assert "metres" in page.inner_text(".help")
 
 
-def test_a_refusal_stands_at_its_field(open_page, service, made):
+def test_validation_error_is_shown_at_its_field_with_focus(open_page, service, made):
     """What the API finds wrong is told at the field, which has the focus; nothing is queued."""
     page = open_page(service, f"/reconstructions?again={made[0].id}")
     page.wait_for_selector("[data-field='modes']")
@@ -148,7 +148,7 @@ def test_the_queue_can_be_moved_and_cancelled(open_page, service, client, scan):
     page.wait_for_selector(f"[data-row='{long.id}'][data-state='cancelled']")
 
 
-def test_what_waits_is_listed_however_much_came_later(open_page, service, made):
+def test_queued_reconstruction_is_listed_despite_newer_ones(open_page, service, made):
     """The newest hundred are not all: here the service answers as if this one were not among them."""
     page = open_page(service, "/healthz")
     old = service.get(f"/reconstructions/{made[0].id}").json() | {"state": "queued", "created": "2026-01-01T00:00:00Z"}
@@ -173,7 +173,7 @@ def test_an_image_is_asked_for_again_of_a_scan_that_is_no_longer_listed(open_pag
     expect(page.locator("#of-scan")).to_have_value(scan.id)
 
 
-def test_what_is_pressed_twice_is_asked_for_once(open_page, service, made):
+def test_double_click_on_export_sends_one_request(open_page, service, made):
     page = open_page(service, f"/volumes/{made[0].id}")
     asked = []
     page.on("request", lambda one: asked.append(one.url) if one.method == "POST" else None)
@@ -238,7 +238,7 @@ def test_a_move_that_is_refused_is_taken_back(open_page, service, client, queue)
     page.provoked("status of 409")  # what is refused
 
 
-def test_who_asked_is_told(open_page, service, queue):
+def test_reconstruction_shows_requesting_principal(open_page, service, queue):
     """The name under which the service knows who asked stands in the queue and with the job."""
     (long, _), who = queue, service.get("/session").json()["principal"]
     page = open_page(service, "/reconstructions")
@@ -272,7 +272,7 @@ def test_priorities_bring_a_job_to_its_place_and_leave_the_others_in_order(chrom
             assert {one["id"] for one in changes} <= {str(moved)}, "between any two of the others a number is free"
 
 
-def test_side_by_side_tells_what_differs(open_page, service, made):
+def test_side_by_side_view_lists_differing_parameters(open_page, service, made):
     """Two results show the same place, and the table says which parameter is another one."""
     page = open_page(service, f"/reconstructions?side={made[0].id},{made[1].id}")
     page.wait_for_function("() => document.querySelectorAll('.message').length === 2")
@@ -286,7 +286,7 @@ def test_side_by_side_tells_what_differs(open_page, service, made):
     page.wait_for_function("() => location.hash.includes('at=')")
 
 
-def test_a_volume_without_a_picture_says_why(open_page, service, made):
+def test_volume_without_picture_shows_reason(open_page, service, made):
     """One that is on its way, one that does not come and one with nothing in it are no black squares all."""
     first, second = (one.id for one in made)
     page, held = open_page(service, "/healthz"), []

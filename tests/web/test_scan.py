@@ -56,7 +56,7 @@ def test_the_image_that_grows_is_the_services_projection(service, open_page):
     page.provoked("net::ERR_FAILED")  # the question that was lost
 
 
-def test_a_scan_is_held_goes_on_and_is_ended_with_what_it_has(service, open_page):
+def test_scan_page_pauses_resumes_and_stops_scan(service, open_page):
     scan = slow(service)
     page = open_page(service, f"/scans/{scan}")
     expect(page.get_by_text("the others take a scan of their own")).to_be_visible()

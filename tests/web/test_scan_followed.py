@@ -36,7 +36,7 @@ def file_of(service, scan):
     return service.folder / "scans" / f"{scan}.h5"
 
 
-def test_the_page_reads_only_what_is_new(service, open_page):
+def test_scan_page_fetches_only_new_points(service, open_page):
     scan = begin(service)
     page = open_page(service, "/scans")
     answers = []
@@ -86,7 +86,7 @@ def follow(service, scan, modes=16):
     return service.http.post("/reconstructions", json=body).raise_for_status().json()["id"]
 
 
-def test_a_newer_image_is_told_and_asked_for_once(service, open_page):
+def test_scan_page_requests_each_image_revision_once(service, open_page):
     """Nobody asks again and again: there are not more questions than images, and a few at the beginning and end."""
     scan = begin(service)
     live = follow(service, scan)
@@ -123,7 +123,7 @@ def test_the_final_image_begins_below_the_near_field(service, open_page):
     assert near > 0
 
 
-def test_an_image_that_is_not_whole_when_its_scan_is_over_says_what_becomes_of_it(service, open_page):
+def test_scan_page_with_unfinished_image_shows_its_final_state(service, open_page):
     scan = begin(service)
     live = follow(service, scan)
     page = open_page(service, "/scans")

@@ -69,7 +69,7 @@ def presses_of(page):
     return found
 
 
-def test_stop_of_a_page_whose_key_was_revoked_turns_the_laser_off(keyed, signed_in):
+def test_stop_with_revoked_key_turns_laser_off(keyed, signed_in):
     page, identifier = signed_in
     plan = keyed.plan(pulse_rate=1, averages=60)
     scan = keyed.http.post("/scans", json={"plan_id": plan}, headers={"Idempotency-Key": uuid.uuid4().hex}).json()
@@ -89,7 +89,7 @@ def test_stop_of_a_page_whose_key_was_revoked_turns_the_laser_off(keyed, signed_
     until(lambda: keyed.get(f"/scans/{scan['id']}").json()["state"] == "aborted")
 
 
-def test_page_that_was_never_signed_in_has_no_stop_button_and_says_why(keyed, open_page):
+def test_page_without_session_has_no_stop_button_and_shows_reason(keyed, open_page):
     page = open_page(keyed, "/data")
     expect(page.locator("#no-stop")).to_have_text(
         "Not signed in: this page cannot stop the laser. Sign in, or use the hardware switch."
@@ -123,7 +123,7 @@ def test_sign_out_in_one_page_takes_the_stop_button_from_the_others(keyed, signe
     expect(page.locator("#stop")).to_be_hidden()
 
 
-def test_page_whose_service_refuses_it_has_no_stop_button(service, open_page):
+def test_page_refused_by_service_has_no_stop_button(service, open_page):
     page = open_page(service, "/data")
     expect(button(page)).to_be_enabled()
     refusal = {"code": "forbidden", "detail": "this service is not addressed so"}
@@ -135,7 +135,7 @@ def test_page_whose_service_refuses_it_has_no_stop_button(service, open_page):
     page.provoked("status of 403")
 
 
-def test_stop_whose_service_has_ended_is_called_doubtful_and_never_working(open_page, tmp_path):
+def test_stop_of_ended_service_is_never_called_working(open_page, tmp_path):
     service = Service(tmp_path / "data", log=tmp_path / "log").start()
     try:
         page = open_page(service, "/data")
@@ -158,7 +158,7 @@ def test_stop_whose_service_has_ended_is_called_doubtful_and_never_working(open_
         service.close()
 
 
-def test_stop_of_a_page_without_its_event_stream_is_said_to_work_once_that_was_checked(service, open_page):
+def test_stop_without_event_stream_is_called_working_only_after_check(service, open_page):
     page = open_page(service, "/healthz")
     page.route("**/api/v1/events*", lambda route: route.abort())
     page.goto(f"{service.url}/data")
@@ -171,7 +171,7 @@ def test_stop_of_a_page_without_its_event_stream_is_said_to_work_once_that_was_c
 
 
 @pytest.mark.parametrize("missing", ["frame", "stop", "seen"])
-def test_page_whose_script_does_not_load_has_no_enabled_stop_button(service, open_page, missing):
+def test_page_with_missing_script_has_no_enabled_stop_button(service, open_page, missing):
     page = open_page(service, "/healthz")
     page.route(f"**/static/{missing}.js", lambda route: route.fulfill(status=404, body=""))
     page.goto(f"{service.url}/data")
@@ -184,7 +184,7 @@ def test_page_whose_script_does_not_load_has_no_enabled_stop_button(service, ope
     page.provoked("status of 404")
 
 
-def test_session_that_ends_soon_is_told_and_can_be_renewed(keyed, signed_in):
+def test_expiring_session_is_announced_and_can_be_renewed(keyed, signed_in):
     page, _ = signed_in
     soon = (datetime.now(UTC) + timedelta(minutes=12)).isoformat()
 

@@ -20,7 +20,7 @@ def released(service):
 
 
 @pytest.mark.parametrize(("pictures", "downloads"), [(6, 0), (6, 3)])
-def test_the_stop_does_not_wait_behind_what_hangs(service, open_page, released, pictures, downloads):
+def test_stop_request_is_not_delayed_by_hanging_requests(service, open_page, released, pictures, downloads):
     """Pictures that never come, of which the page asks for a few at a time, and downloads, which it does not count."""
     scan = service.start_scan(service.plan(pulse_rate=1, averages=60))["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 1)

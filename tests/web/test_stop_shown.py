@@ -207,7 +207,7 @@ def sign_in(page):
 
 
 @pytest.mark.timeout(2400)
-def test_bar_never_says_off_of_a_laser_whose_shutter_is_open(drill):
+def test_status_bar_never_shows_off_while_shutter_is_open(drill):
     page, chance = drill.page, random.Random(34)
     sign_in(page)
     expect(page.locator("#scanner")).to_contain_text("laser off")

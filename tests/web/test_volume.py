@@ -115,7 +115,7 @@ KEY = """() => { const canvas = document.querySelector("[data-view='3-D']"), y =
 return [...canvas.getContext("2d").getImageData(12, y, 110, 1).data]; }"""
 
 
-def test_the_3_d_view_tells_its_box_and_which_colour_is_which_depth(page, made):
+def test_3d_view_shows_box_size_and_depth_colour_key(page, made):
     """Before anything is moved, and while another tab than that with the colours is open."""
     page_, volume = page("#map=depth"), made[1][0]
     sides = [float(one) for one in re.findall(r"[0-9.]+", page_.inner_text("[data-where='3-D']"))]
@@ -134,7 +134,7 @@ PICTURES = "() => [...document.querySelectorAll('[data-image]')].map((one) => on
 SAME = f"(wanted) => JSON.stringify(({PICTURES})()) === JSON.stringify(wanted)"
 
 
-def test_what_differs_from_a_reference(page, made):
+def test_compare_tab_shows_correlation_and_difference_to_reference(page, made):
     """Two images of the same voxels: their projections' correlation is NumPy's; where they are alike it is dark."""
     page, volumes = page(f"#against={made[0][1]}"), made[1][:2]
     page.click("[data-tab='Compare']")
@@ -162,7 +162,7 @@ def test_images_of_other_voxels_are_not_subtracted(page, made):
     page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
 
 
-def test_a_speed_stands_with_its_error_before_its_unit(service, open_page, made):
+def test_sound_speed_is_shown_with_error_and_unit(service, open_page, made):
     found = {"sound_speeds": [1450, 1500, 1550], "sharpness": [1, 2, 1], "best": 1500.2, "standard_error": 0.2}
     job = {"state": "succeeded", "ended": "2026-01-01T00:00:00Z", "result": found | {"at_edge": False}}
     page = open_page(service, "/healthz")
@@ -187,7 +187,7 @@ def test_a_ball_s_corrected_width_is_its_own(page):
     assert float(re.search(r"Point spread\s+([\d.]+) µm", text)[1]) < corrected
 
 
-def test_a_mask_is_designed_around_what_one_points_at(service, page, made):
+def test_selected_points_in_volume_fill_mask_design(service, page, made):
     """One point by a click in x–z; one by a click in x–y that is dragged in x–z to its depth; both fill the design."""
     page, volume = page("#tool=point"), made[1][0]
     page.click("[data-tab='Measure']")

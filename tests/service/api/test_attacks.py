@@ -136,7 +136,7 @@ def test_an_attack_is_refused_with_the_right_problem(attacked, attack):
 
 
 @pytest.mark.parametrize("request_of_none", RAW.values(), ids=RAW)
-def test_what_is_no_request_is_refused_or_given_up(attacked, request_of_none):
+def test_malformed_raw_request_is_rejected_or_closed(attacked, request_of_none):
     with attacked.connect(request_of_none) as connection:
         try:
             answer = connection.recv(65536)
@@ -153,7 +153,7 @@ def test_a_header_of_the_caller_is_not_sent_back(attacked):
         assert answer.headers["x-request-id"] != name
 
 
-def test_what_a_person_calls_a_script_is_a_text_of_json(attacked):
+def test_label_with_script_is_returned_as_json_with_nosniff(attacked):
     """Labels are a person's words that others read: they come as JSON, which no browser takes for anything else."""
     script = "<script>alert(1)</script>"
     answer = attacked.v1.patch(f"/scans/{attacked.things['scan']}", json={"labels": {"note": script}})

@@ -38,7 +38,7 @@ def wishes(http, scan, scan_with_alines):
 
 
 @pytest.mark.parametrize("which", ["of another plan", "not over", "not there"])
-def test_what_cannot_be_completed_is_refused(http, wishes, which):
+def test_complete_scan_with_unsuitable_scan_is_rejected(http, wishes, which):
     plan, scan, status, code = wishes[which]
     answer = ask(http, plan, scan)
     assert (answer.status_code, answer.json()["code"]) == (status, code)
@@ -79,9 +79,7 @@ def test_a_scan_is_completed_by_the_scanner_that_measured_it(server, http, scan_
     assert (made.status_code, made.json()["scanner_id"]) == (201, "scanner-1"), "need not be said"
 
 
-def test_a_scan_whose_scanner_is_retired_is_completed_by_the_one_that_is_named(
-    server, http, scan_with_alines, scanners
-):
+def test_complete_scan_of_retired_scanner_runs_on_named_scanner(server, http, scan_with_alines, scanners):
     """It may be the same one under another name: that is proved when it begins."""
     scan, gone = scan_with_alines["scan"], scanners("scanner-1")
     measured_by(server, scan, "scanner-1")

@@ -19,9 +19,7 @@ DOCUMENT = HERE.parents[2] / "docs" / "openapi.json"
     ],
 )
 @pytest.mark.timeout(7200)
-def test_whatever_is_sent_in_whatever_order_no_check_finds_a_fault(
-    server, fault_clerk, tmp_path, phases, examples, seed
-):
+def test_schemathesis_run_of_openapi_document_finds_no_failure(server, fault_clerk, tmp_path, phases, examples, seed):
     """``schemathesis.toml`` says which answers are none; what CI tries is always the same, what a night tries never."""
     command = [sys.executable, "-m", "schemathesis.cli", "--config-file", HERE / "schemathesis.toml", "run", DOCUMENT]
     how = ["--url", server.url, "--phases", phases, "--max-examples", str(examples), "--continue-on-failure"]

@@ -102,7 +102,7 @@ def names(server, http, scan_with_alines, mask, plan):
     return found | {"upload_id": http.post("/uploads", content=b"x").json()["id"]}
 
 
-def test_the_table_names_every_address_and_what_the_document_declares():
+def test_convention_table_matches_openapi_document():
     told = {path: operations["get"] for path, operations in DOCUMENT["paths"].items() if "get" in operations}
     assert set(READS) == set(told)
     for path, operation in told.items():
@@ -118,7 +118,7 @@ def test_the_table_names_every_address_and_what_the_document_declares():
 
 
 @pytest.mark.parametrize("path", READS)
-def test_an_address_keeps_the_conventions_that_it_declares(server, names, path):
+def test_get_route_follows_declared_http_conventions(server, names, path):
     with httpx.Client(base_url=server.url, timeout=250) as client:
         address, known = path.format(**names), READS[path]
         check_head(client, address)
@@ -211,7 +211,7 @@ def check_representations(client, address, operation):
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_a_change_hits_only_what_the_caller_has_seen(http, scan, scan_with_alines, name):
+def test_change_with_stale_if_match_returns_412(http, scan, scan_with_alines, name):
     job = scan_with_alines["reconstruction"]["id"]
     here = {"scan_": f"/scans/{scan['id']}", "job_c": f"/jobs/{job}", "recon": f"/reconstructions/{job}"}[name[:5]]
     if name == "scan_desired_state_set":
@@ -251,7 +251,7 @@ def test_progress_is_a_new_representation_but_no_change_that_others_made(server,
 
 
 @pytest.mark.parametrize("name", WAITS)
-def test_what_is_made_is_waited_for_as_long_as_is_preferred(http, names, plan, name):
+def test_create_with_prefer_wait_returns_preference_applied(http, names, plan, name):
     at, body = {
         "scan_create": ("/scans", {"plan_id": plan["id"]}),
         "reconstruction_create": ("/reconstructions", {"scan_id": names["scan_id"], "parameters": {"modes": 4}}),
@@ -267,7 +267,7 @@ def test_what_is_made_is_waited_for_as_long_as_is_preferred(http, names, plan, n
     assert http.get(made.headers["location"].removeprefix(V1)).json()["state"] == "queued"
 
 
-def test_what_an_address_knows_is_told_to_who_asks_for_something_else(server, names):
+def test_unsupported_method_returns_405_with_allow_header(server, names):
     """The Allow header of a refusal names every method of the address."""
     with httpx.Client(base_url=server.url, timeout=250) as client:
         for path, operations in DOCUMENT["paths"].items():

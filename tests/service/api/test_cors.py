@@ -35,7 +35,7 @@ def allowed(answer):
     return {name: value for name, value in answer.headers.items() if name.startswith("access-control-")}
 
 
-def test_without_the_setting_no_page_of_another_origin_is_told_anything(server):
+def test_cors_without_setting_sends_no_access_control_headers(server):
     with httpx.Client(base_url=f"{server.url}/api/v1", headers={"Origin": VIEWER} | BY_PAGE) as page:
         asked = page.options("/masks", headers=PREFLIGHT), page.get("/masks"), page.get("/masks", headers={"Via": "x"})
         assert [answer.status_code for answer in asked] == [403, 403, 401]

@@ -61,7 +61,7 @@ def test_shots_and_coverage_account_for_every_point(http, scan_with_alines):
     assert 0 < coverage["area_fraction"] < 0.5
 
 
-def test_what_has_not_changed_is_not_sent_again(http, scan_with_alines, mask):
+def test_get_with_matching_if_none_match_returns_304(http, scan_with_alines, mask):
     scan_id = scan_with_alines["scan"]["id"]
     for path in (f"/scans/{scan_id}", f"/scans/{scan_id}/file", f"/masks/{mask['id']}", "/scanners/scanner-0"):
         first = http.get(path)
@@ -71,7 +71,7 @@ def test_what_has_not_changed_is_not_sent_again(http, scan_with_alines, mask):
         assert http.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
-def test_labels_change_only_what_the_caller_has_seen(http, scan):
+def test_label_change_with_stale_if_match_returns_412(http, scan):
     here = f"/scans/{scan['id']}"
     seen = {"If-Match": http.get(here).headers["etag"]}
     changed = http.patch(here, json={"labels": {"phantom": "yarn", "by": "Ada"}}, headers=seen)
@@ -104,7 +104,7 @@ def test_one_operator_at_a_time(http, plan):
     assert http.delete(here, headers={"Scanner-Lease": str(mine["fence"] + 1)}).status_code == 204
 
 
-def test_who_releases_a_press_he_saw_does_not_release_a_later_one(http):
+def test_release_with_older_stop_number_returns_409(http):
     here = "/scanners/scanner-0/emergency-stop"
     seen = http.post(here, json={"reason": "smoke"}).json()["emergency_stop"]
     later = http.post(here, json={"reason": "fire"}).json()["emergency_stop"]

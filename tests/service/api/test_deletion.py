@@ -89,7 +89,7 @@ def bench(server, http, request):
     return Bench(server, http, 3 + len(request.node.name) % 60)
 
 
-def test_what_depends_on_a_thing_is_named_and_stays(bench):
+def test_delete_with_dependents_returns_409_and_lists_them(bench):
     chain = [
         (f"/masks/{bench.mask}", {f"/api/v1/plans/{bench.plan}"}),
         (f"/plans/{bench.plan}", {f"/api/v1/scans/{bench.scan}"}),
@@ -142,7 +142,7 @@ def test_one_thing_goes_alone(bench):
     assert bench.http.get(f"/scans/{bench.scan}").status_code == 200
 
 
-def test_running_things_are_not_deleted_nor_is_what_they_need(bench):
+def test_delete_running_resource_or_its_dependency_returns_409_in_use(bench):
     queued = bench.add_scan()
     job = bench.add_job("r", over=False)
     for path in (f"/scans/{queued}", f"/reconstructions/{job}", f"/scans/{bench.scan}", f"/masks/{bench.mask}"):
@@ -162,7 +162,7 @@ def test_an_upload_that_an_import_waits_for_stays(bench):
     assert bench.delete(f"/uploads/{upload}").status_code == 204
 
 
-def test_a_batch_says_how_many_of_its_members_are_gone_and_goes_with_the_others(bench):
+def test_batch_counts_deleted_members_and_is_deleted_with_remaining(bench):
     body = {"scan_id": bench.scan, "vary": {"sound_speed": [1480, 1500]}, "parameters": {"modes": 8}}
     batch = bench.http.post("/batches", json=body).json()
     members = [job["id"] for job in batch["jobs"]]
@@ -237,7 +237,7 @@ def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path):
         again.close()
 
 
-def test_two_who_remove_at_once_do_not_forget_what_a_third_deletes(server):
+def test_concurrent_file_removals_keep_later_removal_request(server):
     """SQLite gives the number of the last note that is gone to the next one."""
     data, database = server.data, server.database
     first, second = (f"j{uuid.uuid4().hex[:26]}" for _ in range(2))

@@ -20,7 +20,7 @@ def own():
     return equi_steradian_mask(13.56e-3, 3.6e-3, 75)
 
 
-def test_a_design_tells_what_the_library_says_of_its_mask_and_plan(http, own):
+def test_design_preview_equals_library_mask_and_plan(http, own):
     told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE, **HOW}).json()
     plan, seen = ScanPlan.create(mask=own, **HOW), evaluate_mask(own, PLACE)
     assert np.array(told["positions"]) == pytest.approx(own.film_positions)
@@ -44,7 +44,7 @@ def test_the_share_of_visible_edges_is_that_of_directions_that_meet_the_sensors(
     assert told["visible_share"] == pytest.approx(share, abs=0.01)
 
 
-def test_a_design_without_a_point_of_interest_is_drawn_without_what_depends_on_it(http):
+def test_design_preview_without_point_of_interest_omits_dependent_values(http):
     grid = {"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}
     told = http.post("/designs/preview", json={"arrangement": grid}).json()
     assert told["solid_angles"] is told["visible_share"] is told["mask"]["evenness"] is None
@@ -71,7 +71,7 @@ def test_a_point_spread_is_the_librarys(http, own):
         ({"pulse_rate": 9000, "samples": 65_536}, "#/pulse_rate"),
     ],
 )
-def test_what_is_wrong_with_a_design_is_named_where_it_stands(http, change, pointer):
+def test_design_preview_invalid_field_returns_422_with_pointer(http, change, pointer):
     answer = http.post("/designs/preview", json={"arrangement": MASK} | change)
     assert answer.status_code == 422
     assert [finding["pointer"] for finding in answer.json()["errors"]] == [pointer]

@@ -78,7 +78,7 @@ def test_a_press_that_is_released_while_it_is_recorded_does_not_stand_in_the_dat
     assert not is_stopped(desk)
 
 
-def test_a_press_that_comes_while_another_is_released_stands_in_the_database(desk):
+def test_stop_pressed_during_release_remains_in_database(desk):
     desk.latch.press("Ada", "smoke")
     desk._record()
     desk.scanner.late = "release"
@@ -91,7 +91,7 @@ def test_a_press_that_comes_while_another_is_released_stands_in_the_database(des
     assert is_stopped(desk)
 
 
-def test_a_press_that_another_node_could_only_write_into_the_database_stands_here_until_it_is_released(desk):
+def test_latch_adopts_stop_from_database_until_released(desk):
     desk._record()
     assert desk.active is None
     desk.scanner.of(SCANNER_ID).stop("Ada", "smoke")
@@ -108,7 +108,7 @@ def test_a_press_that_another_node_could_only_write_into_the_database_stands_her
     assert not is_stopped(desk)
 
 
-def test_who_releases_a_press_he_saw_does_not_release_one_that_only_the_database_knows_yet(desk):
+def test_release_with_older_number_keeps_stop_known_only_to_database(desk):
     desk.latch.press("Ada", "smoke")
     desk._record()
     seen = desk.active.number
@@ -134,7 +134,7 @@ def test_a_press_that_another_node_brings_again_is_one_press_also_after_its_rele
     assert other == desk.active != first
 
 
-def test_what_came_of_a_press_is_in_the_database_as_soon_as_the_answer_says_it(desk, monkeypatch):
+def test_stop_outcome_is_recorded_in_database_with_response(desk, monkeypatch):
     """Other nodes, and pages that ask them, would say for a while that nobody answers."""
     monkeypatch.setattr(emergency, "ANSWER_TIMEOUT", 250.0)
     monkeypatch.setattr(emergency, "RECORD_INTERVAL", 250.0)

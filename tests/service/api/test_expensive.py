@@ -96,7 +96,7 @@ def test_a_large_body_of_nonsense_is_refused_in_one_sentence(server, positions, 
     ],
     ids=["parsed", "made", "previewed"],
 )
-def test_what_takes_long_stands_still_with_the_processes_beside_the_api_and_others_are_answered(server, path, body):
+def test_hung_worker_processes_return_503_and_health_stays_available(server, path, body):
     ask = lambda: httpx.post(  # noqa: E731
         f"{server.url}/api/v1/{path}", content=body, headers={"Content-Type": "application/json"}, timeout=300
     )
@@ -117,7 +117,7 @@ def test_what_takes_long_stands_still_with_the_processes_beside_the_api_and_othe
 
 
 @pytest.mark.parametrize("path", ["jobs", "scans", "reconstructions", "batches", "plans", "masks"])
-def test_no_body_is_larger_than_what_can_be_asked_for(server, path):
+def test_request_body_over_limit_returns_413(server, path):
     address = server.url.removeprefix("http://").split(":")
     with socket.create_connection((address[0], int(address[1])), timeout=250) as connection:
         stated = f"Content-Type: application/json\r\nContent-Length: {60 * 2**20}\r\n\r\n"
@@ -170,7 +170,7 @@ def test_a_workshop_outlives_the_death_of_its_processes():
 
 
 @pytest.mark.long
-def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
+def test_process_pool_limits_cpu_time_not_waiting_time():
     """A limit in seconds of a processor: on a busy machine the same things are worked out as on an idle one."""
 
     async def run():
@@ -188,7 +188,7 @@ def test_what_works_too_long_is_ended_and_what_waits_for_others_is_not():
     asyncio.run(run())
 
 
-def test_a_workshop_that_closes_ends_what_is_being_worked_out():
+def test_process_pool_close_cancels_running_computation():
     async def run():
         workshop = ProcessPool()
         long = asyncio.create_task(workshop.submit(time.sleep, 100))
@@ -200,7 +200,7 @@ def test_a_workshop_that_closes_ends_what_is_being_worked_out():
     asyncio.run(run())
 
 
-def test_a_workshop_that_is_closed_says_so_to_whoever_comes():
+def test_closed_process_pool_submit_raises_limit_exceeded():
     """Such as clients that wait for their turn when the service ends: it has not failed."""
     workshop = ProcessPool()
     workshop.close()
@@ -222,7 +222,7 @@ def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
         services.close()
 
 
-def test_a_service_ends_after_what_looks_after_it(server, monkeypatch):
+def test_service_close_waits_for_background_reconciliation(server, monkeypatch):
     """Else that opens connections anew which nothing closes."""
     services, begun, ended = ServiceContainer(server.settings), threading.Event(), threading.Event()
 

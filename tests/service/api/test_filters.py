@@ -159,7 +159,7 @@ def test_masks_and_plans_are_filtered(http, things):
 
 
 @pytest.mark.parametrize("path", ["masks", "plans", "scans", "reconstructions", "batches", "jobs", "scanners"])
-def test_a_name_that_is_no_filter_is_refused_with_those_that_are(http, path):
+def test_unknown_filter_returns_422_with_allowed_filters(http, path):
     answer = http.get(f"/{path}", params={"colour": "red"})
     problem = answer.json()
     assert (answer.status_code, problem["code"]) == (422, "invalid-input")
@@ -183,7 +183,7 @@ def test_a_name_that_is_no_filter_is_refused_with_those_that_are(http, path):
         ("scans", {"plan_id": "p" * 65}, "plan_id", "at most 64"),
     ],
 )
-def test_a_misspelt_value_is_refused_with_those_that_are_allowed(http, path, query, pointer, words):
+def test_filter_invalid_value_returns_422_with_allowed_values(http, path, query, pointer, words):
     answer = http.get(f"/{path}", params=query)
     assert answer.status_code == 422, answer.text
     finding = answer.json()["errors"][0]
@@ -198,7 +198,7 @@ def test_misspelt_parameters_are_refused_everywhere(http, mask, scan):
     assert http.get("/events", params={"kinds": "scan"}).status_code == 422
 
 
-def test_the_kinds_that_can_be_chosen_are_those_that_exist(http):
+def test_filter_accepts_every_existing_kind(http):
     arrangements = [kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0])]
     for path, name, values in (("masks", "arrangement", arrangements), ("jobs", "kind", JOB_TYPES)):
         for value in values:

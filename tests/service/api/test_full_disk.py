@@ -107,7 +107,7 @@ def scan_of(server, http, samples):
     return scan
 
 
-def test_jobs_whose_volumes_do_not_fit_are_refused_with_what_they_need(small):
+def test_jobs_exceeding_disk_space_return_507_with_needed_bytes(small):
     more = {"disk_reserve_bytes": 20 * MIB, "max_volume_bytes": 2**27}
     with serving(small / "data", **more) as (server, http):
         scan, samples = scan_of(server, http, samples=512), 512

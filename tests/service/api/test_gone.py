@@ -91,7 +91,7 @@ FILES = [
 
 
 @pytest.mark.parametrize(("make", "path"), FILES)
-def test_what_is_deleted_once_it_is_found_is_not_there(bench, monkeypatch, make, path):
+def test_get_file_deleted_after_open_returns_404(bench, monkeypatch, make, path):
     other, identifier, find = make(bench), make(bench), FolderBlobStore.open
 
     def delete(folder, name):
@@ -217,20 +217,20 @@ def test_a_data_folder_that_is_away_makes_the_service_unready(away):
     assert (checks["database"], checks["store"], checks["disk"]) == (True, False, False)
 
 
-def test_the_figures_that_need_no_data_folder_are_told_while_it_is_away(away):
+def test_metrics_without_data_folder_returns_remaining_figures(away):
     answer = away.ask("GET", "http://127.0.0.1/metrics")
     assert answer.status_code == 200
     assert "steradian_events_last" in answer.text
     assert "steradian_disk_free_bytes" not in answer.text
 
 
-def test_the_storage_of_a_data_folder_that_is_away_cannot_be_told_now(away):
+def test_storage_without_data_folder_returns_503(away):
     answer = away.ask("GET", "/storage")
     assert (answer.status_code, answer.json()["code"]) == (503, "store-unavailable")
     assert "data folder" in answer.json()["detail"]
 
 
-def test_a_store_whose_database_is_away_makes_the_service_unready(tmp_path):
+def test_readiness_with_store_and_database_unreachable_returns_503(tmp_path):
     pytest.importorskip("obstore")
     settings = settings_of(tmp_path, SimpleNamespace(endpoint="http://127.0.0.1:1"), "s3://bucket/place")
     app = create_app(settings.model_copy(update={"database_url": "postgresql://127.0.0.1:1/none"}))
@@ -241,7 +241,7 @@ def test_a_store_whose_database_is_away_makes_the_service_unready(tmp_path):
     assert (checks["database"], checks["store"]) == (False, False)
 
 
-def test_a_store_that_forgets_whose_it_is_while_it_is_asked_does_not_answer(bench, tmp_path):
+def test_s3_store_identity_lost_during_check_is_unavailable(bench, tmp_path):
     class Forgetful:
         def size(self, key):
             return 32
@@ -259,7 +259,7 @@ def test_a_store_that_forgets_whose_it_is_while_it_is_asked_does_not_answer(benc
     assert not store.is_available()
 
 
-def test_what_goes_while_a_folder_is_tidied_keeps_nothing_else_from_going(bench, monkeypatch):
+def test_retention_file_vanishing_during_cleanup_removes_other_files(bench, monkeypatch):
     glob, folder = Path.glob, bench.services.data.references
     first, second = folder / "a.new", folder / "b"
     for path in (first, second):
@@ -276,7 +276,7 @@ def test_what_goes_while_a_folder_is_tidied_keeps_nothing_else_from_going(bench,
     assert not second.exists()
 
 
-def test_what_a_killed_api_left_of_an_upload_goes_from_each_node_s_folder(bench):
+def test_retention_removes_stale_partial_uploads_on_each_node(bench):
     old, new = (bench.services.data.uploads / f"{name}.part" for name in ("u1", "u2"))
     for path in (old, new):
         path.write_bytes(b"half of it")
@@ -285,7 +285,7 @@ def test_what_a_killed_api_left_of_an_upload_goes_from_each_node_s_folder(bench)
     assert (old.exists(), new.exists()) == (False, True)
 
 
-def test_a_scanner_that_is_retired_while_it_is_looked_for_is_followed_by_nobody(tmp_path):
+def test_peer_registry_scanner_retired_during_lookup_is_not_followed(tmp_path):
     class Retired(dict):
         def __contains__(self, scanner_id):
             nodes._rows = {}

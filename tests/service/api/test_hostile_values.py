@@ -4,7 +4,7 @@ import pytest
 
 
 @pytest.mark.parametrize("text", ["\\u0000", "\\ud800", "\\udc00\\ud800"], ids=["nul", "half", "wrong way round"])
-def test_an_import_whose_description_no_database_can_look_into_is_refused(http, text):
+def test_import_description_with_unstorable_code_point_returns_400(http, text):
     about = f'{{"kind":"import","upload_id":"u1","description":{{"a":[{{"b{text}":1}}]}}}}'
     answer = http.post("/jobs", content=about, headers={"Content-Type": "application/json"})
     assert (answer.status_code, answer.json()["code"]) == (400, "malformed-json"), answer.text
@@ -17,7 +17,7 @@ def test_a_pair_of_surrogates_and_a_backslash_before_u_are_characters(http):
     assert (answer.status_code, answer.json()["detail"]) == (404, "there is no upload 'u1'"), answer.text
 
 
-def test_a_key_that_stands_twice_is_named(http):
+def test_json_duplicate_key_returns_400_naming_key(http):
     answer = http.post(
         "/plans",
         content='{"mask_id":"m1","motion":{"settle":1,"settle":2}}',
@@ -28,7 +28,7 @@ def test_a_key_that_stands_twice_is_named(http):
 
 
 @pytest.mark.parametrize(("wanted", "status"), [("bytes=99999999-", 416), ("bytes=abc", 400), ("bytes=5-2", 400)])
-def test_ranges_that_cannot_be_had_are_problems(http, scan_with_alines, wanted, status):
+def test_unsatisfiable_or_invalid_range_returns_problem(http, scan_with_alines, wanted, status):
     answer = http.get(f"/scans/{scan_with_alines['scan']['id']}/file", headers={"Range": wanted})
     assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json")
     if status == 416:

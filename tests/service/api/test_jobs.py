@@ -67,7 +67,7 @@ def asked(kind, reconstruction, scan_id, upload=""):
     }[kind]
 
 
-def test_what_a_request_asked_for_bears_its_identifier_also_when_it_is_repeated(server, http, scan_with_alines):
+def test_idempotent_repeat_keeps_first_request_id(server, http, scan_with_alines):
     scan, vary = scan_with_alines["scan"]["id"], {"sound_speed": [1480.0, 1500.0]}
     about = {"Idempotency-Key": uuid.uuid4().hex}
 
@@ -87,7 +87,7 @@ def test_what_a_request_asked_for_bears_its_identifier_also_when_it_is_repeated(
     assert {path: http.get(path).json()["request_id"] for path in shown} == dict.fromkeys(shown, "first-1")
 
 
-def test_what_was_asked_for_before_identifiers_were_kept_has_none(server, http, plan, scan_with_alines):
+def test_request_id_of_older_rows_is_null(server, http, plan, scan_with_alines):
     body = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 4}}
     image = http.post("/reconstructions", json=body).json()["id"]
     key = {"Idempotency-Key": uuid.uuid4().hex}
@@ -141,7 +141,7 @@ def test_a_job_is_queued_once_shown_moved_and_cancelled(http, reconstruction, sc
         ("what-if", {"through": {"mask_id": "", "points": "exact"}}),
     ],
 )
-def test_a_reconstruction_is_one_request_from_http_to_who_does_it(http, ledger, scan_with_alines, mask, kind, more):
+def test_reconstruction_request_is_stored_unchanged_in_job_ledger(http, ledger, scan_with_alines, mask, kind, more):
     if "through" in more:
         more["through"]["mask_id"] = mask["id"]
     body = {"scan_id": scan_with_alines["scan"]["id"], "parameters": {"modes": 4}, "priority": 7, **more}
@@ -184,7 +184,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("body", "pointer", "words"), CASES, ids=str)
-def test_a_job_that_cannot_work_names_the_field_and_what_would_be_right(http, body, pointer, words):
+def test_invalid_job_returns_422_with_field_and_allowed_values(http, body, pointer, words):
     answer = http.post("/jobs", json=body)
     error = answer.json()["errors"][0]
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-input")
@@ -227,7 +227,7 @@ def test_width_in_an_image_of_another_scan_is_refused_by_the_scan_s_name(http, r
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, "#/scan_id")
 
 
-def test_what_is_not_over_or_failed_cannot_be_exported_yet(http, scan, scan_with_alines):
+def test_export_of_unfinished_resource_returns_409_not_ready(http, scan, scan_with_alines):
     waiting = scan_with_alines["reconstruction"]["id"]
     answer = http.post("/jobs", json={"kind": "export", "reconstruction_id": waiting, "format": "nrrd"})
     assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (409, "not-ready", True)
@@ -268,7 +268,7 @@ def test_the_comparisons_of_a_reconstruction_stand_with_it(server, http, ledger,
         assert http.get(f"/jobs/{job['id']}/files/{name}").status_code == 404, name
 
 
-def test_every_job_is_in_the_list_of_jobs_with_a_link_to_what_it_is(http, reconstruction):
+def test_job_list_contains_reconstruction_with_link(http, reconstruction):
     (job,) = [item for item in http.get("/jobs").json()["items"] if item["id"] == reconstruction]
     assert job["kind"] == "reconstruction"
     assert job["links"]["reconstruction"] == f"/api/v1/reconstructions/{reconstruction}"
@@ -327,7 +327,7 @@ def test_a_reconstruction_that_contradicts_itself_or_its_scan_is_refused(http, s
     assert (answer.status_code, answer.json()["errors"][0]["pointer"]) == (422, pointer)
 
 
-def test_a_sweep_of_masks_is_a_what_if_for_each(http, scan_with_alines, mask):
+def test_mask_sweep_batch_creates_one_job_per_mask(http, scan_with_alines, mask):
     grid = {"arrangement": "grid", "aperture": 13.56e-3, "count": 5, "interval": 2e-3}
     masks = [mask["id"], http.post("/masks", json=grid).json()["id"]]
     body = {"scan_id": scan_with_alines["scan"]["id"], "vary": {"mask_id": masks}, "parameters": {"modes": 8}}
@@ -362,7 +362,7 @@ def test_all_wavelengths_of_a_scan_are_one_request(http, mask, server):
     assert len(batch["jobs"]) == 4
 
 
-def test_an_upload_is_kept_as_it_came_and_can_be_deleted(server, http):
+def test_upload_is_stored_unchanged_and_deletable(server, http):
     content = bytes(range(256)) * 300
     assert len(content) > server.settings.max_upload_bytes, "files may be larger than other bodies"
     made = http.post("/uploads", content=content)
@@ -378,7 +378,7 @@ def test_an_upload_is_kept_as_it_came_and_can_be_deleted(server, http):
 
 
 @pytest.mark.parametrize("identifier", ["%2e%2e", "%2e%2e%2fsteradian.sqlite", "a.part", "none"])
-def test_an_upload_that_is_none_is_refused_whatever_its_name(http, identifier):
+def test_upload_invalid_identifier_is_rejected(http, identifier):
     assert http.get(f"/uploads/{identifier}").status_code in {404, 405}
     assert http.delete(f"/uploads/{identifier}").status_code in {204, 404, 405}
     assert http.get("/masks").status_code == 200, "and the database is where it was"

@@ -83,7 +83,7 @@ def paused(guarded, scan_id):
     scans.transition(scan_id, ScanState.PAUSED, why="test")
 
 
-def test_a_lease_is_not_had_by_giving_the_holders_name(people):
+def test_lease_request_with_holder_name_by_other_key_returns_409(people):
     ada, ben = people
     lease = ada.take("Ada").json()["lease"]
     assert lease["principal"].startswith("key Ada (")
@@ -110,7 +110,7 @@ def test_nor_is_it_given_back_by_another(people):
     assert ada.give_back(fence).status_code == 204
 
 
-def test_an_admin_can_give_back_the_lease_of_who_has_left(guarded, people):
+def test_admin_can_release_lease_of_absent_holder(guarded, people):
     ada, _ = people
     fence = ada.take("Ada").json()["lease"]["fence"]
     admin = Operator(guarded, "admin", Scope.ADMIN)
@@ -118,7 +118,7 @@ def test_an_admin_can_give_back_the_lease_of_who_has_left(guarded, people):
     assert admin.give_back(fence).status_code == 204
 
 
-def test_two_clients_of_one_person_are_told_apart(people):
+def test_lease_distinguishes_two_clients_of_same_key(people):
     ada, _ = people
     fence = ada.take("left screen").json()["lease"]["fence"]
     assert ada.take("right screen").status_code == 409
@@ -139,7 +139,7 @@ def test_unpausing_fires_and_needs_the_lease(guarded, people, plan):
         assert ben.wish(scan, state).status_code == 200, "whoever may operate may make the laser rest"
 
 
-def test_a_scan_goes_on_under_the_lease_of_who_resumes_it(guarded, people, plan):
+def test_resumed_scan_runs_under_lease_of_resuming_client(guarded, people, plan):
     ada, ben = people
     first = ada.take("Ada").json()["lease"]["fence"]
     scan = ada.fire(plan, first).json()["id"]

@@ -80,7 +80,7 @@ def test_an_identifier_that_is_none_is_replaced_and_every_answer_has_its_own(tal
     assert " " not in identifiers[1]
 
 
-def test_what_was_made_is_named_in_a_line_of_the_usual_level_what_was_read_is_not(talk):
+def test_info_log_names_created_resources_and_omits_reads(talk):
     answers, lines = talk
     usual = [line for line in lines if line["level"] == "INFO" and "path" in line]
     assert {line["path"] for line in usual} == {"/api/v1/masks"}
@@ -97,12 +97,12 @@ def test_an_identifier_that_would_forge_a_log_is_refused_or_replaced(talk, forge
     assert "forged" not in json.dumps(talk[1])
 
 
-def test_what_stands_in_a_query_is_in_no_log(talk):
+def test_log_contains_no_query_string(talk):
     _, lines = talk
     assert "secret-ticket" not in json.dumps(lines)
 
 
-def test_an_exception_and_what_was_given_beside_the_message_are_in_the_object():
+def test_log_formatter_includes_exception_and_extra_fields():
     try:
         raise ZeroDivisionError("oh")
     except ZeroDivisionError:
@@ -120,7 +120,7 @@ def test_an_exception_and_what_was_given_beside_the_message_are_in_the_object():
 
 
 @pytest.mark.long
-def test_a_log_that_nobody_reads_holds_up_no_request_and_no_emergency_stop(tmp_path):
+def test_blocked_log_pipe_delays_no_request_or_emergency_stop(tmp_path):
     reader, writer = os.pipe()
     fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
     api = ApiProcess(tmp_path, preexec_fn=lambda: os.dup2(writer, 2), log_level="DEBUG").wait()

@@ -26,7 +26,7 @@ def given(server):
     return {re.split(r"[{ ]", line)[0] for line in text.splitlines() if line and line[0] != "#"}
 
 
-def test_a_worker_s_gpu_is_told(server):
+def test_metrics_report_worker_gpu(server):
     sign = server.data.heartbeat("worker-7")
     with Heartbeat(sign) as heart:
         heart.set_gpu("NVIDIA H100")

@@ -41,7 +41,7 @@ def batch_of(http, scan_id, count):
     return http.post("/batches", json=asked).json()
 
 
-def test_a_job_that_is_moved_is_told_of(http, events, scan_with_alines):
+def test_job_priority_change_sends_event(http, events, scan_with_alines):
     job = scan_with_alines["reconstruction"]["id"]
     before = events(job)
     assert before[-1].data["priority"] == 100
@@ -59,7 +59,7 @@ def test_a_job_that_is_moved_is_told_of(http, events, scan_with_alines):
 
 
 @pytest.mark.parametrize("ends", ["succeeded", "failed", "cancelled"])
-def test_a_batch_tells_how_its_jobs_stand_together_whenever_one_moves_on(http, events, ledger, scan_with_alines, ends):
+def test_batch_event_is_sent_with_counts_on_each_job_change(http, events, ledger, scan_with_alines, ends):
     batch = batch_of(http, scan_with_alines["scan"]["id"], 3)
     assert [one.data["state"] for one in events(batch["id"])] == ["queued"]
     first, second, third = (job["id"] for job in batch["jobs"])
@@ -81,7 +81,7 @@ def test_a_batch_tells_how_its_jobs_stand_together_whenever_one_moves_on(http, e
     assert told.scan_id == batch["scan_id"]
 
 
-def test_of_jobs_that_end_at_once_the_last_event_tells_the_end(http, events, ledger, scan_with_alines):
+def test_concurrent_job_ends_send_final_batch_event(http, events, ledger, scan_with_alines):
     """Each of two workers must not see the other's job still running."""
     for _ in range(5):
         batch = batch_of(http, scan_with_alines["scan"]["id"], 2)
@@ -102,7 +102,7 @@ def test_of_jobs_that_end_at_once_the_last_event_tells_the_end(http, events, led
         assert events(batch["id"])[-1].data["state"] == "succeeded"
 
 
-def test_who_was_away_for_long_gets_what_was_missed_in_pieces(server):
+def test_event_stream_backlog_is_sent_in_bounded_chunks(server):
     """Days of events are not gathered in memory before the first of them is sent."""
     state = create_app(server.settings).state
     begun, missed = EventLog(server.database).bounds(), 3 * BATCH + 8

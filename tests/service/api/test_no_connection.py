@@ -37,7 +37,7 @@ def take_all(services):
 
 
 @pytest.mark.parametrize("path", ["masks", "masks/ma2899e71138a7671fcccea77", "jobs"])
-def test_who_asks_is_told_to_come_again(app, path):
+def test_request_without_free_database_connection_returns_503_retry_after(app, path):
     async def ask():
         transport = httpx.ASGITransport(app=app)
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as http:
@@ -69,7 +69,7 @@ def test_the_event_stream_goes_on_when_connections_are_free_again(app):
     assert feed.last == 1
 
 
-def test_the_event_stream_outlives_what_cannot_be_understood(app, monkeypatch):
+def test_event_stream_continues_after_unreadable_row(app, monkeypatch):
     services, understood = app.state.services, app.state.services.log.after
     feed = EventBroadcaster(services)
 

@@ -56,9 +56,7 @@ def test_a_job_that_ended_under_an_earlier_version_is_shown(server, http, scan_w
     ],
     ids=["none", "without its end", "not ended"],
 )
-def test_a_job_whose_time_was_not_noted_is_no_measure_of_others_and_hides_none(
-    server, http, scan_with_alines, attempts
-):
+def test_queue_and_metrics_tolerate_jobs_without_recorded_time(server, http, scan_with_alines, attempts):
     job, ledger = scan_with_alines["reconstruction"]["id"], JobLedger(server.database)
     ledger.start_attempt(job, "w")
     ledger.finish_attempt(job, 1, Succeeded({"shape": [1, 2, 3]}), "w")

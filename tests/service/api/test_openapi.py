@@ -99,7 +99,7 @@ def test_operations_keep_their_names_and_generators_every_header(document):
             assert "null" not in kinds, "what is left out says nothing; no text of a header or query does"
 
 
-def test_what_was_made_is_linked_to_what_can_be_done_with_it(document):
+def test_openapi_links_cover_path_parameters_and_next_operations(document):
     """Tools that walk through an API find real identifiers by these links, and readers what comes next."""
     links = document["components"]["links"]
     paths = {one["operationId"]: path for path, ways in document["paths"].items() for one in ways.values()}

@@ -29,7 +29,7 @@ def kept(server, http, noun):
     return newest, sorted(path for path in server.data.root.rglob("*.png"))
 
 
-def test_a_masks_preview_tells_what_the_library_promises(http):
+def test_mask_preview_equals_library_evaluation(http):
     told = http.post("/masks/preview", json=MASK).json()
     own = equi_steradian_mask(13.56e-3, 3.6e-3, 75)
     seen = evaluate_mask(own)
@@ -41,7 +41,7 @@ def test_a_masks_preview_tells_what_the_library_promises(http):
     assert told["sensed_area"] == pytest.approx(own.sensed_area)
 
 
-def test_a_preview_of_a_mask_without_a_point_of_interest_leaves_out_what_depends_on_it(http):
+def test_mask_preview_without_point_of_interest_omits_dependent_values(http):
     grid = {"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}
     told = http.post("/masks/preview", json=grid).json()
     assert (told["finest"], told["coarsest"]) == (pytest.approx(1e-3), pytest.approx(1e-3))
@@ -49,7 +49,7 @@ def test_a_preview_of_a_mask_without_a_point_of_interest_leaves_out_what_depends
 
 
 @pytest.mark.parametrize("noun", ["masks", "plans"])
-def test_a_preview_is_a_picture_for_who_wants_one_and_nothing_is_kept(server, http, bodies, noun):
+def test_preview_returns_figures_or_png_by_accept_and_stores_nothing(server, http, bodies, noun):
     before = kept(server, http, noun)
     figures = http.post(f"/{noun}/preview", json=bodies[noun])
     assert (figures.headers["content-type"], figures.headers["vary"]) == ("application/json", "Accept")
@@ -59,7 +59,7 @@ def test_a_preview_is_a_picture_for_who_wants_one_and_nothing_is_kept(server, ht
     assert (refused.status_code, refused.json()["code"]) == (406, "not-acceptable")
 
 
-def test_what_is_refused_of_a_mask_is_refused_of_its_preview(http):
+def test_mask_preview_returns_same_errors_as_mask_creation(http):
     for wrong in ({"depth": -1}, {"count": 5001}, {"colour": 1}):
         refused = http.post("/masks/preview", json=MASK | wrong, headers=PNG)
         assert (refused.status_code, refused.json()) == (422, refused.json())
@@ -67,7 +67,7 @@ def test_what_is_refused_of_a_mask_is_refused_of_its_preview(http):
         assert refused.json()["errors"] == made["errors"]
 
 
-def test_a_plan_of_several_beams_keeps_the_mask_that_they_measure(http, mask):
+def test_multi_beam_plan_stores_mask_of_measured_points(http, mask):
     beams = [[0, 0], [8e-4, 0], [0, 8e-4], [8e-4, 8e-4]]
     wanted = {"mask_id": mask["id"], "beams": beams, "places": 30}
     preview = http.post("/plans/preview", json=wanted).json()

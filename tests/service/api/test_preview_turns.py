@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(400)]
 WAIT = 120
 
 
-def test_a_preview_does_not_wait_for_pictures_that_are_kept(tmp_path):
+def test_preview_is_not_blocked_by_stored_picture_drawing(tmp_path):
     settings = Settings.create(data=tmp_path)
     database = Database(metadata_url(settings))
     database.migrate()

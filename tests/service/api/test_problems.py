@@ -37,7 +37,7 @@ CASES = [
     ("POST", "/plans", {"mask_id": NONE}, 404, "not-found", None, NONE),
     ("POST", "/scans", {"plan_id": "p1"}, 404, "not-found", None, "no plan 'p1'"),
     ("POST", "/reconstructions", {"scan_id": "s1"}, 404, "not-found", None, "no scan 's1'"),
-    ("POST", "/masks", b"{", 400, "malformed-json", None, "no JSON"),
+    ("POST", "/masks", b"{", 400, "malformed-json", None, "not valid JSON"),
     ("POST", "/masks", None, 422, "invalid-input", "#", "missing"),
     ("POST", "/masks", {}, 422, "invalid-input", "#/arrangement", "equi-steradian, "),
     ("POST", "/masks", [1], 422, "invalid-input", "#", ""),
@@ -119,12 +119,12 @@ def test_the_framework_refuses_nothing_in_its_own_words(server):
         assert answer.headers["content-type"] == "application/problem+json"
 
 
-def test_a_decent_request_id_is_kept_and_another_replaced(http):
+def test_request_id_valid_is_kept_and_invalid_replaced(http):
     assert http.get("/", headers={"X-Request-ID": "my-1"}).headers["x-request-id"] == "my-1"
     assert http.get("/", headers={"X-Request-ID": "a b"}).headers["x-request-id"] != "a b"
 
 
-def test_a_fault_of_the_service_is_a_problem_that_says_nothing_of_the_inside(server, http, mask):
+def test_internal_error_returns_500_problem_without_internals(server, http, mask):
     with server.database.engine.begin() as connection:
         connection.exec_driver_sql("ALTER TABLE masks RENAME TO hidden")
     try:
@@ -140,7 +140,7 @@ def test_a_fault_of_the_service_is_a_problem_that_says_nothing_of_the_inside(ser
 
 
 @pytest.mark.parametrize("code", PROBLEM_TYPES)
-def test_the_type_of_a_problem_leads_to_what_it_means_and_what_to_do(server, code):
+def test_problem_type_url_returns_meaning_and_remedy(server, code):
     """Also for who has no key, and in the form that a program or a browser likes."""
     kind = PROBLEM_TYPES[code]
     told = httpx.get(f"{server.url}/problems/{code}", timeout=250)

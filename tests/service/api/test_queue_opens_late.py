@@ -13,7 +13,7 @@ from .conftest import api_of
 
 
 @pytest.mark.long
-def test_a_queue_that_cannot_be_opened_is_tried_again_and_readiness_says_so(tmp_path):
+def test_job_queue_open_failure_is_retried_and_readiness_returns_503(tmp_path):
     data = DataDirectory(tmp_path)
     data.create()
     database = Database(metadata_url(Settings.create(data=tmp_path)))

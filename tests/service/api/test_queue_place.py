@@ -93,7 +93,7 @@ def test_the_position_is_by_priority_and_then_by_age(http, jobs):
     assert listed[second]["queue"] is None, "a list does not work it out"
 
 
-def test_the_end_is_told_from_what_such_jobs_took(server, http, jobs, ledger, clock):
+def test_queue_expected_end_is_computed_from_past_job_durations(server, http, jobs, ledger, clock):
     """Two workers, jobs of 10 s each: the fourth in line ends 20 s after the first two have begun."""
     for seconds in (9, 10, 11, 50):
         job = jobs()
@@ -128,7 +128,7 @@ def test_a_job_may_end_while_the_end_is_worked_out(server, jobs, ledger):
         assert forecast(session, waiting, 2, datetime.now(UTC)).position == 1
 
 
-def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
+def test_queue_overdue_jobs_have_no_expected_end(http, jobs, ledger, clock):
     clock.now = BEGIN  # long ago
     for _ in range(3):
         job = jobs()
@@ -142,7 +142,7 @@ def test_what_is_overdue_has_no_expected_end(http, jobs, ledger, clock):
     assert place(http, waiting) == {"position": 1, "expected_end": None, "awaited": None}
 
 
-def test_what_waits_for_its_scan_has_no_place(http, jobs):
+def test_queue_job_awaiting_its_scan_has_no_position(http, jobs):
     before = jobs()
     plan = http.get("/plans").json()["items"][0]["id"]
     scan = make_scan(http, plan).json()["id"]

@@ -52,7 +52,7 @@ def refused(answer, needed):
     return told["promised_bytes"]
 
 
-def test_what_waits_has_its_place_until_it_is_over_and_what_it_left_counts_then(small):
+def test_quota_reserves_waiting_job_space_until_end_then_counts_usage(small):
     server, http, volume = small
     for number in range(2):
         answer = http.post("/reconstructions", json=volume)
@@ -78,7 +78,7 @@ def test_what_waits_has_its_place_until_it_is_over_and_what_it_left_counts_then(
     assert http.post("/reconstructions", json=volume).status_code == 202
 
 
-def test_storage_tells_what_holds_how_much_and_what_may_come(tmp_path):
+def test_storage_reports_usage_per_kind_and_available_bytes(tmp_path):
     server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
     server.wait()
     try:
@@ -173,7 +173,7 @@ def test_an_import_under_way_counts_once(tmp_path):
         server.close()
 
 
-def test_a_node_that_leaves_jobs_to_others_keeps_no_room_for_them(tmp_path):
+def test_quota_api_only_node_reserves_no_space_for_jobs(tmp_path):
     """An API node: what a thousand volumes will take is taken on the workers' disks."""
     pair = Pair(tmp_path)
     try:
@@ -188,7 +188,7 @@ def test_a_node_that_leaves_jobs_to_others_keeps_no_room_for_them(tmp_path):
         pair.close()
 
 
-def test_what_a_job_writes_after_the_folder_was_measured_is_still_promised(tmp_path):
+def test_quota_counts_promise_of_job_writing_after_measurement(tmp_path):
     """It is not in what was measured, and would be in nothing."""
     server = api_of(tmp_path, quota_bytes=QUOTA, disk_reserve_bytes=0)
     services = create_app(server.settings).state.services

@@ -117,7 +117,7 @@ def bench(request, tmp_path_factory):
         ("image", "/jobs", lambda image: {"kind": "quality", "reconstruction_id": image, "reference_id": image}),
     ],
 )
-def test_what_was_deleted_since_it_was_looked_at_is_a_404_that_names_it(bench, monkeypatch, kind, path, body):
+def test_creation_with_concurrently_deleted_dependency_returns_404(bench, monkeypatch, kind, path, body):
     needed = getattr(bench, kind)()
     keeper, name = (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.answers, "run_once")
     keep = getattr(keeper, name)
@@ -146,7 +146,7 @@ def test_a_mask_to_look_through_that_is_deleted_meanwhile_is_a_404(bench, monkey
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
-def test_a_deletion_waits_for_what_is_being_made_and_then_names_it(bench):
+def test_deletion_waits_for_concurrent_creation_then_returns_409(bench):
     mask, plan = bench.mask(), bench.services.plans.get(bench.plan())
     copy = {column.name: getattr(plan, column.name) for column in PlanRow.__table__.columns} | {"mask_id": mask}
     answers = []
@@ -175,7 +175,7 @@ def wait_for_a_lock(session, count=1):
         ("/batches", lambda mask: {"vary": {"mask_id": [mask]}, "parameters": SMALL}),
     ],
 )
-def test_a_deletion_and_what_is_made_never_wait_for_each_other(bench, path, look):
+def test_concurrent_deletion_and_job_creation_do_not_deadlock(bench, path, look):
     """Both go from masks to scans to the event log, so whoever comes second holds nothing that the first one needs."""
     scan = bench.scan()
     mask, answers = bench.services.scans.get(scan).mask_id, []
@@ -211,7 +211,7 @@ def test_deletions_that_share_dependents_never_wait_for_each_other(bench):
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
 @pytest.mark.parametrize(("kind", "status"), [("reconstruction", 404), ("mask", 204)])
-def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
+def test_deletion_after_concurrent_deletion_treats_resource_as_gone(bench, kind, status):
     services, scan = bench.services, bench.scan()
     mask = services.scans.get(scan).mask_id
     image = bench.make("/reconstructions", scan_id=scan, through={"mask_id": mask}, parameters=SMALL)
@@ -231,7 +231,7 @@ def test_what_another_deletion_has_taken_meanwhile_is_gone(bench, kind, status):
 
 
 @pytest.mark.parametrize("first", ["deletion", "retention"])
-def test_a_deletion_and_what_is_forgotten_for_its_age_never_wait_for_each_other(bench, monkeypatch, first):
+def test_concurrent_deletion_and_retention_do_not_deadlock(bench, monkeypatch, first):
     """They touch the same three jobs; one in the middle is held until both wait, whichever came first."""
     services, scan, name = bench.services, bench.scan(), uuid.uuid4().hex
     made = [
@@ -268,7 +268,7 @@ def test_a_deletion_and_what_is_forgotten_for_its_age_never_wait_for_each_other(
 
 
 @pytest.mark.parametrize("bench", [pytest.param("postgres", marks=pytest.mark.long)], indirect=True)
-def test_an_emergency_stop_and_a_wish_to_go_on_never_wait_for_each_other(bench):
+def test_concurrent_emergency_stop_and_resume_do_not_deadlock(bench):
     scan, services = bench.make("/scans", plan_id=bench.plan()), bench.services
     for state in (ScanState.ARMING, ScanState.RUNNING):
         services.scans.transition(scan, state, why="test")

@@ -65,7 +65,7 @@ def statuses(client, url, headers, many, method="GET"):
     return [client.request(method, url, headers=headers) for _ in range(many)]
 
 
-def test_a_script_is_told_to_wait_and_others_are_not(limited):
+def test_rate_limit_returns_429_only_to_exceeding_key(limited):
     script, person = key_of(limited, "script", Scope.READ), key_of(limited, "person", Scope.READ)
     here = f"{limited.url}/api/v1/masks"
     with httpx.Client(timeout=250) as client:
@@ -104,7 +104,7 @@ def test_only_the_stops_own_path_lets_wrong_keys_be_tried_without_a_limit(limite
 
 
 @pytest.mark.long
-def test_without_keys_nobody_is_limited(server):
+def test_rate_limit_without_keys_is_not_applied(server):
     """Whoever is on the machine itself can take its time anyhow."""
     seen = []
 

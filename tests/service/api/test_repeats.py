@@ -48,7 +48,7 @@ def test_a_repeated_reconstruction_or_batch_gets_its_answer_when_the_scan_has_ch
     ask_twice(http, path, body, server.data.scan_file(scan_id).unlink)
 
 
-def test_a_batch_whose_jobs_are_forgotten_is_not_queued(server, http, scan_with_alines):
+def test_batch_with_deleted_jobs_is_forgotten_not_queued(server, http, scan_with_alines):
     body = {"scan_id": scan_with_alines["scan"]["id"], "vary": {"modes": [4, 8]}}
     batch = http.post("/batches", json=body).json()
     names = [job["id"] for job in batch["jobs"]]
@@ -67,7 +67,7 @@ def test_a_batch_whose_jobs_are_forgotten_is_not_queued(server, http, scan_with_
     assert batch["id"] in [item["id"] for item in http.get("/batches").json()["items"]]
 
 
-def test_first_looks_at_a_masks_picture_at_once_draw_it_once(server, http):
+def test_concurrent_first_mask_picture_requests_draw_once(server, http):
     """Two that draw share a draft: the slower one would find it renamed, or write into what is being read."""
     arrangement = {"arrangement": "equi-steradian", "aperture": 0.012, "depth": 4e-3, "count": 333}
     mask = http.post("/masks", json=arrangement).json()
@@ -101,7 +101,7 @@ def events(lines, seconds=30.0):
             fields = {}
 
 
-def test_a_filtered_stream_moves_on_past_what_others_did(server, http, scan_with_alines):
+def test_filtered_event_stream_advances_id_past_filtered_events(server, http, scan_with_alines):
     log, wanted = EventLog(server.database), {"kind": "scan", "progress": False}
     with http.stream("GET", "/events", params=wanted) as answer:
         stream = events(answer.iter_lines())
@@ -119,7 +119,7 @@ def test_a_filtered_stream_moves_on_past_what_others_did(server, http, scan_with
         assert next(events(answer.iter_lines()))["event"] == "ready", "nothing was missed"
 
 
-def test_json_says_null_for_what_is_no_number(server, http, scan_with_alines):
+def test_json_response_encodes_non_finite_numbers_as_null(server, http, scan_with_alines):
     scan_id = scan_with_alines["scan"]["id"]
     shots = http.get(f"/scans/{scan_id}/shots").json()
     assert {value is None for value, stored in zip(shots["energy"], shots["stored"], strict=True) if stored} == {False}

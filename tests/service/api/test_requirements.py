@@ -60,7 +60,7 @@ def figure(server, name):
         ({"parameters": {"modes": 32}, "requires": {"cores": 3}}, "#/requires/cores"),
     ],
 )
-def test_what_no_worker_has_is_refused_with_the_field_and_what_they_have(http, ask, note, body, pointer):
+def test_job_with_unmet_requirements_returns_422_with_worker_capabilities(http, ask, note, body, pointer):
     made = ask(**body)
     assert made.status_code == 202, made.text
     note("near-0", GIB, 2)
@@ -78,7 +78,7 @@ def test_what_no_worker_has_is_refused_with_the_field_and_what_they_have(http, a
         assert len(http.get("/batches").json()["items"]) == before
 
 
-def test_a_job_tells_what_it_requires_and_for_whom_it_waits(server, http, ask, note):
+def test_job_shows_requirements_and_awaited_worker(server, http, ask, note):
     note("near-0", GIB, 2)
     note("far-0", 8 * GIB, 16, "a card")
     job = ask(parameters={"modes": 32, "device": "gpu"}, requires={"memory": 2 * GIB, "cores": 4}).json()
@@ -118,7 +118,7 @@ def test_an_image_of_a_line_requires_memory_for_two_axes(http, ask):
     assert image.raise_for_status().json()["requires"]["memory"] == 4 * 32 * 256
 
 
-def test_where_workers_are_started_for_what_waits_nothing_is_refused(database, tmp_path):
+def test_job_with_unmet_requirements_is_accepted_with_await_workers(database, tmp_path):
     server = api_of(tmp_path, await_workers=True, **database()).wait()
     try:
         WorkerRegistration(server.database, "near-0", Capabilities(GIB, 2)).publish()

@@ -18,7 +18,7 @@ def new_scan(http, plan_id):
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
-def test_the_root_says_what_the_service_is_and_its_links_lead_somewhere(server, http):
+def test_root_describes_service_with_resolvable_links(server, http):
     root = http.get("/").json()
     assert (root["name"], root["mode"]) == ("steradian", "simulated")
     assert root["limits"]["mask_points"] == 5000
@@ -44,7 +44,7 @@ def test_the_same_mask_is_made_once_and_has_one_address(http, body):
     assert http.get(f"/masks/{first.json()['id']}").json() == first.json()
 
 
-def test_the_points_are_those_of_the_library(http, mask):
+def test_mask_points_equal_library_points(http, mask):
     points = http.get(f"/masks/{mask['id']}/points").json()
     own = equi_steradian_mask(13.56e-3, 3.6e-3, 60)
     assert mask["id"] == points["id"] == own.id
@@ -72,7 +72,7 @@ def test_an_arrangement_is_asked_for_by_its_number_of_points_and_its_depth(http)
         ({"arrangement": "random", "count": 50, "offset": [0.1, 0], "depth": 3e-3}, "offset"),
     ],
 )
-def test_what_says_too_much_or_too_little_of_a_mask_is_refused(http, wrong, field):
+def test_mask_with_missing_or_conflicting_fields_returns_422(http, wrong, field):
     answer = http.post("/masks", json={"aperture": 0.01} | wrong)
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["pointer"].endswith(field), answer.json()
@@ -89,7 +89,7 @@ def test_the_same_plan_is_made_once_and_states_its_cost(http, mask):
 
 
 @pytest.mark.timeout(400)
-def test_a_plan_takes_a_tuning_map_and_states_what_its_bands_lose(http, mask):
+def test_plan_with_tuning_map_reports_sensitivity_loss(http, mask):
     points = http.get(f"/masks/{mask['id']}/points").json()["positions"]
     best = (1.55e-6 + np.random.default_rng(0).uniform(-2e-9, 2e-9, len(points))).tolist()
     body = {"mask_id": mask["id"], "pulse_rate": 50, "samples": 300, "order": "bands", "max_sensitivity_loss": 0.1}
@@ -105,7 +105,7 @@ def test_a_plan_takes_a_tuning_map_and_states_what_its_bands_lose(http, mask):
     assert "wavelengths" in doubly.text
 
 
-def test_a_scan_waits_in_the_queue_and_says_that_it_is_simulated(http, plan):
+def test_new_scan_is_queued_and_marked_simulated(http, plan):
     answer = new_scan(http, plan["id"])
     scan = answer.json()
     assert answer.status_code == 201
@@ -170,14 +170,14 @@ def test_a_client_that_leaves_while_it_waits_changes_nothing(http, scan):
     assert http.get(f"/scans/{scan['id']}").json() == scan
 
 
-def test_a_wish_is_kept_and_may_be_repeated(http, scan):
+def test_scan_desired_state_is_stored_and_idempotent(http, scan):
     for _ in range(2):
         answer = http.put(f"/scans/{scan['id']}/desired-state", json={"state": "stopped", "reason": "too warm"})
         assert answer.status_code == 200
         assert (answer.json()["desired_state"], answer.json()["reason"]) == ("stopped", "too warm")
 
 
-def test_what_is_not_over_has_no_file_yet_and_says_when_to_ask_again(http, scan):
+def test_file_of_unfinished_scan_returns_409_with_retry_after(http, scan):
     for answer in (
         http.get(f"/scans/{scan['id']}/file"),
         http.post("/reconstructions", json={"scan_id": scan["id"]}),
@@ -219,7 +219,7 @@ def test_a_reconstruction_is_queued_before_there_is_a_worker_and_can_be_cancelle
     assert job["id"] in [item["id"] for item in http.get("/reconstructions").json()["items"]]
 
 
-def test_ready_names_what_is_missing(server):
+def test_readiness_lists_missing_components(server):
     answer = httpx.get(f"{server.url}/readyz", timeout=250)
     checks = answer.json()["checks"]
     assert answer.status_code == 503

@@ -75,7 +75,7 @@ def test_a_scanner_without_a_node_is_retired_and_no_press_waits_for_it_any_more(
     pair.http.delete("/scanners/scanner-0/emergency-stop").raise_for_status()
 
 
-def test_a_scanner_whose_node_answers_is_not_retired(pair):
+def test_retire_scanner_with_responding_node_returns_409(pair):
     for url in (pair.other.url, pair.scanner.url):
         refused = pair.http.delete(f"{url}/api/v1/scanners/scanner-0")
         assert (refused.status_code, refused.json()["code"]) == (409, "in-use"), refused.text
@@ -88,7 +88,7 @@ def test_a_node_that_another_scanner_has_at_the_address_by_now_is_not_taken_for_
     assert pair.http.delete(GONE).status_code == 204
 
 
-def test_a_scanner_that_comes_back_is_one_again_and_its_stop_stands(tmp_path):
+def test_retired_scanner_restart_restores_it_with_emergency_stop(tmp_path):
     pair = Pair(tmp_path)
     try:
         comes_back(pair)
@@ -124,7 +124,7 @@ def test_a_node_that_was_cut_off_while_its_scanner_was_retired_notes_it_again(pa
     ],
     ids=["queued", "running", "interrupted", "over"],
 )
-def test_what_a_retired_scanner_has_begun_is_given_up_when_that_is_said(pair, gone, states, then):
+def test_retire_scanner_with_abandon_ends_its_unfinished_scan(pair, gone, states, then):
     scan = scan_of(pair, "scanner-1", *states)
     refused = pair.http.delete(GONE)
     if then == "failed":

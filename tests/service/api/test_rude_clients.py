@@ -66,7 +66,7 @@ def test_a_request_that_is_never_finished_is_given_up(serve, connect, begun):
     assert is_ended(connect(server, begun))
 
 
-def test_a_kept_connection_and_a_slow_but_steady_body_are_not_given_up(serve, connect):
+def test_slow_steady_request_body_is_not_timed_out(serve, connect):
     server = serve(client_timeout=3.0)
     body = b'{"arrangement": "grid", "aperture": 0.01, "count": 5, "interval": 1e-3}'
     connection = connect(
@@ -88,7 +88,7 @@ def test_an_endless_head_is_refused(serve, connect):
         connection.sendall(b"x" * 2**26)
 
 
-def test_who_sends_a_body_that_is_too_large_to_its_end_can_read_why_it_is_refused(serve, connect):
+def test_oversized_body_client_receives_413_response(serve, connect):
     server = serve(client_timeout=2.0)
     head = f"POST /api/v1/jobs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {2**24}\r\n\r\n".encode()
     connection = connect(server, head + bytes(2**24))
@@ -107,7 +107,7 @@ def test_one_connection_too_many_takes_the_place_of_the_longest_silent_one(serve
     assert is_ended(silent[0])
 
 
-def test_more_connections_than_file_descriptors_stop_nobody_and_fill_no_log(tmp_path, connect):
+def test_connections_beyond_fd_limit_keep_service_up_and_log_bounded(tmp_path, connect):
     limit = lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))  # noqa: E731
     server = api_of(tmp_path, preexec_fn=limit)
     try:
@@ -171,7 +171,7 @@ def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
     assert "Traceback" not in server.log
 
 
-def test_who_asks_for_a_websocket_gives_the_place_back(serve, connect):
+def test_websocket_upgrade_request_releases_connection_slot(serve, connect):
     """Also where a library for websockets is installed, of which the service makes no use."""
     server = serve(max_connections=10)
     upgrade = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "

@@ -1,7 +1,7 @@
 """``/scans/{id}/signals``: the inspection over HTTP, with the refusals."""
 
 
-def test_read_scan_signals_partial_scan_tells_what_is_stored(http, scan_with_alines):
+def test_scan_signals_of_partial_scan_cover_stored_alines(http, scan_with_alines):
     """Five A-lines are stored, of as many as the mask has points."""
     scan = scan_with_alines["scan"]["id"]
     told = http.get(f"/scans/{scan}/signals").raise_for_status().json()

@@ -19,7 +19,7 @@ def put(http, scan, state):
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_running_scan_can_be_paused_and_run_again_however_often_it_is_said(server, http, scan, times):
+def test_running_scan_pause_and_resume_are_idempotent(server, http, scan, times):
     lead(server, scan, S.ARMING, S.RUNNING)
     for state in ("paused", "running", "paused"):
         for _ in range(times):
@@ -38,7 +38,7 @@ def test_an_end_cannot_be_taken_back(server, http, scan, end, refused):
     assert http.get(f"/scans/{scan['id']}").json()["desired_state"] == end
 
 
-def test_an_interrupted_scan_waits_for_a_wish_and_takes_only_some(server, http, scan):
+def test_interrupted_scan_defaults_to_paused_and_accepts_running(server, http, scan):
     lead(server, scan, S.ARMING, S.RUNNING, S.INTERRUPTED)
     shown = http.get(f"/scans/{scan['id']}").json()
     assert (shown["state"], shown["desired_state"]) == ("interrupted", "paused"), "nobody wants it to fire by itself"
@@ -53,13 +53,13 @@ def test_a_queued_scan_cannot_be_paused(http, scan):
     assert "allowed: aborted, stopped" in answer.json()["detail"]
 
 
-def test_a_scan_that_is_over_takes_no_wish(server, http, scan):
+def test_desired_state_of_finished_scan_returns_409(server, http, scan):
     lead(server, scan, S.ARMING, S.RUNNING, S.COMPLETING, S.COMPLETE)
     for state in ("paused", "stopped", "aborted"):
         assert put(http, scan, state).status_code == 409
 
 
-def test_that_the_disk_is_full_is_shown_and_told(server, http, scan):
+def test_full_disk_condition_appears_in_scan_progress(server, http, scan):
     lead(server, scan, S.ARMING, S.RUNNING)
     ScanRepository(server.database).report_condition(scan["id"], "blocked: the disk is full", "the disk is full")
     assert http.get(f"/scans/{scan['id']}").json()["progress"]["stage"] == "blocked: the disk is full"

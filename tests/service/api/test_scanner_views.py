@@ -42,7 +42,7 @@ def test_scanner_of_another_node_that_was_never_heard_is_unknown(scanner):
     assert (shown.age, shown.looked_at, shown.look_interval) == (None, None, 4.0)
 
 
-def test_scanner_of_another_node_is_as_the_database_says_for_ten_seconds(scanner):
+def test_remote_scanner_status_expires_to_unknown(scanner):
     scanner.note_status(heard(model="FP", serial="7"))
     shown = view(scanner, later=CURRENT_ELSEWHERE - 2)
     assert (shown.connection, shown.laser, shown.serial) == ("connected", "off", "7")
@@ -51,7 +51,7 @@ def test_scanner_of_another_node_is_as_the_database_says_for_ten_seconds(scanner
     assert late.age > CURRENT_ELSEWHERE
 
 
-def test_scanner_noted_without_a_change_keeps_its_revision_and_gets_a_new_age(scanner):
+def test_unchanged_scanner_status_keeps_revision_and_refreshes_timestamp(scanner):
     scanner.note_status(heard())
     before = scanner.get(scanner.id)
     scanner.note_status(heard())

@@ -95,7 +95,7 @@ def routes():
             yield from ((method, route) for method in route.methods)
 
 
-def test_every_route_is_in_the_table_and_looks_there():
+def test_every_route_has_scope_and_authorized_route_class():
     assert {(method, route.path_format) for method, route in routes()} == set(SCOPES)
     assert all(type(route).__name__ == "AuthorizedRoute" for _, route in routes())
 
@@ -116,7 +116,7 @@ def test_a_route_is_open_to_its_scope(guarded, client, method, path):
         assert guarded.ask(client, method, path, guarded.of_scope[scope]).status_code not in {401, 403, 500}, scope
 
 
-def test_what_others_can_reach_is_closed_without_a_key(guarded, client):
+def test_routes_without_key_return_401(guarded, client):
     for method, path in ROUTES:
         answer = guarded.ask(client, method, path)
         assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
@@ -129,7 +129,7 @@ def test_no_answer_leaves_a_browser_room(guarded, client, path):
     assert_is_safe(client.request("PROPFIND", guarded.url + path))
 
 
-def test_what_has_a_version_may_be_kept_by_its_user_who_asks_about_it(guarded, client):
+def test_versioned_response_is_cached_privately_with_revalidation(guarded, client):
     key = {"Authorization": f"Bearer {guarded.of_scope[Scope.READ]}"}
     answer = client.get(f"{guarded.url}/api/v1/scanners/scanner-0", headers=key)
     assert answer.headers["cache-control"] == "private, no-cache"
@@ -149,14 +149,14 @@ def ticket_of(guarded, client):
     return client.post(f"{guarded.url}/api/v1/tickets", headers=key).json()["ticket"]
 
 
-def test_a_ticket_opens_one_stream_and_nothing_else(guarded, client):
+def test_stream_ticket_opens_single_event_stream_only(guarded, client):
     ticket = ticket_of(guarded, client)
     assert guarded.ask(client, "GET", f"/api/v1/scans?ticket={ticket}").status_code == 401
     assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 200
     assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 401
 
 
-def test_who_was_in_a_stream_comes_back_to_it_with_the_ticket(guarded, client):
+def test_stream_ticket_with_last_event_id_allows_reconnect(guarded, client):
     """A browser's EventSource sends the same address again, with the last event it saw."""
     here = f"{guarded.url}/api/v1/events?ticket={ticket_of(guarded, client)}"
     headers = {}
@@ -198,7 +198,7 @@ def test_a_ticket_that_is_too_old_is_refused(guarded):
         guarded.keys.open_stream(ticket, goes_on=False)
 
 
-def test_only_hashes_are_kept(guarded):
+def test_key_store_keeps_only_hashes(guarded):
     text = str([vars(row) for row in guarded.keys.list()])
     assert all(secret_of(key) not in text for key in guarded.of_scope.values())
 

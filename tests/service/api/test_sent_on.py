@@ -60,13 +60,13 @@ def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_b
     assert ("local", "fault cleared: interlock-opened: closed") in [(one["who"], one["why"]) for one in told]
 
 
-def test_clear_fault_without_an_acquisition_process_says_that_it_does_not_answer(pair):
+def test_clear_fault_without_acquisition_process_returns_503(pair):
     refused = pair.http.post("/scanners/scanner-0/clear-fault")
     assert (refused.status_code, refused.json()["code"]) == (503, "scanner-unreachable")
     assert "acquisition process" in refused.json()["detail"]
 
 
-def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scanner(pair):
+def test_undelivered_stop_is_stored_and_applied_on_scanner_restart(pair):
     pair.scanner.close()
     answer = pair.http.post(STOP, json={"reason": "smoke"})
     assert (answer.status_code, answer.json()["emergency_stop"]["laser"]) == (202, "unconfirmed")
@@ -83,7 +83,7 @@ def test_a_press_that_reaches_nobody_stands_in_the_database_and_then_at_the_scan
     assert released.json()["emergency_stop"] is None
 
 
-def test_a_press_of_all_scanners_names_each_and_those_that_are_silent(pair):
+def test_stop_all_lists_every_scanner_and_marks_unreachable_unconfirmed(pair):
     pair.row.of("scanner-1").ensure(simulated=True, address=NOBODY)
     until(lambda: "refused" in pair.http.delete("/scanners/scanner-1/emergency-stop").text)
     answer = pair.http.post("/emergency-stop", json={"reason": "smoke"})
@@ -94,7 +94,7 @@ def test_a_press_of_all_scanners_names_each_and_those_that_are_silent(pair):
     assert said["scanner-1"]["laser"] == "unconfirmed"
 
 
-def test_a_press_of_all_scanners_reaches_those_that_only_the_node_knows_while_its_database_is_away(pair):
+def test_stop_all_reaches_cached_scanners_while_database_is_locked(pair):
     pair.row.of("scanner-1").ensure(simulated=True, address=NOBODY)
     until(lambda: "refused" in pair.http.delete("/scanners/scanner-1/emergency-stop").text)
     with pair.scanner.database.write():  # what a database does that hangs
@@ -172,7 +172,7 @@ def test_only_another_node_can_say_that_a_press_is_one_that_came_before(pair, er
         httpx.delete(f"{pair.scanner.url}/api/v1{STOP}", timeout=250).raise_for_status()
 
 
-def test_only_who_knows_the_secret_asks_on_another_s_behalf(pair):
+def test_forwarded_principal_without_node_secret_returns_401(pair):
     said = {"Steradian-Principal": '{"name": "key Ada (01)", "scopes": ["read"], "key_id": "01"}'}
     for server in (pair.scanner, pair.other):
         ask = f"{server.url}/api/v1/session"
@@ -184,7 +184,7 @@ def test_only_who_knows_the_secret_asks_on_another_s_behalf(pair):
         assert made.status_code == 403, "what they may do is what the first node says"
 
 
-def test_a_node_that_is_taken_for_the_scanner_s_says_so_and_sends_nothing_on(pair):
+def test_misrouted_request_is_refused_without_further_forwarding(pair):
     pair.row.of("scanner-1").ensure(simulated=True, address=pair.other.url)
     path = "/scanners/scanner-1/emergency-stop"
     until(lambda: pair.http.post(path).status_code == 202)
@@ -195,7 +195,7 @@ def test_a_node_that_is_taken_for_the_scanner_s_says_so_and_sends_nothing_on(pai
 
 
 @pytest.mark.long
-def test_a_node_with_another_secret_is_told_so_and_not_that_the_key_is_wrong(pair):
+def test_node_secret_mismatch_returns_503_not_401(pair):
     """A page that is told so takes its session for over."""
     stranger = ApiProcess(pair.folder, role="api", node_secret=SECRET[::-1]).wait()
     try:
@@ -206,7 +206,7 @@ def test_a_node_with_another_secret_is_told_so_and_not_that_the_key_is_wrong(pai
     assert "STERADIAN_NODE_SECRET" in released.json()["detail"]
 
 
-def test_a_scanner_s_node_that_hangs_holds_up_nobody_who_asks_another_s(pair):
+def test_hung_scanner_node_does_not_block_requests_to_other_node(pair):
     with socket.create_server(("127.0.0.1", 0), backlog=100) as deaf, ThreadPoolExecutor(40) as crowd:
         deaf.settimeout(250)
         pair.row.of("scanner-1").ensure(simulated=True, address=f"http://127.0.0.1:{deaf.getsockname()[1]}")

@@ -107,7 +107,7 @@ def test_another_page_reads_nothing_with_the_cookie(browser, site):
 
 
 @pytest.mark.parametrize("said", [{"Sec-Fetch-Site": None}, {"Origin": None}])
-def test_what_one_browser_does_not_say_another_does(browser, said):
+def test_csrf_check_accepts_missing_origin_or_fetch_site_header(browser, said):
     assert browser.ask("POST", MASKS, said, json=MASK).status_code in {200, 201}
 
 
@@ -121,7 +121,7 @@ def test_behind_a_proxy_with_tls_the_cookie_is_for_tls_and_the_origin_is_the_pro
     assert httpx.post(guarded.url + MASKS, json=MASK, headers=page, timeout=250).status_code in {200, 201}
 
 
-def test_a_key_beside_a_cookie_is_what_counts(guarded, browser):
+def test_authorization_header_overrides_session_cookie(guarded, browser):
     """No page can make another's browser send it; so it needs no token, and a wrong one is not made up for."""
     nothing = {"X-CSRF-Token": None, "Origin": None, "Sec-Fetch-Site": None}
     good = guarded.keys.create("other", [Scope.PLAN])
@@ -146,7 +146,7 @@ def test_a_session_is_opened_with_a_key_alone(guarded, browser, how):
     assert "set-cookie" not in answer.headers
 
 
-def test_who_signs_out_is_out_and_so_is_whoever_has_the_cookie(guarded, browser):
+def test_sign_out_invalidates_session_cookie(guarded, browser):
     stolen = {"Cookie": f"steradian_session={browser.http.cookies['steradian_session']}"}
     assert httpx.get(guarded.url + SESSION, headers=stolen, timeout=250).status_code == 200
     answer = browser.ask("DELETE", SESSION)
@@ -220,7 +220,7 @@ def test_sessions_end_after_their_time_and_are_bounded_in_number(guarded):
         sessions.check(later)
 
 
-def test_only_hashes_of_sessions_are_kept(guarded, browser):
+def test_session_store_keeps_only_hashes(guarded, browser):
     secret, text = browser.http.cookies["steradian_session"], guarded.settings.data
     kept = b"".join(path.read_bytes() for path in text.glob("steradian.sqlite*"))
     assert secret.encode() not in kept
@@ -244,7 +244,7 @@ def test_a_session_counts_against_its_keys_rate(tmp_path):
         server.close()
 
 
-def test_without_keys_everybody_on_the_machine_is_local_as_before(server, http):
+def test_keyless_service_session_is_local_admin(server, http):
     told = http.get("/session").json()
     nothing = dict.fromkeys(("csrf_token", "expires", "stop_ticket"))
     assert told == {"principal": "local", "scopes": ["admin"]} | nothing

@@ -35,7 +35,7 @@ def rows_of(told):
     return list(zip(*(told[name] for name in COLUMNS), strict=True))
 
 
-def test_who_follows_a_scan_is_told_only_what_has_changed(http, here, store, scan_with_alines):
+def test_shots_since_cursor_returns_only_changed_points(http, here, store, scan_with_alines):
     """Each answer, laid over those before it, is what a client that reads everything is told."""
     visit = scan_with_alines["visit"].tolist()
     first = shots(http, here)

@@ -20,7 +20,7 @@ def request():
     return Request(scope | {"path": "/", "state": state}, receive)
 
 
-def test_who_waits_behind_requests_that_hang_is_told_so_before_they_end(tmp_path, monkeypatch):
+def test_request_queued_behind_hung_forwards_fails_before_they_end(tmp_path, monkeypatch):
     monkeypatch.setattr(nodes, "AT_ONCE", 1)
     monkeypatch.setattr(nodes, "PATIENCE", 0.2)  # of who waits for a place: the answer is waited for as long as ever
     known = nodes.PeerRegistry(Settings.create(data=tmp_path, node_secret="x" * 32), None)

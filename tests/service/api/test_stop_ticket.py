@@ -143,7 +143,7 @@ def test_stop_ticket_is_not_given_where_no_key_is_needed(http):
     assert http.get("/emergency-stop").json() == {"by": "local"}
 
 
-def test_stop_ticket_of_a_key_says_its_name_and_its_end_alone():
+def test_stop_ticket_contains_only_name_and_expiry():
     now = datetime(2026, 1, 1, tzinfo=UTC)
     ticket = StopTickets(SECRET, lambda: now).issue(ADA)
     said = ticket.partition(".")[0]

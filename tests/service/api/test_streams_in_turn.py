@@ -7,7 +7,7 @@ from steradian.api.middleware.base import MAX_CONCURRENT_OPENS, STREAMS, StreamA
 CROWD = 200
 
 
-def test_who_comes_behind_a_crowd_is_served_after_few_of_it():
+def test_stream_admission_does_not_delay_other_requests():
     """All is asked in one moment; what each costs is counted, as it would be time."""
     answered = []
 

@@ -47,7 +47,7 @@ async def ask(app, path="/api/v1/masks", principal="a", headers=(), method="GET"
     return int(sent[1]["body"].strip())
 
 
-def test_a_hundred_readers_cost_two_looks():
+def test_concurrent_identical_requests_run_handler_twice():
     async def run():
         inner = Counting()
         app = CoalescingCacheMiddleware(inner, nothing)
@@ -77,7 +77,7 @@ def test_other_readers_other_things_and_other_deeds_share_nothing():
 
 
 @pytest.mark.long
-def test_what_was_written_is_read_by_whoever_asks_afterwards(server, scan):
+def test_read_after_write_returns_new_label_under_concurrent_reads(server, scan):
     """While many read the same scan without pause, a label that was set is there for the very next reader."""
     address, over, refused = f"{server.url}/api/v1/scans/{scan['id']}", threading.Event(), []
 
@@ -103,7 +103,7 @@ def test_what_was_written_is_read_by_whoever_asks_afterwards(server, scan):
     assert not refused
 
 
-def test_an_answer_is_kept_while_the_stamp_is_the_same():
+def test_cached_response_is_kept_until_validator_changes():
     async def run():
         stamps, inner = {"/api/v1/masks": (1,)}, Counting()
 
@@ -123,7 +123,7 @@ def test_an_answer_is_kept_while_the_stamp_is_the_same():
     asyncio.run(run())
 
 
-def test_what_is_kept_has_a_limit():
+def test_response_cache_evicts_oldest_and_skips_oversized_entries():
     async def run():
         async def stamp(_scope):
             return (1,)
@@ -141,7 +141,7 @@ def test_what_is_kept_has_a_limit():
     asyncio.run(run())
 
 
-def test_only_what_a_stamp_says_all_of_is_stamped():
+def test_validator_key_covers_only_supported_paths_and_queries():
     def asked(path, query=b""):
         return validator_key({"path": f"/api/v1/{path}", "query_string": query})
 
@@ -156,7 +156,7 @@ def test_only_what_a_stamp_says_all_of_is_stamped():
 
 
 @pytest.mark.long
-def test_a_kept_answer_is_the_one_that_would_be_made(server, http, scan_with_alines):
+def test_cached_response_equals_uncached_after_each_change(server, http, scan_with_alines):
     """Whatever changes of a row, also in other processes, the next reader is told."""
     scan, job = scan_with_alines["scan"]["id"], scan_with_alines["reconstruction"]["id"]
     plan, mask = scan_with_alines["scan"]["plan_id"], scan_with_alines["scan"]["mask_id"]
@@ -217,7 +217,7 @@ def test_stamps_that_are_asked_for_together_cost_one_look(server, mask):
     asyncio.run(run())
 
 
-def test_a_look_that_forgets_somebody_leaves_nobody_without_an_answer():
+def test_batch_loader_missing_key_raises_key_error():
     forgotten = {1}
 
     def look(questions):

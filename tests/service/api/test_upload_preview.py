@@ -32,7 +32,7 @@ def recording(http):
     return sent(http, npy(TRACES))
 
 
-def test_what_is_missing_is_named_and_the_rest_is_told(http, server, recording):
+def test_preview_of_incomplete_file_lists_missing_fields(http, server, recording):
     before = kept(http, server)
     told = look(http, recording).json()
     assert [one["field"] for one in told["missing"]] == ["positions", "sampling_interval", "sound_speed"]
@@ -74,7 +74,7 @@ def test_a_scan_file_of_our_own_lacks_nothing(http, scan_with_alines):
         ({"companion_id": "u0"}, 404, None),
     ],
 )
-def test_what_is_refused(http, recording, asked, status, pointer):
+def test_preview_of_invalid_description_or_companion_is_refused(http, recording, asked, status, pointer):
     answer = look(http, recording, **asked)
     assert answer.status_code == status, answer.text
     if pointer:
@@ -86,7 +86,7 @@ def test_a_damaged_file_and_one_that_is_gone(http):
     assert look(http, "u0").status_code == 404
 
 
-def test_preview_of_an_sgl_tells_what_its_former_name_says_and_what_is_assumed(http):
+def test_sgl_preview_reports_file_name_metadata_and_assumptions(http):
     """The upload has no name; the description brings it."""
     numbers = np.concatenate([[3, 3, 32, 500, 500, 20], TRACES.T.ravel()])
     upload = sent(http, numbers.astype(">f4").tobytes())

@@ -91,7 +91,7 @@ def test_a_projection_is_of_the_slab_and_lies_where_the_volume_does(http, finish
         np.testing.assert_allclose(line, LINES["xyz".index(name)], atol=1e-12)
 
 
-def test_a_projection_no_larger_than_asked_keeps_its_maxima(http, finished):
+def test_downsampled_projection_preserves_block_maxima(http, finished):
     answer = http.get(f"{finished}/mip", params={"axis": "y", "max_size": 6}, headers=RAW)
     image, whole = numbers(answer), VALUES.max(axis=1)
     assert image.shape == (3, 6)
@@ -119,7 +119,7 @@ def test_bytes_go_by_the_window(http, finished, window, least, greatest):
 
 @pytest.mark.parametrize("accept", ["application/x-npy", "application/octet-stream", "application/json"])
 @pytest.mark.parametrize("part", ["2:5,::3,7", "4", ":,3"])
-def test_a_slice_tells_where_it_lies_in_every_format(http, finished, accept, part):
+def test_volume_slice_returns_values_and_axes_in_every_format(http, finished, accept, part):
     answer = http.get(f"{finished}/volume", params={"slice": part}, headers={"Accept": accept})
     if accept == "application/json":
         body = answer.json()
@@ -144,7 +144,7 @@ def test_of_an_empty_slice_nothing_comes_at_any_level(http, long, level):
 
 
 @pytest.mark.parametrize("worst", [np.nan, np.inf])
-def test_bytes_of_a_volume_with_what_is_no_number_go_by_the_rest(http, server, made, worst):
+def test_uint8_window_ignores_non_finite_voxels(http, server, made, worst):
     values = np.ones((4, 5, 6), np.float32)
     values[1, 1, 1] = worst
     axes = VoxelAxes(*(np.arange(size) * 1e-4 for size in values.shape))
@@ -204,7 +204,7 @@ def test_steps_and_levels_that_are_not_there_are_refused(http, long):
         ("volume", {"slice": "1,2,3,4"}, "slice"),
     ],
 )
-def test_what_fits_no_volume_is_refused_by_name(http, finished, path, asked, field):
+def test_invalid_volume_query_parameter_returns_422_with_pointer(http, finished, path, asked, field):
     answer = http.get(f"{finished}/{path}", params=asked, headers=RAW)
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-input")
     assert answer.json()["errors"][0]["pointer"] == field
@@ -276,6 +276,6 @@ def test_a_volume_in_one_piece_is_the_same_hierarchy(tmp_path, monkeypatch):
     ["", "0", ".zgroup", "zarr.json/", "3/zarr.json", "0/c/0/0", "0/c/0/0/5", "0/c/0/0/0/0", "0/c/00/0/0",
      "-1/zarr.json", "..%2f..%2fzarr.json", "0/c/9999999999/0/0", "0/.zarray"],
 )  # fmt: skip
-def test_what_is_no_member_of_the_hierarchy_is_not_found(http, long, path):
+def test_unknown_ome_zarr_member_returns_404(http, long, path):
     answer = http.get(f"{long.at}/volume.ome.zarr/{path}")
     assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")

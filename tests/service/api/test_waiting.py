@@ -55,7 +55,7 @@ def test_forty_waiters_look_seldom_and_hear_of_the_end(tmp_path):
     assert idle <= 40 * 6, "four seconds of nothing cost each at most six looks, not one every tenth of a second"
 
 
-def test_who_waits_for_a_job_has_nobody_look_for_progress(tmp_path, monkeypatch):
+def test_event_subscription_without_progress_skips_job_polling(tmp_path, monkeypatch):
     services = ServiceContainer(Settings.create(data=tmp_path))
     services.data.create()
     services.database.migrate()

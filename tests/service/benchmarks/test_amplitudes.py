@@ -20,7 +20,7 @@ def rows():
 
 
 @pytest.mark.long
-def test_amplitudes_are_those_of_a_dense_grid_over_the_same_area(rows):
+def test_amplitudes_match_dense_grid_within_5_percent(rows):
     """Within 5 % for six arrangements and an imported rectangle, a ball and a vessel tree."""
     assert len(rows) == 7
     for row in rows:
@@ -56,7 +56,7 @@ def test_readmes_first_example_shows_the_amplitude_beside_its_truth():
     assert "(226, 226, 1024) brightest at depth 0.0036" in done.stdout
 
 
-def test_an_imported_rectangular_field_stands_for_its_own_area():
+def test_imported_rectangular_field_has_exact_sensed_area():
     """A field of 16 × 10 mm, every 200 µm, in the square aperture that an import finds for it."""
     field = np.argwhere(np.ones((80, 50))) * 2e-4
     sensors = fit_sensor_plane(field)

@@ -32,7 +32,7 @@ def test_the_mean_wait_of_equal_jobs_is_that_of_pollaczek_and_khinchine():
     assert fifo_waiting_times(come, np.full(jobs, load), 1).mean() == pytest.approx(load**2 / 2 / (1 - load), rel=0.04)
 
 
-def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
+def test_required_workers_is_minimum_for_wait_limit(monkeypatch):
     monkeypatch.setattr(queueing_model, "PATIENCE", 5.0)
     chance = np.random.default_rng(5)
     lasting = chance.exponential(4.0, 5000)
@@ -45,7 +45,7 @@ def test_workers_are_as_few_as_let_nobody_wait_long(monkeypatch):
     assert required_workers(3.0, lasting, together=4) > enough
 
 
-def test_what_ten_times_the_scanners_ask_for_is_ten_times_as_much_but_workers_share_the_waiting():
+def test_load_scales_linearly_with_scanners_and_workers_sublinearly():
     rows = load_of_scanners([30.0] * 10, api_cpu_s=0.003, scan_bytes=5e6, volume_bytes=2e8, events=40, event_s=0.002)
     assert [row["scanners"] for row in rows] == list(SCANNERS)
     for fewer, more in pairwise(rows):

@@ -32,7 +32,7 @@ def test_sixteen_beams_take_a_sixteenth_of_the_time_by_plan_and_by_the_hardwares
         assert row["bound"] < row["share"] < 1.01 * row["bound"]
 
 
-def test_projections_are_as_good_as_those_of_any_mask_like_it():
+def test_multi_beam_projection_quality_matches_single_beam():
     """The difference to one beam's is no larger than three times what the choice of points makes."""
     for row in ROWS:
         if row["beams"] == 16:
@@ -50,7 +50,7 @@ def test_with_an_eighth_more_places_volumes_are_as_good_and_with_the_fewest_they
 
 
 @pytest.mark.long
-def test_the_simulated_hardware_takes_the_time_that_the_preview_says():
+def test_simulated_multi_beam_scan_time_matches_preview():
     alone = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
     pattern = read_beams("3", 0.5e-3)
     plan = ScanPlan.create(mask=multi_beam_mask(alone, pattern), beams=pattern, link=Link(byte_rate=None))

@@ -15,7 +15,7 @@ from steradian.imaging.engines.cuda import backend
 
 
 @pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
-def test_without_a_gpu_it_says_what_is_missing() -> None:
+def test_gpu_benchmark_without_gpu_names_missing_package() -> None:
     result = CliRunner().invoke(app, ["gpu", "--quick"])
     assert result.exit_code != 0
     assert "CuPy" in str(result.exception)
@@ -58,7 +58,7 @@ def test_only_some_cases(monkeypatch: pytest.MonkeyPatch) -> None:
     assert row["gpu_s"] > 0
 
 
-def test_what_misses_its_bound_is_told() -> None:
+def test_limit_violations_lists_each_missed_limit() -> None:
     good = {"case": "direct 226", "ratio": LIMIT, "faster": FASTER}
     assert limit_violations([good, {"case": "fit", "fit_s": 1.0, "faster": 3.0}]) == []
     assert limit_violations([good | {"ratio": 3.0, "faster": 4.0}, {"case": "fit", "fit_s": 2.5}]) == [
@@ -68,7 +68,7 @@ def test_what_misses_its_bound_is_told() -> None:
     ]
 
 
-def test_the_tables_have_what_was_measured_and_why_others_were_not() -> None:
+def test_gpu_tables_list_measurements_and_skip_reasons() -> None:
     rows = [
         {"case": "direct 226", "device": "NVIDIA H100", "sensors": 1605, "shape": "226×226×1024", "gpu_s": 0.0031,
          "pair_s": 0.002, "ratio": 1.55, "cpu_s": 0.5, "faster": 161.3, "error": 2.1e-5},

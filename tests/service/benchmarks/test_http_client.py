@@ -47,7 +47,7 @@ def statuses_from(replies, asked):
     ],
     ids=["ended", "in the head", "in the body"],
 )
-def test_a_request_is_sent_again_where_a_kept_connection_ended_without_a_word(last, expected):
+def test_get_is_retried_only_if_connection_closed_before_response(last, expected):
     assert statuses_from([ANSWER, last, ANSWER], ["GET", "GET"]) == expected
 
 
@@ -55,5 +55,5 @@ def test_a_service_that_only_hangs_up_is_asked_once():
     assert statuses_from([b"", ANSWER], ["GET"]) == ([0], 1)
 
 
-def test_what_would_change_something_is_never_sent_twice():
+def test_post_is_never_retried():
     assert statuses_from([ANSWER, b"", ANSWER], ["GET", "POST"]) == ([200, 0], 1)

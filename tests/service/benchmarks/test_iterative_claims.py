@@ -26,7 +26,7 @@ def test_every_claim_of_the_section_holds_at_full_size(section, tmp_path: Path) 
 @pytest.mark.long
 # The order shares the time that compiling takes in a fresh clone: what the first compiles, the second needs too.
 @pytest.mark.parametrize("section", [focus.SECTION, iterative.SECTION], ids=lambda section: section.name)
-def test_a_small_version_runs_and_its_page_holds_what_its_json_does(section, tmp_path: Path) -> None:
+def test_quick_section_run_writes_page_matching_json(section, tmp_path: Path) -> None:
     part = json.loads(
         json.dumps(section.measure(SectionContext(True, tmp_path, lambda done, total: None)), allow_nan=False)
     )

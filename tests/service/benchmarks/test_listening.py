@@ -54,7 +54,7 @@ async def met(numbers, heard, whole=None):
     ],
     ids=["all", "one is lost", "one comes again", "what comes later"],
 )
-def test_what_each_listener_was_told_is_compared_with_the_log(heard, told):
+def test_delivery_report_counts_lost_and_repeated_events(heard, told):
     assert asyncio.run(met([4, 5, 6, 7], heard)) == told
 
 
@@ -63,7 +63,7 @@ def test_a_stream_that_ends_early_has_lost_the_rest(monkeypatch):
     assert asyncio.run(met([4, 5, 6, 7], [[4, 5]])) == DeliveryReport(1, 2, 0)
 
 
-def test_where_the_log_itself_is_cut_off_nothing_is_said_of_losses(monkeypatch):
+def test_truncated_event_log_raises_runtime_error(monkeypatch):
     monkeypatch.setattr(event_listeners, "PATIENCE", 0.5)
     with pytest.raises(RuntimeError, match="as far as event 7"):
         asyncio.run(met([4, 5, 6, 7], [[4, 5]], whole=[4, 5]))

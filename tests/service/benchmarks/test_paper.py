@@ -69,7 +69,7 @@ def test_the_command_fills_the_readme_between_its_markers(quick) -> None:
 
 
 @pytest.mark.long
-def test_a_section_alone_keeps_what_the_others_measured(quick) -> None:
+def test_single_section_run_preserves_other_sections(quick) -> None:
     before = json.loads((quick / "paper" / "paper.json").read_text("utf-8"))
     after = paper(quick, quick=True, only=("tree",))
     assert after["sections"]["yarn"] == before["sections"]["yarn"]
@@ -105,11 +105,11 @@ def test_every_name_is_a_section_of_that_name() -> None:
     assert [section.name for section in sections()] == list(SECTION_NAMES)
 
 
-def test_the_page_in_the_documentation_is_what_the_json_says(committed) -> None:
+def test_documentation_page_matches_json(committed) -> None:
     assert (DOCS / "paper.md").read_text("utf-8") == page(committed)
 
 
-def test_the_figures_in_the_readme_are_what_the_json_says(committed) -> None:
+def test_readme_figures_match_json(committed) -> None:
     assert readme_block(committed) in (ROOT / "README.md").read_text("utf-8")
 
 
@@ -161,7 +161,7 @@ def test_claims_that_small_versions_can_show_have_their_sign(quick, words) -> No
         ((0.1,), 0.2, Verdict.SIGN),
     ],
 )
-def test_one_rule_says_what_holds(runs, figure, verdict) -> None:
+def test_claim_verdict_follows_runs_and_figure(runs, figure, verdict) -> None:
     assert Claim("it", runs, "so", figure=figure).verdict is verdict
 
 
@@ -174,7 +174,7 @@ def test_the_page_counts_every_claim_and_so_does_the_readme(committed) -> None:
     assert len(shown) == len(claims) + 1
 
 
-def test_what_was_not_measured_is_no_claim(committed) -> None:
+def test_claims_contain_only_finite_measurements(committed) -> None:
     """Neither one that holds nor one that does not."""
     for claim in claims_of(committed):
         assert any(letter.isdigit() for letter in claim.ours), claim

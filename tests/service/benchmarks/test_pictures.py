@@ -12,7 +12,7 @@ def off(picture, original):
     return np.abs(np.asarray(picture.convert("RGB")).astype(int) - original).max()
 
 
-def test_few_colours_are_those_that_were_drawn():
+def test_palette_reduction_preserves_drawn_colours():
     """A picture of a page: a dark map of colours, a white panel, text in greys, and a small sign in amber."""
     page = np.full((300, 400, 3), 255, np.uint8)
     page[:200, :256] = colours("inferno")[np.linspace(0, 255, 200).astype(int)][:, None]
@@ -24,6 +24,6 @@ def test_few_colours_are_those_that_were_drawn():
 
 
 @pytest.mark.long
-def test_a_picture_of_too_many_colours_keeps_them():
+def test_palette_reduction_skips_images_with_too_many_colours():
     noise = np.random.default_rng(1).integers(0, 256, (200, 200, 3)).astype(np.uint8)
     assert off(few_colours(Image.fromarray(noise)), noise.astype(int)) == 0

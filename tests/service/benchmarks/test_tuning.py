@@ -29,7 +29,7 @@ def test_the_page_is_that_of_its_figures(tmp_path):
     assert f"{BEGIN}\n{tables(ROWS)}\n{END}" in page.read_text()
 
 
-def test_the_figures_are_those_of_today():
+def test_committed_tuning_figures_match_current_code():
     """Time, retunings and loss of the film that scatters, worked out anew; and what they are to show."""
     kept = chosen(film="scatter", pulse_rate_hz=1000.0, order="bands", allowed_loss=0.1, points=1605)
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)

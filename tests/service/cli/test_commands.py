@@ -96,7 +96,7 @@ def test_a_line_of_sensors_gives_an_image_of_a_plane(tmp_path):
 
 
 @pytest.mark.long
-def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
+def test_killed_scan_file_keeps_acknowledged_alines(walk, tmp_path):
     """Kill -9 in the middle of a scan: the file opens, and holds a part of the scan that can be reconstructed."""
     plan = walk / "plan.json"
     command = [sys.executable, "-m", "steradian", "scan", plan, "--simulator-speed", "1", "--output", "part.h5"]
@@ -114,7 +114,7 @@ def test_a_killed_scan_leaves_what_it_acknowledged(walk, tmp_path):
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_a_scan_with_its_file_kept(walk, tmp_path):
+def test_ctrl_c_ends_scan_with_code_130_and_keeps_file(walk, tmp_path):
     """Ctrl-C is no crash: exit code 130, no traceback, the A-lines so far are in the file."""
     command = [sys.executable, "-m", "steradian", "scan", walk / "plan.json", "--simulator-speed", "0.2"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -156,13 +156,13 @@ def test_bad_input_is_one_clear_line(walk, tmp_path, arguments, code, words):
         assert word in said
 
 
-def test_a_refusal_is_told_to_whoever_started_the_process(tmp_path):
+def test_refused_command_exits_with_code_3(tmp_path):
     """The exit code of the process itself, and nothing of Python's."""
     assert "none.json" in run("plan", "none.json", cwd=tmp_path, code=3)
 
 
 @pytest.mark.long
-def test_every_command_ends_with_what_lies_where_and_how_large_it_is(walk, tmp_path):
+def test_every_command_ends_with_output_paths_and_sizes(walk, tmp_path):
     """The last line names each file with the size that the system gives for it, in units that a person reads."""
     mask, plan, scan, out = walk / "mask.json", walk / "plan.json", walk / "scan.h5", walk / "out"
     for words, made in (

@@ -74,7 +74,7 @@ def test_refusals_are_one_clear_line(walk, arguments, code, words):
         assert word in said
 
 
-def test_reconstruct_command_imports_what_an_object_on_the_command_line_describes(tmp_path):
+def test_reconstruct_command_imports_array_with_inline_json_description(tmp_path):
     """One command from somebody's array to an image; lengths and times in the object's own units."""
     traces, positions = ball()
     np.save(tmp_path / "a.npy", traces.T)

@@ -39,7 +39,7 @@ def test_a_key_is_shown_once_lets_its_owner_in_and_can_be_revoked(tmp_path, keys
         keys.check(key)
 
 
-def test_a_key_may_end_by_itself_and_reads_only_unless_more_is_said(tmp_path, keys):
+def test_key_create_defaults_to_read_scope_and_honours_expiry(tmp_path, keys):
     key = run("key", "create", "guest", "--days", "0.5", "--data", tmp_path).stdout.strip()
     assert keys.check(key).scopes == {Scope.READ}
     keys.clock = lambda: datetime.now(UTC) + timedelta(days=1)
@@ -54,7 +54,7 @@ def test_a_key_s_name_fits_where_it_will_be_written_down(tmp_path, keys):
     assert len(longest.name) <= ScannerRow.stopped_by.type.length
 
 
-def test_a_wrong_scope_or_key_is_one_line_that_says_what_there_is(tmp_path):
+def test_invalid_scope_or_unknown_key_is_refused_with_message(tmp_path):
     wrong = run("key", "create", "Ada", "--scope", "everything", "--data", tmp_path)
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert "read, plan, operate, reconstruct, admin" in wrong.stderr.replace("\n", " ")
@@ -64,7 +64,7 @@ def test_a_wrong_scope_or_key_is_one_line_that_says_what_there_is(tmp_path):
     assert "Traceback" not in wrong.stderr + unknown.stderr
 
 
-def test_a_worker_without_a_database_says_what_it_needs(tmp_path):
+def test_worker_without_database_url_exits_with_usage_error(tmp_path):
     refused = run("worker", "--data", tmp_path)
     assert refused.returncode == 2
     assert "STERADIAN_DATABASE_URL" in refused.stderr

@@ -57,7 +57,7 @@ def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
 
 
 @pytest.mark.long
-def test_what_if_prints_and_writes_how_good_a_sparse_mask_would_have_been(tmp_path):
+def test_subset_comparison_command_prints_and_writes_quality(tmp_path):
     with np.load(YARN) as archive:
         aperture = 64 * float(archive["dx"])
     write_json(equi_steradian_mask(aperture, 1.5e-3, 400), tmp_path / "mask.json")

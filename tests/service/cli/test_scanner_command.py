@@ -16,7 +16,7 @@ def scanner():
         yield simulator
 
 
-def test_scanner_status_of_a_free_port_prints_what_the_scanner_says(scanner):
+def test_scanner_status_command_prints_scanner_state(scanner):
     scanner.send_command("interlock", closed=False)
     shown = command("scanner", "status", "--scanner", scanner.url)
     assert shown.returncode == 0, shown.stderr
@@ -26,7 +26,7 @@ def test_scanner_status_of_a_free_port_prints_what_the_scanner_says(scanner):
     }.items()
 
 
-def test_scanner_stop_of_a_free_port_says_that_the_laser_is_off(scanner):
+def test_scanner_stop_command_reports_laser_off(scanner):
     stopped = command("scanner", "stop", "--scanner", scanner.url, "--by", "Ada")
     assert (stopped.returncode, stopped.stdout.split(":")[0]) == (0, "laser off")
 

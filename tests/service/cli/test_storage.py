@@ -41,7 +41,7 @@ def test_the_folder_is_that_of_the_environment_as_for_the_service(ledger, tmp_pa
     assert "promised to scans and jobs" in found.stdout, found.exception
 
 
-def test_a_folder_that_is_not_the_database_s_keeps_its_files(ledger, tmp_path, tmp_path_factory):
+def test_storage_delete_with_mismatched_data_folder_is_refused(ledger, tmp_path, tmp_path_factory):
     elsewhere = DataDirectory(tmp_path_factory.mktemp("elsewhere"))
     elsewhere.create()
     elsewhere.job("j1").root.mkdir()
@@ -65,7 +65,7 @@ def test_the_tables_of_another_version_are_left_as_they_are(ledger, tmp_path):
 
 
 @pytest.mark.long
-def test_storage_shows_what_holds_how_much_and_deletes_it(ledger, tmp_path):
+def test_storage_command_shows_usage_and_deletes_jobs(ledger, tmp_path):
     def run(*words):
         return CliRunner().invoke(app, ["storage", *words, "--data", str(tmp_path)])
 

@@ -34,7 +34,7 @@ def proxies(postgres, seaweed):
         proxy.close()
 
 
-def test_a_worker_whose_network_is_cut_and_comes_back_changes_nothing(tmp_path, postgres, seaweed, proxies):
+def test_partitioned_worker_changes_nothing_after_reconnecting(tmp_path, postgres, seaweed, proxies):
     scanners = {"scanner-0": "simulated"}
     with Cluster(tmp_path, postgres, seaweed, scanners, simulator_speed=20.0) as cluster:
         node = cluster.first

@@ -126,7 +126,7 @@ class Client:
         return scan, stored
 
 
-def test_what_was_asked_for_ends_once_whatever_is_killed(tmp_path, postgres, seaweed, capsys):
+def test_jobs_and_scan_finish_exactly_once_under_random_kills(tmp_path, postgres, seaweed, capsys):
     seed = int(os.environ.get("STERADIAN_CLUSTER_SEED", random.randrange(2**32)))
     with (
         launch(tcp="127.0.0.1:0") as laser,

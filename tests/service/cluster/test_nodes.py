@@ -87,7 +87,7 @@ def test_a_scan_that_is_over_is_the_same_file_from_every_node(cluster, scan, fir
     assert (part.status_code, part.content) == (206, files[0][8:1008])
 
 
-def test_a_worker_s_result_is_had_from_every_node(first, second, image):
+def test_worker_result_is_identical_from_every_node(first, second, image):
     volumes = [node.get(f"/reconstructions/{image['id']}/volume").content for node in (first, second)]
     assert volumes[0] == volumes[1]
     assert np.load(io.BytesIO(volumes[0])).shape[:2] == (24, 24)
@@ -190,7 +190,7 @@ def test_a_lease_taken_on_one_node_binds_the_other(first, second):
     assert first.get("/scanners/scanner-0").json()["lease"] is None
 
 
-def test_who_knows_the_secret_not_is_no_node(cluster, first):
+def test_request_with_wrong_node_secret_returns_401(cluster, first):
     asked = {"Steradian-Principal": '{"name": "Eve", "scopes": ["admin"], "key_id": null}'}
     for node in cluster.nodes:
         for secret in ("", "x" * 40, SECRET[:-1]):

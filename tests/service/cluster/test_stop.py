@@ -113,7 +113,7 @@ def test_a_stop_of_one_scanner_leaves_the_other_firing(cluster, lasers, fire):
     assert cluster.first.http.post(STOP.format("scanner-9")).status_code == 404
 
 
-def test_a_stop_reaches_the_laser_by_the_database_while_its_node_answers_nobody(cluster, lasers, fire):
+def test_stop_reaches_laser_through_database_while_node_api_hangs(cluster, lasers, fire):
     scan, node = fire("scanner-1"), cluster.scanners["scanner-1"]
     api = node.pid_of("api")
     os.kill(api, signal.SIGSTOP)

@@ -57,7 +57,7 @@ def test_iterations_bring_both_closer_to_the_object(vessels):
         assert all(iterative[name] > direct[name] + 0.05 for name in direct)
 
 
-def test_figures_are_those_of_closed_forms(vessels):
+def test_mask_figures_match_closed_forms(vessels):
     """Directions: the solid angle of a square plate over its middle; time: a pulse a point; distances of a grid."""
     grid, steradian_ = vessels.promised["grid"], vessels.promised["steradian"]
     half = APERTURE / 2
@@ -113,7 +113,7 @@ def test_a_volume_is_seen_like_the_balls_it_shows():
         Simulation(rasterise(balls, frame), (0.0, 0.0), 3e-3).simulate(mask_by_count("grid", 2 * APERTURE, 100))
 
 
-def test_it_tells_how_far_it_is_and_can_be_stopped():
+def test_mask_comparison_reports_progress_and_can_be_cancelled():
     told = []
     masks = {"a": GRID, "b": STERADIAN}
     compare_masks(masks, progress=lambda *words: told.append(words))
@@ -187,7 +187,7 @@ def test_a_picture_of_an_unknown_kind_is_refused_before_any_work(tmp_path):
 
 
 @pytest.mark.long
-def test_the_command_says_who_wins_where():
+def test_compare_command_names_best_mask_per_criterion():
     words = ("equi-steradian", "grid", "--aperture", "6mm", "--depth", "1.5mm", "--count", 300)
     done = run(*words, "--phantom", "vessel-tree", "--modes", 60, "--iterations", 0)
     assert "direct, around the point of interest: equi-steradian wins" in done.output
@@ -195,6 +195,6 @@ def test_the_command_says_who_wins_where():
 
 
 @pytest.mark.parametrize("wrong", [["spiral"], ["grid:many"], ["grid", "absent.json"]])
-def test_what_is_no_mask_is_named(wrong):
+def test_compare_command_refuses_invalid_mask(wrong):
     with pytest.raises(InvalidInput, match="masks"):
         run(*wrong)

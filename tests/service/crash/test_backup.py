@@ -44,7 +44,7 @@ def everything(service):
     }
 
 
-def test_what_was_answered_before_a_backup_is_there_after_its_restoration(databases, tmp_path):
+def test_restored_backup_contains_all_acknowledged_data(databases, tmp_path):
     first, second = databases
     service = Service(tmp_path / "data", log=tmp_path / "first.log", workers=2, simulator_speed=20.0, **first).start()
     other = Service(tmp_path / "elsewhere", log=tmp_path / "second.log", workers=2, simulator_speed=500.0, **second)

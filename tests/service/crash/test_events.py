@@ -83,7 +83,7 @@ def test_fifty_cuts_during_a_scan_and_ten_jobs(service, capsys):
         print(f"\n  {CUTS} cuts, {len(names)} jobs, 1 scan: {len(logged)} changes, each seen once, in order")
 
 
-def test_progress_comes_at_most_five_times_a_second_and_tells_what_is_left(service):
+def test_progress_events_are_rate_limited_and_include_eta(service):
     listener = Listener(service.url)
     scan = service.start_scan(service.plan(pulse_rate=1))["id"]
     listener.listen(lambda name: len(listener.progress) == 8)
@@ -93,7 +93,7 @@ def test_progress_comes_at_most_five_times_a_second_and_tells_what_is_left(servi
     assert all(0 <= data["done"] <= data["total"] for _, data in listener.progress)
 
 
-def test_a_listener_whose_place_is_pruned_is_told_to_reload(service):
+def test_pruned_event_position_sends_reset(service):
     listener = Listener(service.url)
     listener.listen(lambda name: name == "ready")
     service.submit("one", "succeed", answer=1)

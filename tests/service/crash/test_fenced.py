@@ -86,7 +86,7 @@ def test_a_stopped_worker_that_comes_back_changes_nothing(two_hosts):
     taken_over(service, names, name)
 
 
-def test_a_worker_whose_connection_is_cut_changes_nothing_when_it_comes_back(two_hosts):
+def test_disconnected_worker_changes_nothing_after_reconnecting(two_hosts):
     service, proxy = two_hosts
     names, name = running_on_the_other(service)
     proxy.cut()
@@ -95,7 +95,7 @@ def test_a_worker_whose_connection_is_cut_changes_nothing_when_it_comes_back(two
     taken_over(service, names, name)
 
 
-def test_a_job_whose_lock_is_held_is_put_back(service):
+def test_job_with_held_lock_is_requeued(service):
     service.start()
     job = DataDirectory(service.folder).job("locked")
     job.root.mkdir(parents=True)

@@ -47,7 +47,7 @@ def middle_of(pixels, colour=RED):
     return columns.mean(), rows.mean()
 
 
-def test_a_sign_stands_above_and_beside_the_numbers_of_its_place():
+def test_marker_is_drawn_at_its_axis_coordinates():
     pixels, middles = drawn(Marker(3.0, 25.0, "o", 12, "#ff0000"))
     assert middle_of(pixels) == pytest.approx((middles["3"][0], middles["25"][1]), abs=2)
 
@@ -95,7 +95,7 @@ def test_both_scales_are_one_where_that_is_asked_for():
     assert steps[0] / 8 == pytest.approx(steps[1] / 4, rel=0.02)
 
 
-def test_steps_count_what_there_is():
+def test_histogram_bars_match_bin_counts():
     steps = histogram(np.array([11.0, 11.0, 12.0, 15.0]), 4, 0.5)
     assert (steps.counts.tolist(), steps.edges.tolist()) == ([2, 1, 0, 1], [10.5, 11.75, 13.0, 14.25, 15.5])
     pixels, middles = drawn(

@@ -83,7 +83,7 @@ def test_scattered_sensors_keep_the_tolerance(modes: tuple[int, ...], samples: i
 
 @pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9])
-def test_tight_tolerances_are_kept_in_double_precision(tolerance: float) -> None:
+def test_double_precision_meets_tight_tolerances(tolerance: float) -> None:
     sides = (0.010, 0.012)
     positions = scattered(np.random.default_rng(1), 40, sides)
     assert error((16, 15), 64, positions, sides, tolerance=tolerance) < tolerance
@@ -98,7 +98,7 @@ def test_flat_and_steep_kappa_keep_the_tolerance(steepness: float) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("shape", ["kaiser-bessel", "semicircle"])
-def test_each_window_keeps_the_tolerance(shape: str) -> None:
+def test_every_window_shape_meets_tolerance(shape: str) -> None:
     positions = scattered(np.random.default_rng(3), 30, (0.01, 0.01))
     assert error((16, 18), 64, positions, (0.01, 0.01), window=shape, tolerance=1e-4) < 1e-4
 
@@ -124,7 +124,7 @@ def test_a_subset_of_a_grid_is_zero_filled() -> None:
     assert error((16, 18), 64, positions, sides) < 1e-4
 
 
-def test_one_sensor_keeps_the_tolerance() -> None:
+def test_single_sensor_transform_meets_tolerance() -> None:
     for at in ((0.0, 0.0), (0.0012345, -0.0034), (0.005, 0.006)):
         assert error((16, 18), 64, np.array([at]), (0.010, 0.012)) < 1e-4
 

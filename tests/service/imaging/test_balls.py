@@ -101,7 +101,7 @@ def test_upsampling_is_the_sinc_interpolation_of_the_image(modes: tuple[int, int
     np.testing.assert_allclose(fine.axes.x[::3], plain.axes.x, atol=1e-12)
 
 
-def test_lateral_padding_keeps_the_grid_of_points_and_stops_wrapping() -> None:
+def test_lateral_padding_preserves_grid_and_reduces_wraparound() -> None:
     positions = lattice(32, SIDE)
     source = np.array([0.49 * SIDE, 0.0, 0.8e-3])
     ct = np.arange(128) * INTERVAL * SPEED

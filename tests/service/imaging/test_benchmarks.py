@@ -17,7 +17,7 @@ from steradian.benchmarks.speed_report import BEGIN, END, table, write_page
 
 
 @pytest.mark.long
-def test_every_row_of_the_accuracy_table_keeps_its_tolerance() -> None:
+def test_accuracy_table_rows_meet_tolerance() -> None:
     seen: list[tuple[int, int]] = []
     rows = accuracy(points=60, progress=lambda stage, done, total: seen.append((done, total)))
     assert seen[-1] == (len(rows), len(rows))
@@ -44,7 +44,7 @@ def test_the_speed_benchmark_runs_every_case_in_small(rows: list[dict[str, Any]]
 
 
 @pytest.mark.long
-def test_what_is_timed_is_right(rows: list[dict[str, Any]]) -> None:
+def test_timed_rows_have_errors_below_tolerance(rows: list[dict[str, Any]]) -> None:
     """By direct sums; of the rows that have none the image shows a part, or the method is another."""
     errors = [row["error"] for row in rows if row["error"] is not None]
     assert len(errors) >= 8

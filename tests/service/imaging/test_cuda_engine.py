@@ -154,7 +154,7 @@ def test_it_is_the_same_bits_every_time(cuda: Make) -> None:
     np.testing.assert_array_equal(first, again)
 
 
-def test_some_sensors_are_added_to_what_is_there(cuda: Make) -> None:
+def test_lateral_accumulates_sensor_subsets(cuda: Make) -> None:
     plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **COMMON)
     engine, traces = cuda(plan.tables), RNG.standard_normal((9, 18))
     some = engine.lateral(traces[:4], sensors=np.arange(4))
@@ -176,7 +176,7 @@ def test_it_decimates_as_the_processor_does(cuda: Make) -> None:
     assert np.linalg.norm(found - expected) <= 1e-13 * np.linalg.norm(expected)
 
 
-def test_what_it_cannot_do_is_refused(cuda: Make) -> None:
+def test_unsupported_operation_cancellation_and_bad_values_raise(cuda: Make) -> None:
     plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
     engine = cuda(plan.tables)
     with pytest.raises(NotImplementedError):

@@ -33,7 +33,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @without_gpu
-def test_without_a_gpu_it_is_said_what_is_missing() -> None:
+def test_gpu_device_without_gpu_is_refused_with_reason() -> None:
     with pytest.raises(InvalidInput, match=r"device is gpu; allowed: cpu or auto here \(.*(not installed|no CUDA)"):
         ReconstructionPlan(POSITIONS, samples=18, device="gpu", **COMMON)
 
@@ -54,7 +54,7 @@ def test_the_extra_is_not_imported_by_the_processor() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_what_is_no_device_is_refused() -> None:
+def test_invalid_device_or_traces_are_refused() -> None:
     with pytest.raises(InvalidInput, match="device is tpu; allowed: auto, cpu, gpu"):
         ReconstructionPlan(POSITIONS, samples=18, device="tpu", **COMMON)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="an array in memory, or the device gpu"):
@@ -85,7 +85,7 @@ def test_the_gpu_s_model_is_the_processor_s() -> None:
 
 
 @pytest.mark.usefixtures("simulated")
-def test_the_gpu_fits_what_the_processor_fits() -> None:
+def test_gpu_iterative_fit_matches_cpu() -> None:
     options = Iterative(iterations=1, refits=1, discrepancy=None, highest_frequency=2e7)
     here, there = (
         reconstruct(

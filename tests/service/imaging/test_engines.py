@@ -81,7 +81,7 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) ->
         assert np.linalg.norm(found - expected) <= 1e-11 * np.linalg.norm(expected)
 
 
-def test_some_sensors_are_added_to_what_is_there() -> None:
+def test_lateral_accumulates_sensor_subsets() -> None:
     plan = ReconstructionPlan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
     traces = RNG.standard_normal((60, 101))
     for engine in (plan.engine, ReferenceEngine(plan.tables)):

@@ -91,7 +91,7 @@ def test_where_half_the_points_of_one_side_are_missing_the_others_there_stand_fo
     assert unfitted.weights[thinned].sum() / unfitted.weights[~left].sum() == pytest.approx(0.5)
 
 
-def test_the_edge_of_what_is_measured_does_not_stand_for_all_that_is_missing() -> None:
+def test_partial_strip_weights_stay_bounded_at_edge() -> None:
     positions = _positions("grid")
     growing = IncrementalReconstruction(ReconstructionPlan(positions, modes=16, **COMMON))
     strip = np.flatnonzero(positions[:, 0] < AXIS[3])
@@ -126,7 +126,7 @@ def test_integers_and_a_limited_depth_are_taken_like_by_a_plan() -> None:
     ("sensors", "rows", "field"),
     [([0, 0], 2, "sensors"), ([5], 1, "sensors"), ([90], 1, "sensors"), ([-1], 1, "sensors"), ([1, 2], 1, "traces")],
 )
-def test_what_does_not_fit_is_refused_and_leaves_the_sum_alone(sensors: list[int], rows: int, field: str) -> None:
+def test_invalid_add_is_refused_and_keeps_volume(sensors: list[int], rows: int, field: str) -> None:
     growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
     growing.add([5], np.ones((1, 70)))
     before = growing.volume().values

@@ -43,7 +43,7 @@ def _image(positions: np.ndarray, traces: np.ndarray, **options: Any) -> Volume:
         ("anywhere", (24, 18), 300, 50e6, {}),  # too little is left out for fewer samples to pay
     ],
 )
-def test_what_is_below_is_that_of_the_direct_sums(
+def test_band_limited_spectrum_matches_direct_sums(
     places: str, modes: tuple[int, ...], samples: int, highest: float, options: dict[str, Any]
 ) -> None:
     rng = np.random.default_rng(0)
@@ -67,7 +67,7 @@ def test_what_is_below_is_that_of_the_direct_sums(
     assert np.linalg.norm(found - exact) <= options.get("tolerance", 1e-4) * np.linalg.norm(exact)
 
 
-def test_the_image_is_the_whole_one_without_what_is_above() -> None:
+def test_band_limited_image_equals_filtered_full_image() -> None:
     rng = np.random.default_rng(1)
     positions, traces = (rng.random((80, 2)) - 0.5) * SIDE, rng.standard_normal((80, 256))
     whole = _image(positions, traces, modes=24)
@@ -203,7 +203,7 @@ def test_another_word_the_method_iterative_and_samples_that_are_no_numbers_are_r
         reconstruct(traces, highest_frequency=20e6, **at)
 
 
-def test_a_decimation_keeps_the_transform_within_its_accuracy() -> None:
+def test_decimated_transform_meets_accuracy() -> None:
     rng = np.random.default_rng(6)
     for samples, band, accuracy in ((1024, 0.16, 1e-5), (1021, 0.3, 1e-5), (64, 0.1, 1e-6), (512, 0.1, 1e-10)):
         fewer = plan_decimation(samples, band, accuracy)

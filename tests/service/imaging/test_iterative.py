@@ -78,7 +78,7 @@ def test_every_regulariser_finds_the_object_in_a_plane(kind: Any) -> None:
         assert (volume.values.min() < 0) != non_negative
 
 
-def test_it_stops_at_the_noise_at_rest_or_after_so_many_iterations() -> None:
+def test_iteration_stops_at_discrepancy_change_or_iteration_limit() -> None:
     where, traces = ball_on_a_line()
     noisy = traces + np.random.default_rng(0).normal(0, 0.02, traces.shape).astype(np.float32)
     plain: dict[str, Any] = {"regularisation": "none", "iterations": 200, "change": 0.0}

@@ -230,7 +230,7 @@ def test_iterative_image_of_a_late_record_has_the_ball_at_its_place() -> None:
     np.testing.assert_allclose(peak(found), (0.2e-3, 0.2e-3, 0.6e-3), atol=2 * STEP)
 
 
-def test_iterative_image_of_a_late_record_takes_in_what_lies_nearer() -> None:
+def test_iterative_image_of_late_record_models_shallower_sources() -> None:
     """Sound that sensors to the side hear of a ball at 3.9 mm is explained by it, though the image begins at 4.5 mm."""
     near, options = ball(150, 150, (0.0, 0.0, 3.9e-3)), Iterative("tikhonov", iterations=8)
     usual = reconstruct_iteratively(near, PLANE, time_zero=3e-6, options=options, **COMMON).volume

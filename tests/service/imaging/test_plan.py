@@ -36,7 +36,7 @@ def test_a_plan_runs_many_times_and_batches_are_the_single_runs() -> None:
 @pytest.mark.parametrize(
     ("said", "found"), [("1", 1), ("1,4", 1), ("", cpu_count()), ("many", cpu_count()), ("9999", cpu_count())]
 )
-def test_no_more_threads_than_the_environment_allows(monkeypatch, said, found) -> None:
+def test_max_threads_respects_omp_num_threads(monkeypatch, said, found) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", said)
     assert Parameters(**COMMON).max_threads == found
 
@@ -64,7 +64,7 @@ def test_strided_traces_are_read_in_the_right_order() -> None:
 
 
 @pytest.mark.long
-def test_who_wants_to_cancel_is_asked_between_small_pieces_and_progress_counts_up(
+def test_cancellation_is_polled_and_progress_counted_per_piece(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Once 50 ms have passed, the next question comes after at most one piece; counted, since clocks tell of others."""
@@ -91,7 +91,7 @@ def test_who_wants_to_cancel_is_asked_between_small_pieces_and_progress_counts_u
 
 
 @pytest.mark.parametrize("upsampling", [1, 2])
-def test_the_stated_memory_is_what_is_used_and_a_smaller_limit_refuses(upsampling: int) -> None:
+def test_memory_estimate_matches_peak_and_lower_limit_is_refused(upsampling: int) -> None:
     positions = (RNG.random((500, 2)) - 0.5) * 0.01
     traces = np.ones((500, 256), np.float32)
     common = {**COMMON, "modes": 96, "threads": 2, "upsampling": upsampling}
@@ -103,7 +103,7 @@ def test_the_stated_memory_is_what_is_used_and_a_smaller_limit_refuses(upsamplin
         ReconstructionPlan(positions, samples=256, memory_limit=plan.memory_bytes - 1, **common)
 
 
-def test_what_is_freed_before_the_image_is_made_is_not_counted_beside_it() -> None:
+def test_memory_estimate_excludes_buffers_freed_before_image() -> None:
     """A grid coarser than the modes, whose spectrum has a place of its own until the modes' depths are found."""
     places = (np.arange(80) + 0.5) / 80 * 0.01 - 0.005
     positions = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -196,7 +196,7 @@ def test_duplicate_sensors_add_up_like_one_with_the_sum_of_their_weights() -> No
     np.testing.assert_allclose(twice, once, atol=1e-5 * np.abs(once).max())
 
 
-def test_voronoi_areas_are_the_cells_within_what_is_sensed() -> None:
+def test_voronoi_weights_equal_cell_areas_in_sensed_region() -> None:
     axis = (np.arange(8) - 3.5) / 8
     positions = np.stack(np.meshgrid(axis, axis * 0.5, indexing="ij"), axis=-1).reshape(-1, 2)
     np.testing.assert_allclose(voronoi_weights(positions, (1.0, 0.5)), 1 / 128, rtol=1e-6)

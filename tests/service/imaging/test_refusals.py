@@ -86,7 +86,9 @@ OFF_UNIT: dict[str, Any] = {
         ("correction", {"correction": ElasticFilm()}, "is ElasticFilm; allowed: a Correction"),
     ],
 )
-def test_nonsense_is_refused_with_its_name_and_what_is_allowed(field: str, change: dict[str, Any], says: str) -> None:
+def test_invalid_parameter_is_refused_with_field_and_allowed_values(
+    field: str, change: dict[str, Any], says: str
+) -> None:
     with pytest.raises(InvalidInput, match=says) as caught:
         reconstruct(TRACES, MASK.positions, **{**COMMON, **change})
     assert caught.value.field == field
@@ -99,7 +101,7 @@ def test_positions_in_millimetres_are_refused_also_beside_an_aperture_in_millime
 
 
 @pytest.mark.parametrize("method", ["nedner", "linear", "nearest", "iterative"])
-def test_a_lines_in_columns_are_told_to_be_transposed(method: Any) -> None:
+def test_transposed_traces_are_refused_with_hint(method: Any) -> None:
     """HDF5 of MATLAB comes so, and the count of samples must not be taken from the sensors."""
     says = f"one row for each of the {MASK.count} sensors; this has a column for each: transpose it"
     with pytest.raises(InvalidInput, match=says):
@@ -120,7 +122,7 @@ def test_plan_operator_and_fit_refuse_the_same(way: str, field: str) -> None:
     assert caught.value.field.partition("[")[0] == field
 
 
-def test_what_is_right_is_taken_in_every_form() -> None:
+def test_equivalent_parameter_types_give_same_image() -> None:
     image = reconstruct(TRACES, MASK.positions, weights=MASK.weights, **COMMON).values
     forms: list[dict[str, Any]] = [
         {"dtype": np.float32},
@@ -138,7 +140,7 @@ def test_what_is_right_is_taken_in_every_form() -> None:
 
 
 @pytest.mark.parametrize("method", ["nedner", "iterative"])
-def test_a_mask_stands_for_its_positions_weights_and_aperture(method: Any) -> None:
+def test_mask_argument_equals_explicit_positions_weights_aperture(method: Any) -> None:
     common = {name: value for name, value in COMMON.items() if name != "aperture"}
     whole = reconstruct(
         TRACES, MASK.positions, aperture=MASK.aperture, weights=MASK.weights, method=method, **common
@@ -223,14 +225,14 @@ def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_befor
     assert int(grown.split()[2]) < 64
 
 
-def test_a_prime_whose_tables_the_limit_cannot_hold_is_refused() -> None:
+def test_prime_modes_exceeding_memory_limit_are_refused() -> None:
     line: dict[str, Any] = {**COMMON, "samples": 64, "memory_limit": 4 << 30}
     with pytest.raises(InvalidInput, match="memory_limit"):
         ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_521})
     ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_536})
 
 
-def test_what_is_available_is_less_than_the_machine_has() -> None:
+def test_available_memory_is_plausible() -> None:
     there = available_memory()
     assert there is not None
     assert 1 << 20 < there < 1 << 50
@@ -284,9 +286,7 @@ def test_the_room_of_control_groups_is_read_as_the_kernel_writes_it(
     ],
     ids=["version 2, outer", "less than one", "version 1", "version 1, no limit", "none"],
 )
-def test_the_processors_are_those_that_control_groups_allow(
-    tmp_path: Path, told: str, files: dict[str, str], most: int | None
-) -> None:
+def test_cpu_count_respects_cgroup_limits(tmp_path: Path, told: str, files: dict[str, str], most: int | None) -> None:
     (tmp_path / "mine").write_text(told)
     for name, content in files.items():
         (tmp_path / "groups" / name).parent.mkdir(parents=True, exist_ok=True)

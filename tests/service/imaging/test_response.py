@@ -52,7 +52,7 @@ def test_a_ball_seen_at_50_to_62_degrees_regains_its_amplitude_within_a_tenth() 
 
 
 @pytest.mark.parametrize("gain", [2.0, 10.0])
-def test_noise_is_amplified_no_more_than_stated(gain: float) -> None:
+def test_inverse_filter_noise_gain_is_bounded(gain: float) -> None:
     sensors = ring()
     noise = np.random.default_rng(0).standard_normal((len(sensors), 400)).astype(np.float32)
     plain = reconstruct(noise, sensors, **COMMON).values

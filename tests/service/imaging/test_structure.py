@@ -41,7 +41,7 @@ def _private(name: str) -> bool:
 
 
 @pytest.mark.parametrize("name", TREES)
-def test_nobody_reaches_into_another_s_private_parts(name: str) -> None:
+def test_imaging_modules_access_no_foreign_private_members(name: str) -> None:
     reached = []
     for node in ast.walk(TREES[name]):
         if isinstance(node, ast.Attribute) and _private(node.attr):

@@ -162,7 +162,7 @@ def test_a_step_that_makes_it_worse_is_not_taken() -> None:
 
 
 @pytest.mark.long
-def test_it_reports_cancels_refuses_and_keeps_to_its_memory() -> None:
+def test_thresholding_reports_progress_cancels_and_bounds_memory() -> None:
     mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)
     short = Iterative(regularisation="thresholding", iterations=2)
     told: list[tuple[str, int, int]] = []

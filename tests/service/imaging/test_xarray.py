@@ -32,7 +32,7 @@ def test_an_image_below_a_line_has_two_dimensions():
     assert "sound_speed_m_s" not in image.attrs
 
 
-def test_without_xarray_it_is_said_how_to_get_it(monkeypatch):
+def test_to_xarray_without_xarray_names_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"pip install 'steradian\[notebook\]'"):
         Volume(VALUES, AXES, (1e-4, 2e-4, 1e-4)).to_xarray()

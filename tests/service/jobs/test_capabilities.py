@@ -80,7 +80,7 @@ def crew(request, tmp_path, make_bench):
 
 
 @pytest.mark.long
-def test_a_job_waits_for_a_worker_that_has_what_it_requires_and_those_behind_it_do_not(crew):
+def test_job_waits_for_capable_worker_without_blocking_later_jobs(crew):
     crew.submit("large", memory=4 * GIB)
     crew.submit("wide", cores=8)
     crew.submit("on-gpu", gpu=True)
@@ -126,7 +126,7 @@ def note(ledger, name, *has, ago=timedelta()):
         (Requirements(cores=2, gpu=True), "requires"),
     ],
 )
-def test_what_no_worker_has_is_refused_with_what_they_have(ledger, wanted, field):
+def test_unsatisfiable_requirements_are_refused_with_capabilities(ledger, wanted, field):
     note(ledger, "many-0", 2 * GIB, 4)
     note(ledger, "large-0", 8 * GIB, 1, "a card")
     with ledger.database.read() as session:
@@ -158,7 +158,7 @@ def test_where_no_worker_was_here_lately_nothing_is_refused(ledger):
         assert present_workers(session, NOW) == {}
 
 
-def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_gone(ledger):
+def test_unsatisfiable_waiting_job_reports_missing_capability(ledger):
     wanted = Requirements(memory=4 * GIB, gpu=True)
     with ledger.database.write() as session:
         ledger.add(session, JobRequest("j1", "echo", {}, requires=wanted))
@@ -188,7 +188,7 @@ def test_a_waiting_job_says_what_worker_it_waits_for_once_the_one_that_could_is_
         assert backlog(session, NOW + timedelta(seconds=7), present).oldest == 7
 
 
-def test_a_worker_of_a_scanner_s_node_counts_for_images_that_grow_and_nothing_else(ledger):
+def test_scanner_worker_counts_only_for_live_jobs_of_its_scanner(ledger):
     note(ledger, "scanner-0-0", GIB, 2, "a card", "scanner-0")
     wanted = Requirements(memory=2 * GIB)
     with ledger.database.read() as session:
@@ -215,7 +215,7 @@ def test_a_worker_of_another_scanner_s_node_makes_no_image_of_this_one(ledger):
         assert missing_capability("scanner-1", wanted, present) is None
 
 
-def test_what_waits_counts_while_only_a_scanner_s_own_workers_are_here(ledger):
+def test_backlog_counts_waiting_jobs_with_only_scanner_workers(ledger):
     note(ledger, "scanner-0-0", GIB, 2, None, "scanner-0")
     with ledger.database.write() as session:
         ledger.add(session, JobRequest("j1", "echo", {}, requires=Requirements(gpu=True)))
@@ -223,7 +223,7 @@ def test_what_waits_counts_while_only_a_scanner_s_own_workers_are_here(ledger):
         assert backlog(session, NOW + timedelta(seconds=7), present_workers(session, NOW)).oldest == 7
 
 
-def test_what_only_a_scanner_s_own_worker_could_do_holds_up_nobody(ledger):
+def test_unsatisfiable_job_does_not_block_queue_position(ledger):
     note(ledger, "any-0", GIB, 2)
     note(ledger, "scanner-1-0", GIB, 2, "a card", "scanner-1")
     with ledger.database.write() as session:
@@ -242,13 +242,13 @@ def test_a_growing_image_that_no_worker_can_make_is_counted(ledger):
 
 
 @pytest.mark.parametrize("ahead", [timedelta(minutes=-30), timedelta(minutes=30)])
-def test_a_worker_whose_clock_is_far_off_is_not_believed_to_be_present(ledger, ahead):
+def test_worker_with_large_clock_skew_is_not_present(ledger, ahead):
     note(ledger, "worker-0", GIB, 1, ago=-ahead)
     with ledger.database.read() as session:
         assert present_workers(session, NOW) == {}
 
 
-def test_a_worker_has_the_machine_s_memory_unless_it_is_told_otherwise(tmp_path):
+def test_worker_memory_defaults_to_machine_memory(tmp_path):
     told = Settings.create(data=tmp_path, worker_memory_bytes=3 * GIB)
     assert Capabilities.of_this_machine(told, "a card") == Capabilities(3 * GIB, told.threads_per_job, "a card")
     there = next(line for line in Path("/proc/meminfo").read_text().splitlines() if line.startswith("MemTotal:"))

@@ -47,7 +47,7 @@ def seen(ledger):
     ids=["success", "death", "put back", "progress", "cancelled"],
 )
 @pytest.mark.parametrize("wanted", [True, False], ids=["wanted", "unwanted"])
-def test_what_an_earlier_start_says_is_refused(ledger, change, wanted):
+def test_stale_fence_update_is_refused(ledger, change, wanted):
     old = ledger.start_attempt("job", "cut-off").fence
     new = ledger.start_attempt("job", "other").fence
     if not wanted:
@@ -126,7 +126,7 @@ def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
     assert "still runs job locked" in status.attempts[0]["detail"]
 
 
-def test_a_job_whose_log_cannot_be_written_is_not_left_running(bench):
+def test_job_with_unwritable_log_fails_after_three_attempts(bench):
     """As on a full disk: the worker wants to note why the process died, and cannot."""
     log = DataDirectory(bench.settings.data).job("full").log
     log.parent.mkdir(parents=True)

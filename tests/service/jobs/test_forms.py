@@ -35,7 +35,7 @@ def test_today_of_a_request_of_form_0_leaves_out_options_of_the_method_iterative
     assert SoundSpeedRequest.create(**forms.today(speeds)).parameters == request.parameters
 
 
-def test_today_of_a_request_of_form_0_keeps_the_options_of_the_method_iterative():
+def test_form_0_upgrade_keeps_iterative_options():
     parameters = FORM_0["parameters"] | {"method": "iterative"}
     request = ReconstructionRequest.create(**forms.today(FORM_0 | {"parameters": parameters}))
     assert request.parameters.iterative.regularisation == "total-variation"
@@ -50,14 +50,14 @@ def test_job_of_stores_the_form_of_its_request_and_today_reads_it():
 
 
 @pytest.mark.parametrize("form", [forms.FORM + 1, -1, "1", None])
-def test_a_job_whose_request_has_an_unknown_form_is_refused_naming_the_form(form):
+def test_unknown_request_form_is_refused_with_form_name(form):
     with pytest.raises(Conflict, match=rf"has form {form!r}; this Steradian reads forms 0 to {forms.FORM}"):
         JOB_TYPES["export"].run(None, EXAMPLES["export"] | {"form": form})
 
 
 @pytest.mark.long
 @pytest.mark.timeout(400)
-def test_a_waiting_job_whose_request_has_form_0_succeeds(tmp_path):
+def test_queued_job_with_form_0_request_succeeds(tmp_path):
     service = Service(tmp_path / "data", log=tmp_path / "log", workers=0).start()
     try:
         scan = service.make("/scans", plan_id=service.plan())["id"]

@@ -58,7 +58,7 @@ def test_a_wait_under_way_ends_with_the_job():
     assert event.waits == []
 
 
-def test_a_worker_without_work_looks_at_the_queue_when_something_was_written():
+def test_idle_worker_polls_queue_after_database_change():
     runner, changes = Runner(is_hurried=False), Changes(False, False, True, False)
     assert adaptive_wait(Event(), runner, changes, 0.001)(0.001) is False
     assert changes.told == [False], "two looks at the file's number, and at the queue after the third"

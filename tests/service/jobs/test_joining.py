@@ -75,9 +75,7 @@ def of_another_folder(postgres, tmp_path_factory):
 
 @pytest.mark.parametrize("start", list(WORKERS))
 @pytest.mark.parametrize("mounted", ["nothing", "an empty folder", "another's folder"])
-def test_a_worker_whose_folder_is_not_the_databases_refuses_and_leaves_it_as_it_is(
-    tmp_path, of_another_folder, start, mounted
-):
+def test_worker_with_mismatched_data_folder_exits_without_changes(tmp_path, of_another_folder, start, mounted):
     folder = tmp_path / "mount"
     if mounted != "nothing":
         folder.mkdir()

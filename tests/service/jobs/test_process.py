@@ -66,7 +66,7 @@ def test_an_error_that_clients_read_names_no_place_on_the_server(tmp_path):
     assert str(tmp_path) in (tmp_path / "log.txt").read_text()
 
 
-def test_an_error_with_what_no_database_keeps_as_text_can_be_noted(tmp_path):
+def test_error_message_with_invalid_characters_is_sanitized(tmp_path):
     """A worker tries to note a job's end until the database takes it."""
     request = {"do": "garble", "diary": str(tmp_path / "diary")}
     run = JobProcess([sys.executable, ECHO], {}).run(
@@ -78,7 +78,7 @@ def test_an_error_with_what_no_database_keeps_as_text_can_be_noted(tmp_path):
     assert "a\N{REPLACEMENT CHARACTER}b\N{REPLACEMENT CHARACTER}" in message
 
 
-def test_a_job_stands_back_behind_whoever_answers_requests_and_scans(tmp_path):
+def test_job_process_runs_at_lower_priority(tmp_path):
     async def run():
         process = JobProcess([sys.executable, ECHO], dict(os.environ))
         payload = {"request": {"do": "succeed", "answer": 1, "diary": str(tmp_path / "diary")}}

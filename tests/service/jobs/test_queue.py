@@ -56,7 +56,7 @@ def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
     assert 'raise ZeroDivisionError("oh")' in log
 
 
-def test_a_job_whose_process_is_killed_is_started_three_times_then_fails(bench):
+def test_killed_job_process_is_retried_three_times_then_fails(bench):
     bench.submit("poison", "die")
     status = bench.queue.wait("poison", timeout=250)
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
@@ -103,7 +103,7 @@ def test_smaller_priorities_run_first_and_a_waiting_job_can_be_moved(bench):
         bench.queue.set_priority("moved", 7)
 
 
-def test_a_process_is_kept_while_its_jobs_succeed_and_replaced_after_a_failure(bench):
+def test_job_process_is_reused_until_a_failure(bench):
     for name, do in (("first", "succeed"), ("second", "succeed"), ("third", "crash"), ("fourth", "succeed")):
         bench.submit(name, do, answer=1)
         bench.queue.wait(name, timeout=250)
@@ -119,7 +119,7 @@ def test_a_job_that_takes_too_long_is_killed_and_has_failed(bench):
     assert are_gone([bench.starts("slow")[0]])
 
 
-def test_every_attempt_and_change_is_kept_with_who_when_and_why(bench):
+def test_every_attempt_and_state_change_is_recorded(bench):
     bench.submit("mortal", "die")
     status = bench.queue.wait("mortal", timeout=250)
     assert [(a["number"], a["worker"], a["outcome"]) for a in status.attempts] == [
@@ -199,6 +199,6 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, ex
 
 
 @pytest.mark.long
-def test_only_who_uses_the_queue_loads_its_engine():
+def test_importing_job_model_does_not_load_dbos():
     code = "import steradian.jobs.model, steradian.api.services, sys; print('dbos' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

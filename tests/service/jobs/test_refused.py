@@ -36,7 +36,7 @@ def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for
 
 
 @pytest.mark.long
-def test_a_result_is_kept_while_postgresql_only_reads_as_before_a_standby_takes_over(tmp_path, postgres, make_bench):
+def test_result_is_kept_while_postgresql_is_read_only(tmp_path, postgres, make_bench):
     bench = make_bench(tmp_path, database_url=postgres.database())
     told(
         bench,
@@ -60,7 +60,7 @@ def test_a_result_is_kept_while_postgresql_only_reads_as_before_a_standby_takes_
         bench.close()
 
 
-def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
+def test_job_with_deleted_row_ends_and_next_job_runs(bench):
     bench.submit("gone", "hang")
     pid = bench.until_working("gone")
     told(bench, "DELETE FROM jobs WHERE id = 'gone'")
@@ -72,7 +72,7 @@ def test_a_job_whose_row_is_gone_ends_quietly_and_the_next_one_is_done(bench):
     assert "Traceback" not in said.partition("'gone'")[2], said
 
 
-def test_settling_what_was_deleted_meanwhile_does_not_keep_others_from_being_settled(bench):
+def test_settling_deleted_job_does_not_block_other_jobs(bench):
     bench.submit("there", "succeed", answer=3)
     row = bench.queue.ledger.get("there")
     row.id = "deleted"
@@ -82,7 +82,7 @@ def test_settling_what_was_deleted_meanwhile_does_not_keep_others_from_being_set
     assert bench.queue.wait("there", timeout=250).state is R.SUCCEEDED
 
 
-def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_restored(bench):
+def test_attempt_number_continues_from_folder_after_database_restore(bench):
     """Else each would be taken for one of before, which the later ones in the folder have overtaken."""
     job = DataDirectory(bench.settings.data).job("restored")
     job.begin_attempt(7)
@@ -92,7 +92,7 @@ def test_starts_go_on_upward_from_what_the_folder_knows_when_the_database_was_re
     job.begin_attempt(8)
 
 
-def test_a_note_of_the_newest_start_that_a_power_cut_has_emptied_keeps_no_job_from_going_on(bench):
+def test_empty_attempt_file_does_not_block_job(bench):
     job = DataDirectory(bench.settings.data).job("emptied")
     job.root.mkdir(parents=True)
     (job.root / "start").write_text("")

@@ -101,7 +101,7 @@ def test_scans_and_masks_are_never_forgotten(services):
     assert services.data.scan_file(scan.id).exists()
 
 
-def test_without_a_retention_time_jobs_are_kept(services):
+def test_retention_disabled_keeps_all_jobs(services):
     services.settings = services.settings.model_copy(update={"retention_days": None})
     folder = job(services, "old", over=True)
     services.clock.now += timedelta(days=4000)
@@ -109,7 +109,7 @@ def test_without_a_retention_time_jobs_are_kept(services):
     assert folder.exists()
 
 
-def test_uploads_that_nobody_imports_go_after_a_day(services):
+def test_retention_deletes_unused_uploads_after_one_day(services):
     paths = [services.data.upload(name) for name in ("u1", "u2")]
     for path, age in zip(paths, (timedelta(hours=25), timedelta(hours=1)), strict=True):
         path.write_bytes(b"x")
@@ -147,7 +147,7 @@ def test_events_can_be_replayed_for_as_long_as_was_chosen(services):
     assert services.log.bounds().before > 0
 
 
-def test_drafts_of_jobs_that_were_killed_go_and_those_of_a_running_one_stay(services):
+def test_retention_deletes_drafts_of_ended_jobs_only(services):
     over, running, dying = (
         job(services, "over", over=True),
         job(services, "running", over=False),
@@ -185,7 +185,7 @@ def test_a_result_that_a_waiting_job_has_still_to_read_stays_until_that_is_over(
 
 
 @pytest.mark.long
-def test_what_killed_imports_were_writing_goes_and_scans_and_running_imports_keep_theirs(services):
+def test_retention_deletes_import_drafts_of_killed_jobs_only(services):
     """A draft is a file, or the folder in which a file is read; a scan that is to run has one too."""
     scans, plan = services.data.root / "scans", ScanPlan.create(mask=grid_mask(0.01, 3, 1e-3), samples=64)
     services.masks.put(plan.mask)
@@ -226,7 +226,7 @@ def started(services):
     services.ages = Ages(services.clock, steady=lambda: services.clock.now.timestamp())
 
 
-def test_each_deletion_by_age_is_a_line_that_names_what_when_and_why(services, caplog):
+def test_each_retention_deletion_is_logged_with_reason(services, caplog):
     job(services, "old", over=True)
     path = services.data.upload("u1")
     path.write_bytes(b"x")
@@ -269,7 +269,7 @@ def test_nothing_is_deleted_by_its_age_at_a_start_with_a_clock_before_the_newest
     started(services)
     apply_retention(services)
     assert old.exists()
-    assert "the clock says 2026-06-16T00:00:00+00:00, before the newest record of 2027-01-02" in lines(caplog)[0]
+    assert "the clock shows 2026-06-16T00:00:00+00:00, before the newest record of 2027-01-02" in lines(caplog)[0]
 
 
 def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_years_ahead(services, caplog):
@@ -278,7 +278,7 @@ def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_year
     started(services)
     apply_retention(services)
     assert old.exists()
-    assert "the newest record is of 2026-01-02T00:00:00+00:00, the clock says 2035-12-31" in lines(caplog)[0]
+    assert "the newest record is of 2026-01-02T00:00:00+00:00, the clock shows 2035-12-31" in lines(caplog)[0]
     services.clock.jump(days=-3650)  # the network has told the time
     apply_retention(services)
     services.clock.now += HELD
@@ -286,7 +286,7 @@ def test_nothing_is_deleted_by_its_age_for_a_day_after_a_start_with_a_clock_year
     assert old.exists()
 
 
-def test_a_record_of_this_start_says_nothing_for_a_clock_that_is_years_ahead(services, caplog):
+def test_retention_keeps_jobs_while_clock_is_years_ahead(services, caplog):
     old = job(services, "old", over=True)
     services.clock.now += timedelta(days=3650)
     services.scanner.ensure(simulated=True)
@@ -310,7 +310,7 @@ def test_jobs_asked_for_while_the_clock_was_ahead_do_not_keep_later_ones_for_eve
     assert [folder.exists() for folder in (ahead, *later)] == [True, False, False]
 
 
-def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(services, caplog):
+def test_retention_restarts_age_of_records_dated_by_wrong_clock(services, caplog):
     right, folders = services.clock.now, [job(services, "first", over=True)]
     for name, wrong in (("early", datetime(1970, 1, 1, 1, tzinfo=UTC)), ("behind", right - timedelta(days=100))):
         services.clock.now = wrong
@@ -325,7 +325,7 @@ def test_what_ended_while_the_clock_stood_at_1970_has_its_age_counted_anew(servi
     apply_retention(services)
     assert [folder.exists() for folder in folders] == [False, True, True]
     assert path.exists()
-    told = [line for line in lines(caplog) if "was told by a wrong clock; its age is counted from now on" in line]
+    told = [line for line in lines(caplog) if "comes from a wrong clock; its age counts from now on" in line]
     assert sorted(line.split(",")[0] for line in told) == [
         f"the date of {one}" for one in ("job behind", "job early", "upload u1")
     ]

@@ -44,7 +44,7 @@ def finish(ledger, job_id):
 @pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(st.data())
-def test_who_has_jobs_waiting_is_served_as_often_as_any_other_who_has(ledger, data):
+def test_fair_queueing_serves_waiting_owners_equally(ledger, data):
     """Start-time fair queueing: of two who have jobs of one priority waiting, neither is served much more often."""
     _do_all(ledger)  # what an example that was broken off has left
     owners, priorities = ("anna", "ben", "carla"), (10, 100)
@@ -98,7 +98,7 @@ def test_one_alone_is_served_in_the_order_of_asking(ledger):
 
 
 @pytest.mark.parametrize("why", ["a job in the background", "a job that was moved ahead", "a live image", "nothing"])
-def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
+def test_fair_queueing_ignores_other_jobs_of_same_owner(ledger, why):
     """Anna has a batch waiting; whatever else of hers waits or runs, Ben's job has at most one of it before it."""
     _do_all(ledger)
     batch = [_ask(ledger, "anna") for _ in range(20)]
@@ -117,7 +117,7 @@ def test_what_else_one_has_is_nobodys_gain_or_loss(ledger, why):
 
 @pytest.mark.long
 @pytest.mark.parametrize("store", ["embedded", "postgres"])
-def test_what_waited_before_there_were_turns_keeps_its_order(store, tmp_path, request):
+def test_restart_preserves_order_of_jobs_queued_by_earlier_version(store, tmp_path, request):
     """The engine's numbers of an earlier version, the priority and one, are made anew when the service starts."""
     url = request.getfixturevalue("postgres").database() if store == "postgres" else None
     made = Settings.create(data=tmp_path, database_url=url)
@@ -151,7 +151,7 @@ def test_the_worker_takes_them_in_turns_and_their_places_say_so(bench):
 
 
 @pytest.mark.long
-def test_those_that_are_moved_to_one_priority_take_turns_there(bench):
+def test_jobs_moved_to_same_priority_alternate_between_owners(bench):
     bench.submit("busy again", "hang")
     bench.until_working("busy again")
     for name, who in (("c0", "anna"), ("c1", "anna"), ("c2", "anna"), ("d0", "ben")):

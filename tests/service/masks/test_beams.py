@@ -38,7 +38,7 @@ def test_points_are_the_pattern_moved_as_a_whole_and_as_few_places_as_there_can_
     np.testing.assert_allclose(shots[:, 0] * 1e9, np.rint(shots[:, 0] * 1e9), atol=1e-6)
 
 
-def test_points_lie_in_what_the_mask_senses_and_stand_for_all_of_it(mask, covered):
+def test_multi_beam_points_stay_in_outline_and_cover_sensed_area(mask, covered):
     assert outlines.contains(outlines.buffered_hull(mask.outline, 1e-9), covered.positions).all()
     np.testing.assert_allclose(covered.weights, voronoi_cell_areas(covered.positions, mask.outline), rtol=1e-9)
     assert covered.sensed_area == pytest.approx(mask.sensed_area, rel=1e-12)
@@ -74,7 +74,7 @@ def test_the_cover_is_nearly_as_even_as_the_mask_and_far_evener_than_places_draw
     assert by_chance > 2 * own
 
 
-def test_what_was_asked_for_and_how_far_it_is_from_what_is_measured_is_stated(mask, covered):
+def test_multi_beam_arrangement_reports_request_and_displacement(mask, covered):
     off = KDTree(covered.positions).query(mask.positions)[0]
     told = covered.arrangement
     assert told["displacement"] == pytest.approx({"median": np.median(off), "largest": off.max()})
@@ -117,7 +117,7 @@ def test_beams_on_a_small_grid_stay_in_the_aperture_though_its_cells_reach_beyon
 
 
 @pytest.mark.long
-def test_a_pattern_that_is_too_wide_is_told_beside_what_would_fit():
+def test_beam_pattern_wider_than_mask_is_refused_with_limits():
     with pytest.raises(InvalidInput, match=r"beams is a pattern of 8 mm × 0 mm.* whose extent is 7 mm × 7 mm"):
         multi_beam_mask(grid_mask(8e-3, 4, 2e-3), [(0, 0), (8e-3, 0)])
 

@@ -39,7 +39,7 @@ def test_each_arrangement_has_a_command(command, tmp_path):
     assert read_mask(tmp_path / "mask.json").arrangement["arrangement"] == command[0]
 
 
-def test_counts_beside_the_wanted_one_are_told(tmp_path):
+def test_mask_command_prints_neighbouring_counts(tmp_path):
     """Asking 1,625 gives 1,605, the nearer of 1,605 and 1,669; asking a grid for 2,000 gives 2,025."""
     words = ("--aperture", "13.56mm", "--depth", "3.6mm", "-o", tmp_path / "mask.npy", "--count")
 

@@ -23,7 +23,7 @@ RIM = float(np.arctan(APERTURE / 2 / DEPTH))
 
 
 @pytest.mark.parametrize("count", [60, 333, 1000, 1625, 2000])
-def test_an_equi_steradian_mask_has_the_nearest_number_whose_slices_end_on_the_rim(count):
+def test_equi_steradian_mask_uses_nearest_feasible_count(count):
     """By brute force: of all numbers around, those that slicing uses up exactly."""
     around = range(max(5, count - 200), count + 200)
     possible = [number for number in around if slice_cap(RIM, number).total == number]

@@ -15,7 +15,7 @@ def mask():
     return equi_steradian_mask(1e-2, 3e-3, 100, offset=(1e-3, 0.0))
 
 
-def test_json_keeps_everything(mask, tmp_path):
+def test_mask_json_round_trip_preserves_id_and_offset(mask, tmp_path):
     """The same mask comes back."""
     write_mask(mask, tmp_path / "mask.json")
     again = read_mask(tmp_path / "mask.json")
@@ -68,7 +68,7 @@ def test_any_points_survive_json(points):
         ("a.npy", b"no array"),
     ],
 )
-def test_damaged_files_are_told(tmp_path, name, content):
+def test_damaged_mask_file_is_refused_with_file_name(tmp_path, name, content):
     """What is not a mask is refused with the file's name."""
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DamagedFile, match=name):

@@ -37,7 +37,7 @@ def test_points_that_make_no_mask_are_refused(positions, message):
         custom_mask(positions, aperture=10e-3)
 
 
-def test_weight_ratio_examples_are_what_it_gives():
+def test_weight_ratio_doctest_examples_pass():
     class Shown:
         __doc__ = Mask.weight_ratio.__doc__
 

@@ -67,7 +67,7 @@ def test_right_below_the_sensors_all_orientations_of_a_half_space_are_seen():
     assert view.share[middle, -1] == pytest.approx((1e-2 / view.z[-1]) ** 2 / (2 * np.pi), rel=0.05)
 
 
-def test_of_a_disc_the_share_and_the_edges_are_those_of_its_cone_and_its_chords():
+def test_disc_visible_fraction_and_edges_match_closed_forms():
     """On the axis of a disc with half-angle α it is 1 − cos α, and at y the steepest edge is that of its chord."""
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 400)
     radius = sqrt(mask.weights.sum() / np.pi)
@@ -86,7 +86,7 @@ def test_a_section_along_either_edge_of_the_aperture_meets_all_of_it():
     assert upper == lower
 
 
-def test_the_film_loses_what_the_paper_says():
+def test_film_attenuation_matches_published_values():
     """At 62° about 5 dB at 1 MHz and 10 dB at 2 MHz, nothing at normal incidence."""
     assert attenuation_db(0, 1e6) == 0
     assert attenuation_db(radians(62), 1e6) == pytest.approx(5)

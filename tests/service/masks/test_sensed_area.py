@@ -50,7 +50,7 @@ def made(name):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_each_point_has_the_area_of_its_cell_within_what_is_sensed(name):
+def test_mask_weights_match_monte_carlo_cell_areas(name):
     """Of many random places within the outline, each point is nearest to the share that its weight says."""
     mask, (_, area) = made(name), CELLS[name]
     assert mask.sensed_area == pytest.approx(area, rel=0.025)  # explicit points: where the hull ends is a guess
@@ -71,7 +71,7 @@ def test_a_hexagonal_lattice_has_cells_of_its_own_and_a_line_ends_at_its_ends():
     np.testing.assert_allclose(line.weights, np.diff(bounds), rtol=1e-9)
 
 
-def test_thinned_points_sense_no_more_than_the_mask_and_a_part_only_its_own():
+def test_subset_mask_senses_only_its_own_area():
     """Every second point of a grid stands for four cells; a quarter of the field for a quarter."""
     grid = grid_mask(X, 20, 6e-4)
     thin = subset_mask(grid, [i for i in range(400) if i % 2 == 0 and i // 20 % 2 == 0])
@@ -105,7 +105,7 @@ def test_files_keep_the_sensed_area(tmp_path, name):
         assert again.id == mask.id
 
 
-def test_weights_of_another_scale_are_scaled_and_stated_areas_kept(tmp_path):
+def test_unitless_weights_are_scaled_and_areas_with_units_kept(tmp_path):
     """Weights without a unit share what the points sense; a column in mm² is taken at its word."""
     positions = made("small grid").positions
     assert custom_mask(positions, X, np.full(400, 7.0)).sensed_area == pytest.approx((20 * 3e-4) ** 2)
@@ -125,7 +125,7 @@ def test_a_scan_file_states_the_sensed_area(tmp_path):
         np.testing.assert_array_equal(file["mask/outline"], mask.outline)
 
 
-def test_a_mask_from_before_keeps_its_weights():
+def test_mask_without_outline_keeps_its_weights():
     """Weights that sum to the aperture, without an outline, are read as they are; impossible ones are refused."""
     old = {"aperture": X, "positions": [[0, 0], [1e-3, 0]], "weights": [X * X / 3, 2 * X * X / 3], "arrangement": {}}
     mask = Mask.model_validate_json(json.dumps(old))

@@ -27,7 +27,7 @@ def test_cells_fill_the_aperture(count, seed, twins):
     [equi_steradian_mask(1.0, 0.3, 60), grid_mask(1.0, 6, 0.1), custom_mask([[-0.5, -0.5], [0.5, 0.5], [0, 0]], 1.0)],
     ids=["points on the rim", "equal distances", "points in the corners"],
 )
-def test_areas_are_those_that_darts_find(mask):
+def test_voronoi_areas_match_monte_carlo(mask):
     """Of many random places, each cell holds the share that its area says."""
     darts = np.random.default_rng(0).random((200_000, 2)) - 0.5
     hits = np.bincount(KDTree(mask.positions).query(darts)[1], minlength=mask.count) / len(darts)
@@ -48,7 +48,7 @@ def test_analytic_weights_agree_with_the_cells():
     assert ratio.mean() == pytest.approx(0.97, abs=0.01)
 
 
-def test_reweighting_keeps_the_points():
+def test_reweighting_preserves_positions_and_sensed_area():
     """Other weights make another mask of the same points."""
     mask = equi_steradian_mask(1e-2, 3e-3, 100)
     uniform, cells = with_weights(mask, "uniform"), with_weights(mask, "voronoi")

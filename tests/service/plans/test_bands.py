@@ -25,7 +25,7 @@ def reflected(offset, fringe):
 
 @pytest.mark.parametrize("flank", ["above", "below"])
 @pytest.mark.parametrize("free", [None, 3e-9, 1.1e-9])
-def test_a_loss_is_what_the_slope_of_the_fringe_lacks_of_its_steepest(free, flank):
+def test_sensitivity_loss_matches_fringe_slope_ratio(free, flank):
     """Slopes by differences of the reflected level, the steepest by search on a fine grid."""
     fringe = Fringe(linewidth=400e-12, free_spectral_range=free, flank=flank)
     side = 1 if flank == "above" else -1
@@ -64,7 +64,7 @@ def test_there_are_as_few_bands_as_there_can_be_and_no_point_loses_more(seed):
     assert fringe.sensitivity_loss(bias - values).max() <= loss
 
 
-def test_of_as_few_bands_those_are_chosen_that_lose_little():
+def test_partition_bands_minimizes_loss_for_fewest_bands():
     """Three heaps that two bands could cover, but only one cut leaves the two close ones together."""
     heaps = 1.55e-6 + 1e-12 * np.repeat([0.0, 60.0, 140.0], 50)
     bias = partition_bands(heaps, (60e-12, 60e-12), Fringe())
@@ -72,7 +72,7 @@ def test_of_as_few_bands_those_are_chosen_that_lose_little():
     assert bias[0] == bias[50] != bias[100]
 
 
-def test_a_wavelength_is_kept_while_it_is_within_reach():
+def test_hold_wavelength_changes_only_outside_tolerance():
     """Never beyond, and changed only when it must be."""
     values = np.cumsum(np.random.default_rng(3).normal(0, 3e-12, 500)) + 1.55e-6
     bias = hold_wavelength(values, (20e-12, 30e-12))
@@ -108,7 +108,7 @@ def test_a_film_that_scatters_is_measured_five_times_faster_for_a_tenth_of_its_s
 
 
 @pytest.mark.long
-def test_the_simulated_hardware_takes_as_long_as_the_preview_says():
+def test_simulated_scan_time_matches_preview():
     """By its own clock, to half a per cent."""
     for plan in (planned("snake", tuning=EACH), planned("bands", loss=0.1)):
         assert simulated_seconds(plan, "scatter") == pytest.approx(preview(plan).total_seconds, rel=5e-3)
@@ -161,7 +161,7 @@ def test_50_000_points_are_put_into_bands():
     assert preview(plan).retunings < 40
 
 
-def test_a_plan_with_bands_is_kept_and_one_without_is_what_it_was(tmp_path):
+def test_banded_plan_round_trips_and_unbanded_plan_id_is_unchanged(tmp_path):
     """The file holds what was asked for, and names of plans made before there were bands stay."""
     plan = planned("bands", loss=0.1, mask=grid_mask(1e-2, 8, 1e-3))
     write_json(plan, tmp_path / "plan.json")

@@ -58,7 +58,7 @@ def test_all_beams_of_a_place_are_read_at_one_wavelength_and_the_loss_of_each_is
     assert lost.max() > fringe.sensitivity_loss(plan.bias[::6] - best.reshape(-1, 6).mean(axis=1)).max()
 
 
-def test_a_plan_of_one_beam_keeps_its_name_and_one_of_several_is_written_and_read(alone, mask, tmp_path):
+def test_single_beam_plan_keeps_id_and_multi_beam_plan_round_trips(alone, mask, tmp_path):
     plan = ScanPlan.create(mask=mask, beams=BEAMS)
     assert ScanPlan.create(mask=alone, beams=()).id == ScanPlan.create(mask=alone).id
     assert plan.id != ScanPlan.create(mask=mask).id

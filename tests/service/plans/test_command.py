@@ -26,7 +26,7 @@ def run(*words):
     return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
 
 
-def test_the_cost_is_told_and_the_plan_written(mask, tmp_path):
+def test_plan_command_prints_cost_and_writes_plan(mask, tmp_path):
     """Time, what limits it and the travel are shown; a picture is drawn."""
     result = run(mask, "--order", "progressive", "--plot", tmp_path / "plan.png", "-o", tmp_path / "plan.json")
     assert result.exit_code == 0
@@ -43,7 +43,7 @@ def test_a_plan_the_link_cannot_carry_is_not_written(mask, tmp_path):
     assert not (tmp_path / "plan.json").exists()
 
 
-def test_a_tuning_map_makes_bands_and_the_loss_is_told(mask, tmp_path):
+def test_plan_command_with_tuning_map_makes_bands_and_prints_loss(mask, tmp_path):
     """A map of the mask's own points; what is set differs from the best, within the loss that was allowed."""
     places = read_json(Mask, mask).positions
     best = 1550 + np.random.default_rng(0).uniform(-2, 2, len(places))

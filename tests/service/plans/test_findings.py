@@ -42,7 +42,7 @@ def test_points_out_of_the_field_refuse():
         ({}, {"wavelengths": np.full(MASK.count, 1.4e-6)}, "wavelengths", "1500 to 1600 nm"),
     ],
 )
-def test_what_the_scanner_cannot_do_refuses(limits, plan, field, allowed):
+def test_plan_exceeding_scanner_limits_is_refused(limits, plan, field, allowed):
     """Each figure is compared with the scanner's range."""
     wanted = ScanPlan.create(mask=MASK, scanner=ScannerLimits(**limits), **plan)
     assert only(wanted, "error", field).allowed == allowed
@@ -71,7 +71,7 @@ def test_the_rate_and_the_baud_that_are_allowed_are_allowed(rate, samples, baud)
 @pytest.mark.parametrize(
     ("baud", "samples", "lines"), [(115_200, 1024, 4.6), (921_600, 2048, 19), (3_000_000, 4096, 31)]
 )
-def test_the_line_carries_what_was_measured(baud, samples, lines):
+def test_serial_link_rate_matches_measurement(baud, samples, lines):
     """A-lines per second at 90 % load, as measured on real baud rates."""
     assert Link.serial(baud).alines_per_second(samples) == pytest.approx(lines, rel=0.04)
 

@@ -19,7 +19,7 @@ def test_frames_of_one_wavelength_follow_each_other(plan):
     assert plan.frame_excitation == (0.0,), "the laser stays as it stands"
 
 
-def test_frames_change_what_a_plan_is_and_one_frame_does_not(plan):
+def test_plan_id_changes_with_multiple_frames_or_excitation(plan):
     assert plan.replace(frames=1).id == plan.id
     others = [plan.replace(frames=2), plan.replace(excitation=(700e-9,)), plan.replace(excitation=(800e-9,))]
     assert len({plan.id, *(other.id for other in others)}) == 4

@@ -45,7 +45,7 @@ def test_a_move_longer_than_the_pulse_period_costs_a_second_period():
     assert cost.total_seconds == pytest.approx(99 * 2e-3 + 1e-3)
 
 
-def test_the_disk_can_be_what_limits(mask):
+def test_preview_with_slow_disk_is_limited_by_disk(mask):
     """A slow disk decides, and is named."""
     plan = ScanPlan.create(mask=mask, pulse_rate=400)
     cost = preview(plan, disk_rate=1e5)

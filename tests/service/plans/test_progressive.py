@@ -86,7 +86,7 @@ def others():
     share=st.floats(0.01, 1),
     weighting=st.sampled_from(["analytic", "voronoi", "uniform"]),
 )
-def test_any_prefix_has_weights_that_sum_to_what_it_senses(mask, share, weighting):
+def test_truncated_mask_weights_sum_to_its_sensed_area(mask, share, weighting):
     """Weights are given for every prefix, whole passes or not, of any arrangement; none senses more than the mask."""
     plan = ScanPlan.create(mask=mask, order="progressive")
     assert plan.pass_ends[-1] == mask.count
@@ -96,7 +96,7 @@ def test_any_prefix_has_weights_that_sum_to_what_it_senses(mask, share, weightin
     assert prefix.sensed_area < mask.sensed_area * (1 + 1e-9)
 
 
-def test_there_are_no_more_points_than_the_mask_has(mask):
+def test_truncated_mask_count_out_of_range_is_refused(mask):
     """A prefix outside of 1 to M is refused with that range."""
     with pytest.raises(InvalidInput, match="1 to 1605"):
         ScanPlan.create(mask=mask).truncated_mask(0)

@@ -20,7 +20,7 @@ def wedge(places):
     return 1.55e-6 + 1e-9 * (0.3 * x - 0.2 * y + 0.02 * x * y)
 
 
-def test_a_place_that_was_measured_has_what_was_measured():
+def test_tuning_map_returns_measured_wavelength_at_measured_position():
     """To the last digit, and as sure as a sweep is."""
     known = TuningMap.create(positions=PLACES, wavelengths=wedge(PLACES), repeatability=2e-12)
     found, uncertainty = known.at(PLACES[::-1] + 0.4e-6)
@@ -28,7 +28,7 @@ def test_a_place_that_was_measured_has_what_was_measured():
     assert (uncertainty == 2e-12).all()
 
 
-def test_between_places_a_smooth_film_is_found_within_what_is_said():
+def test_tuning_map_interpolation_error_matches_uncertainty():
     """The stated uncertainty is that of the error, within a factor of two."""
     found, uncertainty = TuningMap.create(positions=PLACES, wavelengths=wedge(PLACES)).at(ASKED)
     error = np.sqrt(((found - wedge(ASKED)) ** 2).mean())
@@ -80,7 +80,7 @@ def test_a_table_that_a_spreadsheet_saved_is_read(tmp_path):
     np.testing.assert_allclose(found.wavelengths, 1550.5e-9)
 
 
-def test_what_is_no_map_is_refused_with_a_reason(tmp_path):
+def test_invalid_tuning_map_is_refused_with_reason(tmp_path):
     """Missing, another file, another unit, one place for many points."""
     with pytest.raises(NotFound):
         TuningMap.read(tmp_path / "none.csv")

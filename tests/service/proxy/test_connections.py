@@ -39,7 +39,7 @@ def compressing(api, tmp_path):
             yield client
 
 
-def test_a_service_keeps_idle_connections_longer_than_nginx(tmp_path):
+def test_service_keep_alive_exceeds_nginx_keep_alive(tmp_path):
     assert Settings.create(data=tmp_path).keep_alive >= 1.25 * NGINX_KEEPS
 
 

@@ -51,7 +51,7 @@ def deeds(client, mask):
     return [answer.status_code for answer in asked]
 
 
-def test_nginx_with_its_defaults_lets_nobody_in_without_a_key(api, proxied):
+def test_keyless_service_behind_default_nginx_returns_401(api, proxied):
     with httpx.Client(base_url=api.url, timeout=250) as direct:
         mask = direct.post("/api/v1/masks", json=GRID).json()["id"]
         with proxied() as stranger:
@@ -96,7 +96,7 @@ def test_a_process_of_another_user_needs_a_key_and_may_stop(api, monkeypatch):
 
 @pytest.mark.parametrize(("host", "family"), [("127.0.0.1", socket.AF_INET), ("::1", socket.AF_INET6)])
 @pytest.mark.parametrize("ask", [user_of, peers._ask_kernel, peers._look_up])
-def test_the_owner_of_a_connection_is_told_by_the_kernel(host, family, ask):
+def test_connection_owner_is_looked_up_from_kernel(host, family, ask):
     """Also when it is over: a request whose sender is gone, as a proxy's may be, is not the administrator's."""
     with socket.create_server((host, 0), family=family) as listener:
         far = socket.create_connection(listener.getsockname()[:2])

@@ -139,7 +139,7 @@ def test_the_client_goes_on_with_an_upload_that_breaks_off(api, recording):
     assert resumed[-1] > 2**18, "it did not begin anew"
 
 
-def test_a_size_that_nginx_refuses_is_said_to_be_the_proxys(api, recording, tmp_path):
+def test_upload_too_large_for_nginx_raises_proxy_error(api, recording, tmp_path):
     """nginx takes 1 MB by default."""
     needed()
     with by_default(tmp_path / "nginx", api.url) as nginx:

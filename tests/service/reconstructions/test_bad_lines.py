@@ -52,7 +52,7 @@ def test_even_out_without_a_request_keeps_bad_lines(small):
     assert (told.bad_lines, found.notes) == (None, ())
 
 
-def test_even_out_leave_out_removes_all_kinds_and_keeps_the_area(small):
+def test_even_out_leave_out_removes_all_kinds_and_preserves_area(small):
     faulty, positions = small
     found, told = even(small, "leave-out")
     good = np.delete(np.arange(len(positions)), list(faulty.truth))

@@ -70,7 +70,7 @@ def plan(tmp_path):
 
 
 @pytest.mark.long
-def test_a_service_compiles_by_itself_what_its_first_job_needs(fresh, tmp_path):
+def test_service_start_precompiles_kernels_for_first_job(fresh, tmp_path):
     service = Service(tmp_path, simulator_speed=20.0).start()
     try:
         until(lambda: fresh.names() >= LAST and not fresh.compiling())
@@ -94,7 +94,7 @@ def test_each_half_comes_to_its_end_alone(fresh):
 
 
 @pytest.mark.long
-def test_of_two_processes_one_is_at_it_and_it_ends_with_whoever_is_killed(fresh):
+def test_concurrent_warmup_compiles_once_and_ends_with_its_parent(fresh):
     with subprocess.Popen([sys.executable, "-c", ASKING]) as asking:
         try:
             until(lambda: len(fresh.compiling()) == 2)  # a half each

@@ -284,7 +284,7 @@ def test_values_that_cannot_be_read_end_an_export_as_damage_and_leave_nothing(tm
 
 
 @pytest.mark.parametrize("bit", BITS)
-def test_a_damaged_header_is_told_before_anything_is_written(tmp_path, volume, bit):
+def test_export_of_damaged_volume_is_refused_before_writing(tmp_path, volume, bit):
     bad = Path(shutil.copy(volume, tmp_path / "bad.h5"))
     spoil(bad, "values", bit)
     with pytest.raises(DamagedFile, match=r"bad\.h5"):
@@ -292,7 +292,7 @@ def test_a_damaged_header_is_told_before_anything_is_written(tmp_path, volume, b
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_no_volume_or_format_is_refused(tmp_path, volume):
+def test_export_of_invalid_volume_or_unknown_format_is_refused(tmp_path, volume):
     """Unknown formats list the known ones; files that are no volumes are named."""
     with pytest.raises(InvalidInput, match="hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png"):
         export_volume(volume, tmp_path / "a", format="dicom")

@@ -118,7 +118,7 @@ def test_image_of_a_wavelength_is_as_bright_as_its_light_and_names_the_frames(sc
 
 
 @pytest.mark.parametrize(("choice", "number", "light"), [({}, 0, "750"), ({"wavelength": 850e-9}, 3, "850")])
-def test_image_of_a_frame_that_was_not_chosen_says_so(scan, tmp_path, choice, number, light):
+def test_image_of_default_frame_notes_frame_number(scan, tmp_path, choice, number, light):
     report, _ = brightest(scan, FrameChoice(**choice), tmp_path)
     assert len(report.notes) == 1
     assert f"made of frame {number} of 6 (0 to 5, {light} nm)" in report.notes[0]
@@ -126,7 +126,7 @@ def test_image_of_a_frame_that_was_not_chosen_says_so(scan, tmp_path, choice, nu
 
 
 @pytest.mark.long
-def test_speed_search_and_what_if_say_which_frame_they_took(scan, tmp_path):
+def test_sound_speed_and_subset_reports_note_frame_number(scan, tmp_path):
     curve = scan_sound_speed(scan, tmp_path, first=1450, last=1550, steps=3)
     report = compare_subset(scan, MASK, tmp_path, ReconstructionParameters.create(modes=24))
     for notes in (curve.notes, report.notes):
@@ -143,7 +143,7 @@ def test_speed_search_and_what_if_say_which_frame_they_took(scan, tmp_path):
         ({"average": True}, "average is true; allowed: with one wavelength of several: 750 nm, 850 nm"),
     ],
 )
-def test_choice_that_cannot_be_made_names_what_there_is(scan, choice, words):
+def test_invalid_frame_choice_is_refused_with_available_frames(scan, choice, words):
     with pytest.raises(InvalidInput, match=words):
         open_recording(scan, FrameChoice(**choice))
 

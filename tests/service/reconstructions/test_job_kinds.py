@@ -104,7 +104,7 @@ def test_a_reconstruction_leaves_volume_projections_and_report(place):
             np.testing.assert_array_equal(file[f"mip_{axis}"], volume.mip(axis))
 
 
-def test_what_if_shows_the_other_mask_and_how_much_it_is_like_the_whole(place):
+def test_subset_comparison_job_writes_volume_and_correlation(place):
     through = {"mask_id": place.sparse.id, "points": "exact"}
     name, report = place.do("what-if", scan_id=place.scan, through=through, parameters={"modes": 16})
     assert report["sensors"] == place.sparse.count
@@ -227,11 +227,11 @@ def test_following_a_scan_that_is_over_is_its_full_reconstruction(place):
 
 
 @pytest.mark.parametrize("kind", JOB_TYPES)
-def test_what_a_kind_does_not_know_is_refused(place, kind):
+def test_unknown_job_parameter_is_refused(place, kind):
     with pytest.raises(InvalidInput):
         place.do(kind, nonsense=1)
 
 
-def test_an_unknown_kind_is_refused_with_those_there_are(place):
+def test_unknown_job_kind_is_refused_with_known_kinds(place):
     with pytest.raises(InvalidInput, match="reconstruction, live, what-if"):
         place.do("dance")

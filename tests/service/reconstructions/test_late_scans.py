@@ -71,9 +71,7 @@ def near_the_ball(volume: Volume) -> None:
 
 
 @pytest.mark.parametrize("method", ["nedner", "iterative"])
-def test_late_scan_has_the_ball_at_its_depth_and_its_report_says_what_is_missing(
-    late: Path, tmp_path: Path, method: str
-) -> None:
+def test_late_scan_image_keeps_depth_and_report_notes_missing_range(late: Path, tmp_path: Path, method: str) -> None:
     report = reconstruct_scan(late, tmp_path, PARAMETERS.replace(method=method))
     volume = read_volume(tmp_path / "volume.h5")
     near_the_ball(volume)
@@ -132,7 +130,7 @@ def test_live_view_of_a_late_scan_has_the_depths_of_the_final_image(late: Path, 
         assert 9e-3 - 2 * step <= depths[-1] < 9e-3 + step
 
 
-def test_late_scan_through_a_sparser_mask_keeps_its_depths(late: Path, tmp_path: Path) -> None:
+def test_late_scan_subset_comparison_keeps_depth_axis(late: Path, tmp_path: Path) -> None:
     report = compare_subset(late, grid_mask(4e-3, 8, 0.5e-3), tmp_path, PARAMETERS)
     assert report.shape[-1] == SAMPLES
     assert report.quality["volume_correlation"] > 0.5
@@ -165,7 +163,7 @@ def test_speed_search_of_a_late_scan_takes_a_depth_range_of_its_record(
     assert scan_sound_speed(late, tmp_path, wanted, first=1450, last=1550, steps=3).sharpness[0] > 0
 
 
-def test_command_says_that_the_record_begins_late(late: Path, tmp_path: Path) -> None:
+def test_reconstruct_command_warns_of_late_record_start(late: Path, tmp_path: Path) -> None:
     said = CliRunner().invoke(app, ["reconstruct", str(late), "--output", str(tmp_path / "out"), "--modes", "16"])
     assert said.exit_code == 0, said.output
     text = " ".join(said.output.split())

@@ -156,9 +156,7 @@ def test_revisions_appear_as_alines_come_and_the_last_is_the_reconstruction_from
     assert {path.name for path in reference.iterdir()} | {"revision.json"} == {path.name for path in output.iterdir()}
 
 
-def test_what_a_stopped_scan_has_sensed_is_told_as_area_not_as_a_share_of_points(
-    scan: GrowingScan, tmp_path: Path
-) -> None:
+def test_coverage_of_stopped_scan_is_reported_as_area_fraction(scan: GrowingScan, tmp_path: Path) -> None:
     """A mask's points stand for areas that differ tenfold."""
     told: list[Revision] = []
     looks = iter([False, False, True])
@@ -217,7 +215,7 @@ def test_weights_fitted_to_the_points_so_far_make_a_half_done_pass_a_better_proj
     assert 1 - alike[0] < 0.7 * (1 - alike[1])
 
 
-def test_the_median_that_all_alines_share_is_found_anew_at_each_revision(scan: GrowingScan, tmp_path: Path) -> None:
+def test_live_common_median_is_recomputed_each_revision(scan: GrowingScan, tmp_path: Path) -> None:
     parameters = PARAMETERS.replace(conditioning=replace(PARAMETERS.conditioning, remove_common="median"))
     view = LiveReconstruction(scan.path, tmp_path / "live", parameters, "full")
     while not scan.is_over:
@@ -262,7 +260,7 @@ def test_a_row_that_is_being_written_is_left_for_the_next_look(scan: GrowingScan
     assert not len(follower.read_new().points)
 
 
-def test_nothing_new_is_no_revision_and_cancelling_keeps_the_last_one(scan: GrowingScan, tmp_path: Path) -> None:
+def test_live_update_without_new_data_or_cancelled_keeps_last_revision(scan: GrowingScan, tmp_path: Path) -> None:
     output, asked = tmp_path / "live", []
     scan.measure(50)
 
@@ -311,7 +309,7 @@ def test_without_the_scanners_word_a_scan_is_over_when_whole_or_quiet_for_long(
     assert quiet()
 
 
-def test_a_preview_keeps_what_its_samples_carry_and_drops_the_rest() -> None:
+def test_preview_decimation_keeps_signal_band_and_removes_rest() -> None:
     preview = choose_preview(226, 1024, 60e-6, 11.84e-6)
     assert preview == CoarseParameters(226, 4)
     assert choose_preview(452, 1024, 30e-6, 11.84e-6).modes < 452
@@ -364,7 +362,7 @@ def test_revisions_while_another_process_scans_1605_points(scan: GrowingScan, tm
     assert _distance(*values) < 1e-4
 
 
-def test_the_writer_is_not_kept_waiting_by_a_reader(scan: GrowingScan, tmp_path: Path) -> None:
+def test_concurrent_live_read_does_not_block_scan_writer(scan: GrowingScan, tmp_path: Path) -> None:
     """A view reads while a store writes, in two threads; nothing fails, is missed or is added half."""
     view, over = LiveReconstruction(scan.path, tmp_path / "live", PARAMETERS), threading.Event()
 

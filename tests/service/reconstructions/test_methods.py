@@ -66,7 +66,7 @@ def test_the_command_line_fits_iteratively(recording: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("stopped", get_args(StopReason))
-def test_whatever_ended_the_iterations_is_said(stopped: str) -> None:
+def test_iteration_stop_reason_is_reported(stopped: str) -> None:
     """By the command, in words; with what it cost."""
     said = told_of(Report(fit=FitDiagnostics(3, stopped, 11, 0.25, (1.0, 0.25))))
     assert "(" in str(said["iterations"])
@@ -82,7 +82,7 @@ def test_bad_options_are_one_line(recording: Path, tmp_path: Path) -> None:
         reconstruct_scan(recording, tmp_path / "out", wrong)
 
 
-def test_a_corrected_film_changes_the_image_with_kept_plans_as_well(recording: Path) -> None:
+def test_film_correction_changes_image_with_cached_plans(recording: Path) -> None:
     found = open_recording(recording)
     plain = ReconstructionParameters.create(sound_speed=1500.0)
     filtered = plain.replace(film={"kind": "simulated"})
@@ -92,7 +92,7 @@ def test_a_corrected_film_changes_the_image_with_kept_plans_as_well(recording: P
 
 
 @pytest.mark.long
-def test_the_command_line_leaves_out_what_is_above_a_frequency_and_says_so(recording: Path, tmp_path: Path) -> None:
+def test_highest_frequency_option_band_limits_image_and_report(recording: Path, tmp_path: Path) -> None:
     """The ball's A-lines end near 5 MHz; Nyquist is 25 MHz."""
 
     def run(*options: str) -> tuple[dict[str, Any], Volume, str]:
@@ -135,7 +135,7 @@ def test_options_of_the_method_iterative_are_refused_with_another(recording: Pat
         assert to_imaging_parameters(open_recording(recording), chosen).lateral_padding == padding
 
 
-def test_kept_plans_and_an_image_that_grows_leave_out_the_same(recording: Path) -> None:
+def test_highest_frequency_applies_to_cached_and_incremental_plans(recording: Path) -> None:
     found = open_recording(recording)
     for highest in (10e6, "signal"):
         parameters = ReconstructionParameters.create(highest_frequency=highest)
@@ -148,7 +148,7 @@ def test_kept_plans_and_an_image_that_grows_leave_out_the_same(recording: Path) 
     assert CoarseParameters(16, 1).parameters(full).highest_frequency == 10e6
 
 
-def test_pictures_may_leave_out_what_is_below_zero(recording: Path) -> None:
+def test_non_negative_display_clips_negative_values(recording: Path) -> None:
     found = open_recording(recording)
     volume = reconstruct_in_memory(found, ReconstructionParameters.create(sound_speed=1500.0))
     assert volume.values.min() < 0

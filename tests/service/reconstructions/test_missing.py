@@ -52,7 +52,7 @@ def without(whole, tmp_path, lost):
     return path
 
 
-def test_a_square_hole_is_told_by_count_place_and_width(whole, tmp_path):
+def test_missing_points_reports_hole_count_position_and_width(whole, tmp_path):
     """5 × 5 points around (1.2, -0.6) mm: the nearest measured point is three steps from the middle of the hole."""
     path = without(whole, tmp_path, lambda x, y: (abs(x - 1.2e-3) < 0.65e-3) & (abs(y + 0.6e-3) < 0.65e-3))
     found = find_missing_points(open_recording(path))
@@ -77,7 +77,7 @@ def test_a_whole_scan_lacks_nothing(whole):
     assert find_missing_points(open_recording(whole)) is None
 
 
-def test_the_command_warns_and_the_report_tells(whole, tmp_path):
+def test_reconstruct_command_warns_of_missing_points(whole, tmp_path):
     path = without(whole, tmp_path, lambda x, y: x > 0.1e-3)
     result = CliRunner().invoke(app, ["reconstruct", str(path), "--modes", "32", "-o", str(tmp_path / "out")])
     assert result.exception is None, result.output
@@ -90,7 +90,7 @@ def test_the_command_warns_and_the_report_tells(whole, tmp_path):
 
 
 @pytest.mark.long
-def test_the_iterative_method_tells_iterations_and_misfit(whole, tmp_path):
+def test_iterative_report_states_iterations_and_misfit(whole, tmp_path):
     """While it runs and at its end: the figures are those of the library's own account of the same image."""
     stages = []
     parameters = ReconstructionParameters.create(method="iterative", modes=16, iterative={"iterations": 4})

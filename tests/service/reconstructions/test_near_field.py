@@ -25,7 +25,7 @@ def image(noise, mask=MASK, balls=BALLS):
     )
 
 
-def test_what_outshines_the_object_is_left_out():
+def test_near_field_noise_brighter_than_object_is_cropped():
     """Of everything the brightest place is right below a sensor; from the near field's end on it is a ball."""
     volume = image(12)
     brightest = np.unravel_index(volume.values.argmax(), volume.values.shape)
@@ -45,7 +45,7 @@ def test_it_grows_with_the_spacing_of_the_sensors():
     assert near_field_depth(image(12, coarse), coarse.positions) > near_field_depth(image(26), MASK.positions)
 
 
-def test_an_object_right_below_the_sensors_is_kept():
+def test_near_field_depth_keeps_shallow_object():
     """Where it is the object that is bright, nothing is left out."""
     random = np.random.default_rng(1)
     centres = np.column_stack([random.uniform(-3e-3, 3e-3, (300, 2)), np.full(300, 0.3e-3)])
@@ -64,7 +64,7 @@ def test_sensors_above_every_voxel_do_not_stand_out(values):
     assert near_field_depth(volume, positions[:1]) == 0
 
 
-def test_projections_of_a_part_and_of_everything_are_those_of_two_passes():
+def test_project_below_depth_matches_separate_projections():
     values = np.random.default_rng(3).normal(size=(6, 7, 9))
     axes = [1e-3 * np.arange(n, dtype=float) for n in values.shape]
     volume = Volume(values, VoxelAxes(*axes), (1e-3,) * 3)

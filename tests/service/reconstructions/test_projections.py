@@ -127,7 +127,7 @@ def test_another_geometry_gets_another_plan(positions, change):
     assert plans.get(positions, 33, Parameters(**OPTIONS)) is not plan
 
 
-def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
+def test_plan_cache_evicts_by_count_and_memory(positions):
     plans = PlanCache(most=2)
     speeds = [Parameters(**OPTIONS | {"sound_speed": speed}) for speed in (1400.0, 1500.0, 1600.0)]
     first, second, _ = (plans.get(positions, 32, options) for options in speeds)
@@ -140,7 +140,7 @@ def test_only_the_plans_used_last_are_kept_and_little_memory(positions):
     assert len(tight) == 1
 
 
-def test_a_plan_that_a_full_gpu_sent_to_the_processor_is_made_anew(positions, monkeypatch):
+def test_plan_cache_rebuilds_plan_after_gpu_memory_fallback(positions, monkeypatch):
     """The next job may find room there, and does not report what befell another one."""
     monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     monkeypatch.setattr(backend.SimulatorBackend, "free", lambda _: 1000)

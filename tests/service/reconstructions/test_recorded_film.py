@@ -33,14 +33,14 @@ def ideal(tmp_path_factory):
     return scan_through("ideal", tmp_path_factory.mktemp("ideal"))
 
 
-def test_scan_file_of_a_simulated_scan_states_its_film_and_keeps_it_when_imported(ideal, tmp_path):
+def test_simulated_scan_file_records_film_and_import_preserves_it(ideal, tmp_path):
     import_scan(ideal, tmp_path / "again.h5")
     for path in (ideal, tmp_path / "again.h5"):
         with h5py.File(path) as file:
             assert file.attrs["film"] == "ideal"
 
 
-def test_simulated_film_leaves_an_image_through_an_ideal_film_as_it_is_and_says_so(ideal, tmp_path):
+def test_simulated_film_correction_leaves_ideal_film_image_unchanged(ideal, tmp_path):
     none, wanted = image(ideal, "ideal", tmp_path / "a")
     notes, values = image(ideal, "simulated", tmp_path / "b")
     np.testing.assert_array_equal(values, wanted)
@@ -52,7 +52,7 @@ def test_other_correction_of_an_ideal_film_is_called_too_much(ideal, tmp_path):
     assert notes == ["the scan's film was ideal: the correction amplifies what was not lost"]
 
 
-def test_scan_through_a_real_film_says_what_was_not_corrected(ideal, tmp_path):
+def test_uncorrected_film_response_is_noted_in_report(ideal, tmp_path):
     scan = scan_through("bandlimited", tmp_path)
     notes, plain = image(scan, "ideal", tmp_path / "a")
     assert notes == ["the scan's film has a response (bandwidth) that was not corrected: --film simulated does"]
@@ -62,7 +62,7 @@ def test_scan_through_a_real_film_says_what_was_not_corrected(ideal, tmp_path):
     assert np.linalg.norm(corrected - wanted) < 0.05 * np.linalg.norm(plain - wanted)
 
 
-def test_simulated_film_gives_back_only_what_the_scan_says_was_lost():
+def test_simulated_film_correction_restores_only_recorded_losses():
     film, frequencies, sines = Film(kind="simulated"), np.array([1e6, 60e6]), np.array([0.0, 0.5, 0.8])
     at = {
         lost: film.correction(lost).response.evaluate(frequencies, sines, 1500.0)

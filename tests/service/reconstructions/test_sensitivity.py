@@ -46,7 +46,7 @@ def pressures(recording):
     return np.asarray(recording.traces, np.float64) * np.asarray(recording.scale, np.float64)[:, None]
 
 
-def test_what_a_band_loses_is_made_up_for_where_asked_and_the_report_says_by_how_much(scan):
+def test_sensitivity_correction_restores_amplitudes_and_reports_range(scan):
     plan, path, share = scan
     assert share.min() < 0.8
     plain, told = normalise_shots(read_scan(path), ShotTreatment())

@@ -131,7 +131,7 @@ def test_saturated_and_mistuned_a_lines_are_left_out_and_the_others_make_up_for_
     assert np.abs(spoilt).max() > 5 * np.abs(image(flagged).values - image(even).values).max()
 
 
-def test_a_scan_of_flagged_a_lines_only_says_what_to_choose(tmp_path):
+def test_scan_with_only_flagged_alines_is_refused_with_hint(tmp_path):
     path = measured(tmp_path / "scan.h5", 1.0, 0.0, np.ones(PLAN.mask.count, int))
     with pytest.raises(InvalidInput, match=r"shots\.leave_out.*saturated, mistuned.*at least one of 405"):
         reconstruct_scan(path, tmp_path / "out", PARAMETERS)
@@ -157,7 +157,7 @@ def test_a_lines_that_have_no_time_in_common_are_refused(even):
         normalise_shots(apart, ShotTreatment())
 
 
-def test_the_live_view_evens_out_what_the_reconstruction_does(even, uneven, tmp_path):
+def test_live_view_applies_shot_normalisation(even, uneven, tmp_path):
     views = []
     for path in (even, uneven):
         view = LiveReconstruction(path, tmp_path / path.parent.name, PARAMETERS, "full")
@@ -187,7 +187,7 @@ def test_dark_a_lines_that_come_first_are_not_left_in_the_live_view(even, tmp_pa
     assert reconstruct_scan(path, tmp_path / "final", PARAMETERS).sensors == PLAN.mask.count - 40
 
 
-def test_the_report_says_what_was_found_and_chosen(uneven, tmp_path):
+def test_report_states_shot_statistics_and_treatment(uneven, tmp_path):
     reconstruct_scan(uneven, tmp_path, PARAMETERS)
     report = json.loads((tmp_path / "report.json").read_text())
     low, high = report["shots"]["energy"]
@@ -196,7 +196,7 @@ def test_the_report_says_what_was_found_and_chosen(uneven, tmp_path):
     assert report["parameters"]["shots"]["leave_out"] == ["saturated", "mistuned"]
 
 
-def test_what_the_device_says_of_an_a_line_reaches_the_recording(tmp_path):
+def test_shot_metadata_from_device_reaches_recording(tmp_path):
     """Through protocol, driver, store and file: an object 9 mm deep, whose record begins 5 µs after the pulse."""
     plan = ScanPlan.create(mask=equi_steradian_mask(4e-3, 1.2e-3, 40), samples=256, averages=3, pulse_rate=1000.0)
     with launch(speed=20.0, time_zero=5.0001e-6, noise_db=float("inf")) as simulator:

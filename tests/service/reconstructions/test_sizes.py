@@ -44,7 +44,7 @@ def test_expected_shape_is_the_volumes(tmp_path, given):
     assert expected_shape(open_recording(scan), parameters) == tuple(report.shape)
 
 
-def test_large_volume_is_not_made_unasked_and_its_error_tells_how_large(wide, tmp_path):
+def test_large_volume_without_consent_is_refused_with_size(wide, tmp_path):
     with pytest.raises(LargeVolume, match=r"modes is 1000; allowed: .* 1.\d+ GB \(1000 × 1000 × 300 voxels of 60 µm"):
         reconstruct_scan(wide, tmp_path / "out", agreed=False)
     out = run_here("reconstruct", wide, "-o", "out", cwd=tmp_path, code=2)

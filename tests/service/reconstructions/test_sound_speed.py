@@ -48,14 +48,14 @@ def test_the_speed_is_found_within_three_thousandths_at_30_db(speed: float, seed
 
 
 @pytest.mark.long
-def test_the_standard_error_says_how_far_off_it_is() -> None:
+def test_sound_speed_standard_error_bounds_actual_error() -> None:
     curve = find(1500.0, 4, 1460, 1540, 5, criterion="sharpness")
     assert curve.standard_error is not None
     assert 0 < curve.standard_error < 5
     assert abs(curve.best - 1500.0) < 4 * curve.standard_error + 1.5
 
 
-def test_a_maximum_at_the_end_of_the_range_is_said_to_be_one() -> None:
+def test_sound_speed_maximum_at_range_end_is_flagged_as_edge() -> None:
     curve = find(1500.0, 0, 1300, 1420, 4, criterion="sharpness")
     assert curve.at_edge
     assert (curve.best, curve.standard_error) == (1420.0, None)
@@ -133,7 +133,7 @@ def test_speed_fit_of_depths_at_whole_samples_has_the_same_slices_at_every_speed
     assert len({fit.model(speed).volume_shape for speed in np.arange(1380.0, 1620.0, 17.3)}) == 1
 
 
-def test_find_sound_speed_along_a_line_of_sensors_says_that_it_is_the_sharpest() -> None:
+def test_sound_speed_from_sensor_line_notes_sharpness_criterion() -> None:
     axis = (np.arange(40) - 20) * 0.2e-3
     traces = np.random.default_rng(0).standard_normal((40, 100)).astype(np.float32)
     curve = find_sound_speed(traces, axis, np.linspace(1400, 1600, 3), sampling_interval=20e-9, aperture=8e-3)

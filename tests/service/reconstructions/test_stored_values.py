@@ -16,7 +16,7 @@ PARTS = [slice(0, 99, 1), slice(3, 8, 1), slice(1, 99, 4), slice(4, 4, 1), 0, 7]
 
 
 @pytest.mark.parametrize("chunks", [None, (4, 5, 8), (9, 10, 23), (1, 1, 23), (3, 10, 7)])
-def test_every_part_is_what_numpy_takes(tmp_path, chunks, monkeypatch):
+def test_chunked_read_matches_numpy_indexing(tmp_path, chunks, monkeypatch):
     monkeypatch.setattr(stored_values, "CHUNK_BYTES", 2500)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         stored = ChunkedDataset(file.create_dataset("values", data=VALUES, chunks=chunks))
@@ -34,7 +34,7 @@ def test_every_part_is_what_numpy_takes(tmp_path, chunks, monkeypatch):
 
 
 @pytest.mark.parametrize("another", [False, True])
-def test_what_is_read_piece_by_piece_stays_what_it_was_when_its_file_goes(tmp_path, monkeypatch, another):
+def test_chunked_read_survives_file_deletion_or_replacement(tmp_path, monkeypatch, another):
     monkeypatch.setattr(stored_values, "CHUNK_BYTES", 2500)
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:

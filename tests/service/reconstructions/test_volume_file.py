@@ -107,7 +107,7 @@ def test_chunks_hardly_stick_out_of_the_volume(shape, chunks):
     assert padded <= 1.02 * np.prod(shape)
 
 
-def test_levels_are_means_that_lie_over_what_they_are_means_of(tmp_path):
+def test_pyramid_levels_are_block_means_with_matching_axes(tmp_path):
     """The halves of odd sides end with means of what is left there."""
     values = np.random.default_rng(3).normal(size=(261, 7, 5)).astype(np.float32)
     lines = [np.arange(size) * step + 0.25 for size, step in zip(values.shape, (1e-4, 2e-4, 1e-5), strict=True)]

@@ -50,7 +50,7 @@ def test_database_in_a_folder_of_any_name_lies_in_that_folder(tmp_path, name):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of bytes that are no text are Linux's")
-def test_database_in_a_folder_whose_name_is_no_text_is_refused(tmp_path):
+def test_metadata_url_of_non_utf8_path_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"data is .*; allowed: a folder whose path is UTF-8 text"):
         DataDirectory(tmp_path / os.fsdecode(b"a\xff")).metadata_url  # noqa: B018
 

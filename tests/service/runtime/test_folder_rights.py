@@ -107,7 +107,7 @@ def test_a_node_with_a_part_of_another_user_ends_with_one_line_and_exit_code_3(k
 
 @pytest.mark.long
 @pytest.mark.timeout(400)
-def test_a_service_whose_folder_of_jobs_is_given_away_says_so_and_goes_on_once_it_is_mended(tmp_path):
+def test_service_with_foreign_owned_jobs_folder_reports_it_and_recovers(tmp_path):
     service = Service(tmp_path / "data", log=tmp_path / "log")
     service.command = obeying(*Service.command)
     service.start()
@@ -207,7 +207,7 @@ def unchanged(folder):
     assert look() == before
 
 
-def test_serve_on_a_folder_with_scans_of_somebody_else_leaves_it_as_it_is(tmp_path):
+def test_serve_on_folder_with_foreign_scans_leaves_it_unchanged(tmp_path):
     from steradian.core.exceptions import DamagedFile
     from steradian.core.settings import Settings
     from steradian.runtime.supervisor import run_service

@@ -15,7 +15,7 @@ def test_it_is_asked_for_its_name(monkeypatch):
     assert detect_gpu() == "simulator"
 
 
-def test_what_cannot_be_asked_is_none(monkeypatch):
+def test_detect_gpu_with_unknown_backend_returns_none(monkeypatch):
     monkeypatch.setenv("STERADIAN_GPU", "another")
     monkeypatch.delenv("NUMBA_ENABLE_CUDASIM", raising=False)
     assert find_spec("cupy") or detect_gpu() is None

@@ -6,7 +6,7 @@ import threading
 from steradian.runtime.heartbeat import Heartbeat
 
 
-def test_heartbeat_file_that_is_written_anew_is_whole_at_every_read(tmp_path):
+def test_heartbeat_file_rewrite_is_atomic_for_readers(tmp_path):
     path, over, read = tmp_path / "run" / "worker-0.json", threading.Event(), []
 
     def read_on():

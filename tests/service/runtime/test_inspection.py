@@ -108,7 +108,7 @@ def test_a_folder_that_is_well_has_nothing_to_report(kept):
 
 
 @pytest.mark.parametrize("damage", [garbage, truncated, overwritten, empty, missing, another])
-def test_the_check_tells_what_can_be_got_back_and_a_repair_gets_it(kept, damage):
+def test_check_of_damaged_folder_reports_data_that_repair_restores(kept, damage):
     damage(kept)
     found = kept.found()
     assert "9 of 9 A-lines" in found[kept.scan].text
@@ -178,7 +178,7 @@ def test_the_check_names_rows_without_files_and_files_without_rows(kept):
     }
 
 
-def test_a_service_that_knows_some_of_the_scans_starts_and_says_what_it_does_not_know(kept, caplog):
+def test_service_with_unregistered_scan_starts_and_logs_it(kept, caplog):
     shutil.copy(kept.data.scan_file(kept.scan), kept.data.scan_file("s01foreign"))
     kept.serve()
     assert "s01foreign" in caplog.text
@@ -195,7 +195,7 @@ def test_a_check_of_a_folder_in_use_or_of_none_is_one_clear_sentence(kept, tmp_p
 
 
 @pytest.mark.long
-def test_a_scan_with_a_damaged_header_is_told_as_one_that_cannot_be_read(kept):
+def test_check_of_scan_with_damaged_header_reports_unreadable_scan(kept):
     foreign = kept.data.scan_file("s01foreign")
     shutil.copy(kept.data.scan_file(kept.scan), foreign)
     spoil(foreign, "alines/status")

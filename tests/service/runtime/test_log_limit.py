@@ -54,7 +54,7 @@ def test_a_thousand_lines_of_a_kind_become_a_few_and_others_are_written_meanwhil
     assert last.endswith(f"connection 1001 is refused [{1000 - logs.MAX_BURST} similar lines were omitted before]")
 
 
-def test_what_a_person_wrote_stays_in_its_line(written):
+def test_log_message_with_control_characters_is_escaped_to_one_line(written):
     """A reason, a name or a path may hold line ends and the codes by which a terminal is made to hide what it shows."""
     reason = "smoke\n2026-01-01 00:00:00,000 INFO api all is well\r\x1b[2K\u2028\u202eend, Überdruck 5 \u00b5m"
     logging.getLogger("steradian.test").warning("scan s1 is wished aborted: %s", reason)
@@ -76,7 +76,7 @@ def test_text_log_begins_each_line_with_local_time_and_its_offset_from_utc(writt
     assert abs(datetime.now(UTC) - at) < timedelta(hours=1)
 
 
-def test_a_log_that_nobody_reads_holds_up_nobody_and_says_later_how_much_is_lost(log_to, monkeypatch):
+def test_log_with_blocked_reader_never_blocks_and_reports_lost_lines(log_to, monkeypatch):
     """Written at once, the line that fills the pipe would wait for ever."""
     monkeypatch.setattr(logs, "MAX_QUEUED", 100)
     reader, writer = os.pipe()

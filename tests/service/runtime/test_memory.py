@@ -100,7 +100,7 @@ def test_garbage_waits_for_the_end_of_a_job_and_not_for_tens_of_thousands_of_obj
 
 
 @pytest.mark.long
-def test_what_a_worker_holds_does_not_grow_with_its_jobs(watched):
+def test_worker_object_count_does_not_grow_with_jobs(watched):
     """What would be kept of each job is ten objects and more; what the queue's polls hold comes and goes."""
     watched.run(60)
     before = watched.look()["held"]

@@ -18,7 +18,7 @@ from support.services import Service
 from support.waiting import until
 
 
-def test_a_child_that_keeps_ending_is_started_after_ever_longer_pauses(tmp_path):
+def test_managed_process_that_keeps_exiting_restarts_with_backoff(tmp_path):
     child = ManagedProcess("brief", ["true"], {"PATH": "/usr/bin:/bin"})
     starts, now = [], 0.0
     for _ in range(400):
@@ -77,7 +77,7 @@ def test_processes_that_are_stopped_are_named_and_a_stopped_api_is_replaced(tmp_
 
 
 @pytest.mark.long
-def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_other_hosts(tmp_path):
+def test_service_exit_removes_only_its_own_heartbeat_files(tmp_path):
     data, service = DataDirectory(tmp_path), Service(tmp_path).start()
     try:
         until(lambda: data.heartbeat("worker-0").exists() and data.heartbeat("acquisition").exists())
@@ -87,7 +87,7 @@ def test_a_service_that_ends_removes_its_own_signs_of_life_and_leaves_those_of_o
     assert [path.name for path in (tmp_path / "run").glob("*.json")] == ["elsewhere-0.json"]
 
 
-def test_a_sign_of_life_that_somebody_removed_is_given_again(tmp_path):
+def test_heartbeat_file_that_was_deleted_is_recreated(tmp_path):
     sign = tmp_path / "run" / "other-0.json"
     with Heartbeat(sign):
         for _ in range(2):

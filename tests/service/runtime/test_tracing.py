@@ -119,7 +119,7 @@ def test_a_failure_bears_the_identifier_in_the_workers_log_and_the_jobs(service)
     assert all("bad-1" in line for line in said), said
 
 
-def test_lost_workers_and_silent_scanners_stand_in_the_story_of_what_they_befell(service, image):
+def test_lost_worker_and_silent_scanner_are_logged_under_request_id(service, image):
     """A job that is started again keeps its identifier; the driver's own lines bear that of the scan."""
     slow = service.ask("slow-1", "/scans", plan_id=service.plan(pulse_rate=1, averages=20))
     live = service.ask("live-1", "/reconstructions", scan_id=slow["id"], follow=True, parameters=PARAMETERS)
@@ -150,7 +150,7 @@ def test_lost_workers_and_silent_scanners_stand_in_the_story_of_what_they_befell
     assert [json.loads(line)["request_id"] for line in starts] == ["live-1", "live-1"]
 
 
-def test_an_emergency_stop_stands_in_its_own_story_and_in_that_of_the_scan_it_ends(service):
+def test_emergency_stop_is_logged_under_request_ids_of_press_and_scan(service):
     slow = service.ask("slow-2", "/scans", plan_id=service.plan(pulse_rate=1, averages=20))
     service.over(slow, "running")
     stop = "/scanners/scanner-0/emergency-stop"

@@ -46,7 +46,7 @@ def image(service, scan):
     return service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
 
 
-def test_a_result_tells_the_parameters_that_took_effect(image):
+def test_reconstruction_result_states_effective_parameters(image):
     assert image["parameters"]["sound_speed"] == image["report"]["sound_speed_m_s"] == 1500.0
     assert image["parameters"]["modes"] == PARAMETERS["modes"]
 
@@ -119,14 +119,14 @@ def test_a_file_that_is_no_recording_fails_with_the_reason_and_makes_no_scan(ser
     assert service.get("/scans").json() == before
 
 
-def test_a_volume_can_be_had_in_other_formats(service, image):
+def test_export_job_of_volume_writes_requested_format(service, image):
     job = service.done("/jobs", kind="export", reconstruction_id=image["id"], format="nrrd")
     file = service.get(f"{job['links']['self']}/files/{job['files'][0]}")
     assert file.content.startswith(b"NRRD")
     assert len(file.content) > 24 * 24 * 256
 
 
-def test_a_sweep_of_masks_says_how_good_each_would_have_been(service, scan):
+def test_batch_over_masks_reports_quality_of_each_mask(service, scan):
     grid = {"arrangement": "grid", "aperture": 13.56e-3, "interval": 1.2e-3}
     masks = [service.make("/masks", **grid, count=count)["id"] for count in (3, 7)]
     made = service.make("/batches", scan_id=scan["id"], vary={"mask_id": masks}, parameters=PARAMETERS)

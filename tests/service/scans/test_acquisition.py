@@ -40,7 +40,7 @@ def test_a_queued_scan_runs_to_its_end_and_every_shot_is_accounted_for(bench):
     assert count_alines(bench.data.scan_file(identifier)) == row.summary
 
 
-def test_a_stopped_scan_is_a_success_that_keeps_what_was_measured(bench):
+def test_stopped_scan_ends_partial_without_error(bench):
     identifier = bench.queue(pulse_rate=1.0)
     bench.when_running(identifier, lambda: bench.scans.set_desired_state(identifier, W.STOPPED, "seen enough"))
     row = bench.scans.get(identifier)
@@ -49,7 +49,7 @@ def test_a_stopped_scan_is_a_success_that_keeps_what_was_measured(bench):
     assert row.error_code is None
 
 
-def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(bench):
+def test_completing_scan_copies_earlier_alines_and_measures_missing_ones(bench):
     earlier = bench.queue(pulse_rate=1.0)
     bench.when_running(earlier, lambda: bench.scans.set_desired_state(earlier, W.STOPPED, "lunch"))
     kept = bench.data.scan_file(earlier).read_bytes()
@@ -71,7 +71,7 @@ def test_what_a_scan_missed_is_measured_by_one_that_begins_with_its_a_lines(benc
 
 
 @pytest.mark.long
-def test_a_scan_whose_beginning_is_gone_fails_and_says_so(bench):
+def test_completing_scan_with_missing_earlier_file_fails(bench):
     earlier = bench.queue()
     bench.work.run_once()
     with bench.database.write() as session:
@@ -118,7 +118,7 @@ def test_an_aborted_scan_ends_aborted_and_the_next_one_runs(bench):
     assert bench.scans.get(following).state is S.COMPLETE
 
 
-def test_a_scan_that_is_not_wanted_any_more_never_fires(bench):
+def test_queued_scan_that_was_stopped_never_fires(bench):
     identifier = bench.queue()
     bench.scans.set_desired_state(identifier, W.STOPPED, None)
     bench.work.run_once()
@@ -126,7 +126,7 @@ def test_a_scan_that_is_not_wanted_any_more_never_fires(bench):
     assert not bench.data.scan_file(identifier).exists()
 
 
-def test_a_plan_the_scanner_cannot_do_fails_and_says_why(bench):
+def test_scan_with_plan_the_scanner_cannot_execute_fails_with_reason(bench):
     identifier = bench.queue(sampling_interval=1e-10)
     bench.work.run_once()
     row = bench.scans.get(identifier)
@@ -159,7 +159,7 @@ def test_a_scanner_that_is_not_there_interrupts_the_scan_which_may_be_settled_by
 
 
 @pytest.mark.long
-def test_a_scan_that_cannot_be_kept_yet_holds_up_no_other_and_is_kept_in_the_end(tmp_path):
+def test_scan_not_fetchable_from_store_blocks_no_other_and_ends_partial(tmp_path):
     """Its own file is lost with an earlier node, and the store's copy cannot be fetched, then is damaged."""
 
     class Failing(FolderBlobStore):
@@ -195,7 +195,7 @@ def test_when_the_service_ends_the_scan_is_made_safe_and_left_interrupted(tmp_pa
     bench.close()
 
 
-def test_a_paused_scan_fires_nothing_and_goes_on_when_wished(bench):
+def test_paused_scan_fires_nothing_until_resumed(bench):
     identifier = bench.queue(count=200, pulse_rate=1.0)
     fired = []
 
@@ -233,7 +233,7 @@ def test_a_paused_scan_can_be_ended(bench, wish, end):
     assert bench.states(identifier)[-3:] == ["paused", *end]
 
 
-def test_a_wish_to_abort_cannot_be_taken_back(bench):
+def test_abort_request_cannot_be_changed_to_stop(bench):
     identifier = bench.queue()
     bench.scans.set_desired_state(identifier, W.ABORTED, "smoke")
     with pytest.raises(Conflict, match="cannot be"):
@@ -251,7 +251,7 @@ def interrupted(bench):
     return identifier
 
 
-def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
+def test_interrupted_scan_resumes_only_on_request(bench):
     identifier = interrupted(bench)
     stored = bench.scans.get(identifier).summary["stored"]
     bench.work.run_once()
@@ -266,7 +266,7 @@ def test_an_interrupted_scan_goes_on_when_wished_and_only_then(bench):
     assert 0 < stored < row.summary["stored"] == 53
 
 
-def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
+def test_resume_request_before_restart_is_cancelled_by_restart(bench):
     identifier = interrupted(bench)
     bench.scans.set_desired_state(identifier, W.RUNNING, None)
     bench.work._begin()  # the acquisition process starts anew
@@ -279,7 +279,7 @@ def test_a_wish_that_nobody_was_there_to_hear_fires_nothing_later(bench):
 
 
 @pytest.mark.long
-def test_a_resume_is_refused_while_the_film_is_not_what_it_was(tmp_path):
+def test_resume_after_bias_drift_is_refused_until_drift_is_gone(tmp_path):
     """The difference is named, the scan stays interrupted, and it goes on when things are as before."""
 
     with launch(speed=50.0) as simulator:
@@ -318,7 +318,7 @@ def test_a_resume_is_refused_where_the_a_lines_that_were_stored_are_not(tmp_path
 
 
 @pytest.mark.parametrize(("end", "state"), [(SessionOutcome.ABORTED, "aborted"), (SessionOutcome.STOPPED, "partial")])
-def test_a_scan_whose_a_lines_cannot_be_counted_is_not_called_complete(bench, monkeypatch, end, state):
+def test_scan_with_uncountable_alines_does_not_end_complete(bench, monkeypatch, end, state):
     scan = bench.queue()
     for following in (ScanState.ARMING, ScanState.RUNNING):
         bench.scans.transition(scan, following, why="test")

@@ -51,7 +51,7 @@ def until_blocked(bench, identifier):
         threading.Event().wait(0.01)
 
 
-def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, full):
+def test_full_disk_pauses_laser_and_scan_stage_reports_it(bench, full):
     identifier = bench.queue(pulse_rate=5.0)
     stages, stored = [], []
 
@@ -75,7 +75,7 @@ def test_while_the_disk_is_full_the_laser_rests_and_the_scan_says_so(bench, full
 
 
 @pytest.mark.long
-def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_wished(tmp_path, full):
+def test_scan_blocked_too_long_by_full_disk_resumes_only_on_request(tmp_path, full):
     """Everything that was fired before is stored once there is room."""
     bench = Bench(tmp_path, within=0.0)
     identifier = bench.queue(pulse_rate=5.0)
@@ -98,7 +98,7 @@ def test_a_laser_that_rested_for_a_full_disk_for_too_long_comes_back_only_when_w
 
 
 @pytest.mark.long
-def test_an_interlock_opened_while_the_laser_rested_for_a_full_disk_keeps_it_off_until_wished(tmp_path, full):
+def test_interlock_opened_during_full_disk_interrupts_scan_until_resumed(tmp_path, full):
     """Somebody has opened the enclosure meanwhile, so a person decides, however soon there is room again."""
     with launch(speed=50.0) as simulator:
         bench = Bench(tmp_path, Port(simulator.url))

@@ -51,7 +51,7 @@ def test_each_point_is_measured_at_its_bands_wavelength(scanned):
     assert len(np.unique(measured(folder, "each")[0])) > 100
 
 
-def test_a_signal_loses_what_the_fringe_says(scanned):
+def test_banded_wavelengths_reduce_signal_as_fringe_predicts(scanned):
     """Beside the same points at their best wavelengths: on average to half a per cent, each to a few."""
     plans, folder = scanned
     plan = plans["bands"]
@@ -63,7 +63,7 @@ def test_a_signal_loses_what_the_fringe_says(scanned):
     assert np.abs(kept - expected).max() < 0.05
 
 
-def test_the_file_holds_both_wavelengths_and_goes_on_with_those_that_are_set(scanned):
+def test_scan_file_stores_planned_and_bias_wavelengths_and_resumes_at_bias(scanned):
     """What is missing after an interruption would be measured as planned."""
     plans, folder = scanned
     with h5py.File(folder / "bands.h5") as file:

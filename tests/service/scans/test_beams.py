@@ -79,7 +79,7 @@ def test_a_scan_that_was_stopped_goes_on_with_whole_places_and_ends_the_same(pla
 
 
 @pytest.mark.long
-def test_a_scanner_whose_beams_are_elsewhere_is_refused_before_a_file_is_made(plan, tmp_path):
+def test_scan_with_mismatched_beams_is_refused_before_file_is_created(plan, tmp_path):
     path = tmp_path / "scan.h5"
     for settings, match in (({"beams": "3x2", "beam_spacing": 0.6e-3}, r"beams\[2\]"), ({}, "at most 1")):
         with launch(repeat=1, **settings) as other, pytest.raises(InvalidInput, match=match):

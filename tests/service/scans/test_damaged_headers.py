@@ -27,21 +27,21 @@ def path(tmp_path, plan, alines):
 
 @pytest.mark.parametrize("bit", BITS)
 @pytest.mark.parametrize("read", [verify_scan_file, read_stored_plan, list_frames, read_scan, ScanTail])
-def test_a_scan_whose_table_is_none_is_damaged(path, read, bit):
+def test_read_scan_with_damaged_status_table_raises_damaged_file(path, read, bit):
     spoil(path, "alines/status", bit)
     with pytest.raises(DamagedFile, match=path.name):
         read(path)
 
 
 @pytest.mark.parametrize("read", [verify_scan_file, read_scan, ScanFileWriter])
-def test_a_scan_whose_alines_are_none_is_damaged(path, read):
+def test_read_scan_with_damaged_samples_raises_damaged_file(path, read):
     spoil(path, "alines/samples")
     with pytest.raises(DamagedFile, match=path.name):
         read(path)
 
 
 @pytest.mark.parametrize("dataset", ["alines/status", "fired"])
-def test_a_scan_whose_alines_cannot_be_counted_counts_as_none(path, dataset):
+def test_count_alines_of_damaged_dataset_returns_empty(path, dataset):
     assert count_alines(path)["stored"] == 53
     spoil(path, dataset)
     assert count_alines(path) == {}
@@ -55,7 +55,7 @@ def test_a_scan_that_is_followed_and_damaged_meanwhile_is_so(path):
 
 
 @pytest.mark.parametrize("bit", BITS)
-def test_a_scan_of_which_nobody_knows_whether_it_is_over_is_damaged(path, bit):
+def test_idle_detector_with_damaged_status_table_raises_damaged_file(path, bit):
     is_over = IdleDetector(path, patience=1e3)
     assert is_over()
     spoil(path, "alines/status", bit)
@@ -73,7 +73,7 @@ def volume_file(tmp_path):
 
 @pytest.mark.parametrize("bit", BITS)
 @pytest.mark.parametrize("read", [VolumeReader, read_volume])
-def test_a_volume_whose_values_are_none_is_damaged(volume_file, read, bit):
+def test_read_volume_with_damaged_values_raises_damaged_file(volume_file, read, bit):
     spoil(volume_file, "values", bit)
     with pytest.raises(DamagedFile, match=volume_file.name):
         read(volume_file)

@@ -73,7 +73,7 @@ def test_it_is_exported(path, tmp_path):
     np.testing.assert_allclose(np.asarray(again.traces), pressure, rtol=1e-6)
 
 
-def test_it_is_continued_and_stays_what_it_is(path):
+def test_resume_of_version_2_file_keeps_stored_data_and_schema_version(path):
     """What it holds stays bit for bit; what is added it holds as its own version says."""
     before = raw(path)
     with launch(speed=20.0, noise_db=float("inf"), energy_jitter=0.05, ring=8) as simulator:

@@ -41,7 +41,7 @@ class CountedLatch(EmergencyLatch):
             threading.Event().wait(0.005)
 
 
-def test_what_was_answered_to_a_press_holds_when_the_acquisition_is_started_anew(tmp_path):
+def test_recorded_stop_outcome_is_kept_after_acquisition_restart(tmp_path):
     """The laser was switched off; that nothing runs after the restart is no answer to that press."""
     latch = CountedLatch(tmp_path)
     press = latch.press("Ada", "smoke")
@@ -51,7 +51,7 @@ def test_what_was_answered_to_a_press_holds_when_the_acquisition_is_started_anew
     assert latch.outcome(press.number) == StopOutcome(press.number, "off", 0.012)
 
 
-def test_a_look_at_the_stop_that_fails_is_followed_by_the_next(tmp_path):
+def test_watchdog_continues_polling_after_failed_latch_read(tmp_path):
     latch = CountedLatch(tmp_path, failures=3)
     press = latch.press("Ada", "smoke")
     with EmergencyWatchdog(latch).running():
@@ -59,7 +59,7 @@ def test_a_look_at_the_stop_that_fails_is_followed_by_the_next(tmp_path):
     assert latch.outcome(press.number).laser == "idle"
 
 
-def test_who_guards_a_scanner_does_so_until_its_laser_is_off(plan, tmp_path):
+def test_session_monitor_exits_only_after_shutter_is_closed(plan, tmp_path):
     """A session that fails leaves a firing laser to the end of its connection, which switches it off."""
 
     class Fails(SessionControl):
@@ -80,7 +80,7 @@ def test_who_guards_a_scanner_does_so_until_its_laser_is_off(plan, tmp_path):
     assert shutters == [True, False]
 
 
-def test_what_is_wished_once_the_laser_is_armed_comes_before_the_first_shot(plan, tmp_path):
+def test_abort_while_laser_is_armed_ends_scan_before_first_shot(plan, tmp_path):
     class Hesitates(SessionControl):
         """Wants the scan to end, but only while the laser is armed."""
 

@@ -79,7 +79,7 @@ def test_pacfish_reads_every_mandatory_tag_and_finds_them_consistent(tmp_path, s
     np.testing.assert_allclose(data.get_field_of_view()[:4], plan.mask.aperture / 2 * np.array([-1, 1, -1, 1]))
 
 
-def test_pacfish_misses_only_what_nobody_knows(tmp_path, scan, plan):
+def test_export_opened_by_pacfish_lacks_only_unknown_tags(tmp_path, scan, plan):
     """Of the standard's optional tags those are there that a scan knows: gains, times, wavelengths (0: unknown)."""
     import pacfish
     from pacfish.qualitycontrol import CompletenessChecker
@@ -104,7 +104,7 @@ def test_samples_are_in_the_pressure_unit_and_in_the_masks_order(tmp_path, scan,
     np.testing.assert_array_equal(series[plan.visit], [0.5 * aline.samples.astype(np.float32) for aline in alines])
 
 
-def test_energy_and_flags_of_each_a_line_are_told_and_change_none(tmp_path, plan, alines):
+def test_export_includes_pulse_energies_and_quality_flags_and_keeps_series(tmp_path, plan, alines):
     """Whoever reads the file may divide by the one and leave out by the other."""
     wanted = plan.replace(frames=2, excitation=(7e-7, 8e-7))
     points, path = plan.mask.count, tmp_path / "frames.h5"

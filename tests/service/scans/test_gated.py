@@ -15,7 +15,7 @@ EDGES = 4.0
 
 
 @pytest.mark.parametrize(("gate", "averages"), [("frame", 1), ("point", 2)])
-def test_what_is_gated_begins_at_an_edge_and_takes_the_time_that_was_told(tmp_path, gate, averages):
+def test_gated_scan_starts_at_gate_edge_and_takes_predicted_time(tmp_path, gate, averages):
     """By the scanner's own clock: a time series of three frames, or every point by itself."""
     frames = 3 if gate == "frame" else 1
     plan = ScanPlan.create(gate=gate, gate_rate=EDGES, frames=frames, averages=averages, **COMMON)
@@ -34,7 +34,7 @@ def test_what_is_gated_begins_at_an_edge_and_takes_the_time_that_was_told(tmp_pa
     assert ended - np.floor(begun[0] * EDGES) / EDGES == pytest.approx(cost.total_seconds, abs=1.01 / EDGES)
 
 
-def test_a_scanner_without_a_gate_is_told_before_a_file_is_made(tmp_path):
+def test_gated_scan_without_gate_is_refused_before_file_creation(tmp_path):
     """The field is named."""
     with launch(repeat=1) as simulator, pytest.raises(InvalidInput, match="gated"):
         run_scan(ScanPlan.create(gate="frame", **COMMON), simulator.url, tmp_path / "scan.h5")

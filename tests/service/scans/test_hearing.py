@@ -77,7 +77,7 @@ def deaf(*lost):
 
 
 @pytest.mark.parametrize("desired", [DesiredScanState.STOPPED, DesiredScanState.ABORTED])
-def test_acquisition_with_a_wish_to_end_while_arming_on_a_bad_line_ends_promptly(tmp_path, desired):
+def test_acquisition_end_request_while_arming_on_bad_line_ends_promptly(tmp_path, desired):
     with deaf(Operation.TUNE_SCAN) as line:
         bench = Bench(tmp_path, Port(line.url))
         scan = bench.queue()
@@ -93,7 +93,7 @@ def test_acquisition_with_a_wish_to_end_while_arming_on_a_bad_line_ends_promptly
         bench.close()
 
 
-def test_acquisition_with_a_wish_to_end_while_connecting_to_a_silent_scanner_ends_promptly(tmp_path):
+def test_acquisition_stop_request_while_connecting_ends_promptly(tmp_path):
     with deaf() as line:
         bench = Bench(tmp_path, Port(line.url))
         scan = bench.queue()
@@ -109,7 +109,7 @@ def test_acquisition_with_a_wish_to_end_while_connecting_to_a_silent_scanner_end
         bench.close()
 
 
-def test_run_scan_with_a_wish_to_leave_while_the_plan_is_uploaded_says_how_it_ended(tmp_path):
+def test_run_scan_shutdown_during_plan_upload_returns_stopped(tmp_path):
     class Leaves(SessionControl):
         def command(self):
             return Command.SHUTDOWN if line.dropped else Command.RUN

@@ -73,7 +73,7 @@ def test_a_foreign_file_is_read_in_place_as_it_is_imported(tmp_path, scan, write
 @pytest.mark.parametrize(
     ("kind", "stored"), [("<i2", "<i2"), (">i2", "<i2"), ("<f4", "<f4"), ("<u1", "<i2"), ("<i4", "<f4")]
 )
-def test_samples_are_kept_bit_for_bit(tmp_path, scan, kind, stored):
+def test_import_keeps_sample_type_and_values_exactly(tmp_path, scan, kind, stored):
     """Digitiser counts stay counts, floats stay floats; nothing is rounded."""
     values = np.random.default_rng(3).integers(0, 256, (6, 32)).astype(kind) * np.dtype(kind).type(
         0.5 if "f" in kind else 1
@@ -147,7 +147,7 @@ def test_time_zero_comes_from_the_description_and_from_late_kwave_recordings(tmp
     assert open_recording(scan.with_name("late.h5")).time_zero == pytest.approx(25 * foreign.DT)
 
 
-def test_sensors_away_from_the_origin_are_centred_and_the_shift_is_kept(tmp_path, scan):
+def test_import_centres_sensor_positions_and_records_shift(tmp_path, scan):
     """The mask says which of the file's axes became x and y, and where its own origin lay."""
     import json
 
@@ -280,7 +280,7 @@ def test_a_line_of_sensors_becomes_a_scan_of_a_line(tmp_path, scan):
         ({"dx": 1e-4}, (1e-4, 1e-4)),
     ],
 )
-def test_pitches_of_kwave_pressure_are_those_of_its_lateral_axes(tmp_path, scan, steps, pitches):
+def test_import_of_kwave_pressure_uses_lateral_axis_pitches(tmp_path, scan, steps, pitches):
     """Of k-Wave's p (time, y, z) the axes are y and z: dx is its step in depth, and counts only for want of others."""
     np.savez(tmp_path / "p.npz", p=np.ones((64, 6, 5), "f4"), dt=2e-8, c=1500.0, **steps)
     import_scan(tmp_path / "p.npz", scan)
@@ -290,7 +290,7 @@ def test_pitches_of_kwave_pressure_are_those_of_its_lateral_axes(tmp_path, scan,
 
 
 @pytest.mark.parametrize("scale", [1.0, 1 / 96], ids=["ones", "sum of 1"])
-def test_relative_weights_of_a_file_are_scaled_to_what_the_sensors_sense(tmp_path, scan, scale):
+def test_import_of_relative_weights_scales_them_to_sensor_area(tmp_path, scan, scale):
     """Weights too large for areas say only how sensors compare; areas stay as they are."""
     points = foreign.grid()
     relative = scale * np.where(points[:, 0] > 0, 1.0, 0.5)

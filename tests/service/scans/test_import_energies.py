@@ -26,7 +26,7 @@ def by_numpy(path, **variables):
 @pytest.mark.parametrize("form", [(-1,), (-1, 1), (1, -1)])
 @pytest.mark.parametrize("name", ["energies", "energy", "pulse_energies", "pulse_energy"])
 @pytest.mark.parametrize("write", [by_numpy, by_h5py, by_matlab_7_3, by_scipy])
-def test_energies_of_a_file_are_those_of_its_alines_over_their_mean(tmp_path, write, name, form):
+def test_import_normalises_pulse_energies_to_their_mean(tmp_path, write, name, form):
     lines = sensed(POINTS)
     stated = {"sensor_data": lines, "positions": POINTS, "dt": DT, "c": SPEED, name: ENERGIES.reshape(form)}
     recording, made = imported(tmp_path, write(tmp_path / "a", **stated))
@@ -53,7 +53,7 @@ def test_energies_that_fit_nothing_are_noted_and_not_used(tmp_path):
     assert any("7 pulse energies are not used" in note for note in made.notes)
 
 
-def test_energies_of_frames_are_kept_in_either_order(tmp_path):
+def test_import_of_frame_energies_accepts_either_axis_order(tmp_path):
     lines = np.stack([sensed(POINTS), 2 * sensed(POINTS)])
     each = np.outer([1.0, 2.0], np.ones(len(POINTS)))
     for number, energies in enumerate((each, each.T, np.array([1.0, 2.0]))):

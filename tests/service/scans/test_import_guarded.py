@@ -54,7 +54,7 @@ def test_the_result_is_that_of_an_import_without_a_guard(tmp_path):
         np.testing.assert_array_equal(one["alines/samples"], other["alines/samples"])
 
 
-def test_errors_pass_as_what_they_are(tmp_path):
+def test_sandboxed_import_preserves_error_types_fields_and_messages(tmp_path):
     """Kinds, fields and words of an error are those of the import."""
     source, _ = foreign.npy_time_first(tmp_path)
     with pytest.raises(InvalidInput, match="which the file does not state") as refusal:

@@ -23,14 +23,14 @@ def test_a_matlab_file_of_more_than_numbers_is_refused(tmp_path, write, words):
     assert not list((tmp_path / "new").iterdir())
 
 
-def test_what_else_a_matlab_file_holds_is_nobodys_business(tmp_path):
+def test_matlab_import_ignores_unrelated_variables(tmp_path):
     """Cells, structures and texts of the user's own are not read."""
     notes = {"notes": np.array([1, "a"], object), "about": {"when": 3}, "name": "film"}
     source = mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()), **notes)
     assert import_scan(source, tmp_path / "scan.h5").points == len(foreign.grid())
 
 
-def test_a_file_that_says_it_is_of_another_version_than_it_is_is_a_damaged_one(tmp_path):
+def test_matlab_file_with_mismatched_version_number_is_refused_as_damaged(tmp_path):
     """Its first words are those of version 5, its version number is that of 7.3."""
     source = mat5(tmp_path / "a.mat", sensor_data=foreign.expected(foreign.grid()))
     data = bytearray(source.read_bytes())

@@ -70,7 +70,7 @@ def test_array_of_three_axes_is_read_as_its_program_shows_it(tmp_path, write, ax
     np.testing.assert_allclose(recording.positions, points, atol=1e-12)
 
 
-def test_array_of_h5py_in_which_time_cannot_be_told_is_refused(tmp_path):
+def test_hdf5_array_with_ambiguous_time_axis_is_refused(tmp_path):
     noise = np.random.default_rng(1).normal(size=(20, 20))
     source = by_h5py(tmp_path / "a", sensor_data=noise, positions=plane(5, 4), dt=DT, c0=SPEED)
     with pytest.raises(InvalidInput, match='"axes": "time, sensor"'):

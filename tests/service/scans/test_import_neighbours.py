@@ -49,7 +49,7 @@ UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "s": 1.0, "us": 1e-6, "ns": 1e-9}
 @pytest.mark.long
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 @given(layout=LAYOUTS)
-def test_array_of_any_layout_is_read_as_it_is_or_refused_where_time_cannot_be_told(tmp_path_factory, layout):
+def test_array_of_any_layout_is_read_correctly_or_refused_as_ambiguous(tmp_path_factory, layout):
     folder = tmp_path_factory.mktemp("layout")
     points = plane(*layout["counts"])
     points = np.delete(points, np.linspace(0, len(points) - 1, layout["gaps"]).astype(int), axis=0)

@@ -119,9 +119,9 @@ def _moved(weights):
 
 
 REFUSED = {
-    "an unknown dataset": (unknown_dataset, "plan/more is nothing"),
-    "an unknown group": (unknown_group, "alines/deeper is nothing"),
-    "a dataset for a group": (dataset_for_a_group, "run is nothing"),
+    "an unknown dataset": (unknown_dataset, "plan/more is unknown"),
+    "an unknown group": (unknown_group, "alines/deeper is unknown"),
+    "a dataset for a group": (dataset_for_a_group, "run is unknown"),
     "a newer version": (attribute("/", "schema_version", 99), "schema version 99"),
     "no version": (attribute("/", "schema_version", np.zeros((2, 2))), "shape"),
     "an order that visits a point twice": (value("plan/visit", 0, 5), r"each of \d+ points once"),
@@ -150,7 +150,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_a_scan_file_cannot_say_is_refused_by_name(tmp_path, own, what):
+def test_import_of_invalid_scan_file_is_refused_without_leftovers(tmp_path, own, what):
     """Unknown objects, contradictions and values out of range: named, and nothing is left behind."""
     poison, words = REFUSED[what]
     with h5py.File(own, "r+") as file:
@@ -164,7 +164,7 @@ def test_what_a_scan_file_cannot_say_is_refused_by_name(tmp_path, own, what):
 @pytest.mark.parametrize(
     "said", [{"scale": np.inf}, {"scale": -1.0}, {"energy": np.nan}, {"wavelength_m": -1e-6}, {"fire_time_s": np.inf}]
 )
-def test_what_a_row_says_of_itself_is_checked(tmp_path, plan, alines, said):
+def test_import_of_row_with_invalid_column_value_is_refused(tmp_path, plan, alines, said):
     """A row may be whole by its checksum and nonsense all the same."""
     create_scan_file(tmp_path / "own.h5", plan)
     with ScanFileWriter(tmp_path / "own.h5") as store:
@@ -208,7 +208,7 @@ def test_all_that_was_measured_comes_back_and_can_be_continued(tmp_path, own, pl
 
 
 @pytest.mark.parametrize("kept", [True, False])
-def test_wavelengths_that_were_set_stay_those_of_the_file(tmp_path, plan, alines, kept):
+def test_import_keeps_bias_wavelengths_of_file(tmp_path, plan, alines, kept):
     """Whatever this program would choose; a file of before there were any says that each point had its best one."""
     best = np.linspace(1.549e-6, 1.551e-6, plan.mask.count)
     create_scan_file(tmp_path / "own.h5", plan.replace(wavelengths=best, max_sensitivity_loss=0.2))
@@ -229,7 +229,7 @@ def test_wavelengths_that_were_set_stay_those_of_the_file(tmp_path, plan, alines
 
 
 @pytest.mark.parametrize("bias", [np.full(5, 1.55e-6), np.nan, -1.55e-6, b"x"])
-def test_wavelengths_that_nobody_can_set_are_refused(tmp_path, own, plan, bias):
+def test_import_with_invalid_bias_wavelengths_is_refused(tmp_path, own, plan, bias):
     with h5py.File(own, "r+") as file:
         file["plan/wavelengths"] = np.full(plan.mask.count, 1.55e-6)
         file["plan/bias"] = np.full(plan.mask.count, bias) if np.ndim(bias) == 0 else bias
@@ -269,7 +269,7 @@ def test_a_file_of_version_1_becomes_one_of_today(tmp_path, own, plan):
     assert read_stored_plan(tmp_path / "scan.h5").plan.id == plan.id
 
 
-def test_a_mask_with_its_point_aside_keeps_its_identity(tmp_path):
+def test_import_of_mask_with_offset_keeps_mask_id(tmp_path):
     """The offset of the point of interest is part of what a mask is."""
     plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, 60, offset=(1e-3, -2e-3)), samples=64)
     create_scan_file(tmp_path / "own.h5", plan)
@@ -277,7 +277,7 @@ def test_a_mask_with_its_point_aside_keeps_its_identity(tmp_path):
     assert read_stored_plan(tmp_path / "scan.h5").plan.mask.id == plan.mask.id
 
 
-def test_names_are_without_what_steers_a_terminal(tmp_path, own):
+def test_import_strips_control_characters_from_scanner_name(tmp_path, own):
     """A scanner's name is shown in terminals and pages."""
     with h5py.File(own, "r+") as file:
         file.attrs["scanner"] = "SIM\x1b[2J-1\n"

@@ -38,7 +38,7 @@ def archive(folder, **changes):
         ({"positions": 1e3 * POINTS, "dt": 1e6 * DT}, {"lengths": "mm", "sampling_interval": 20, "times": "ns"}),
     ],
 )
-def test_file_with_numbers_in_other_units_is_read_as_the_description_says(tmp_path, changes, description):
+def test_import_with_described_units_converts_numbers(tmp_path, changes, description):
     recording, made = imported(tmp_path, archive(tmp_path, **changes), **description)
     np.testing.assert_allclose(recording.positions, POINTS, atol=1e-12)
     assert recording.sampling_interval == pytest.approx(DT)
@@ -54,25 +54,25 @@ def test_file_in_another_unit_is_refused_by_a_hint_that_works(tmp_path):
         import_scan(archive(tmp_path, dt=1e6 * DT), tmp_path / "scan.h5")
 
 
-def test_sampling_rate_stands_for_the_interval(tmp_path):
+def test_import_of_sampling_rate_sets_sampling_interval(tmp_path):
     np.savez(tmp_path / "a.npz", traces=LINES, positions=POINTS, fs=1 / DT, c=SPEED)
     assert imported(tmp_path, tmp_path / "a.npz")[0].sampling_interval == pytest.approx(DT)
 
 
-def test_counts_around_mid_scale_are_told(tmp_path):
+def test_import_of_counts_around_mid_scale_notes_offset(tmp_path):
     counts = (32_768 + np.rint(10_000 * LINES)).astype(np.uint16)
     _, made = imported(tmp_path, archive(tmp_path, traces=counts))
     assert any("offset of 3.277e+04" in note for note in made.notes)
 
 
-def test_dead_channels_are_told(tmp_path):
+def test_import_of_constant_channels_notes_dead_channels(tmp_path):
     lines = LINES.copy()
     lines[[3, 50, 51]] = 0
     _, made = imported(tmp_path, archive(tmp_path, traces=lines))
     assert made.notes == ("3 of 120 A-lines are constant (3, 50, 51): dead channels count as sensors without signal",)
 
 
-def test_ipasc_wavelengths_in_nm_are_taken_as_nm_and_told(tmp_path):
+def test_import_of_ipasc_wavelengths_in_nm_converts_them_with_note(tmp_path):
     source, _ = foreign.ipasc_by_pacfish(tmp_path, wavelengths=2)
     with h5py.File(source, "r+") as file:
         file["meta_data/acquisition_wavelengths"][...] = [750, 850]
@@ -82,7 +82,7 @@ def test_ipasc_wavelengths_in_nm_are_taken_as_nm_and_told(tmp_path):
     assert any("in nm" in note for note in made.notes)
 
 
-def test_wavelengths_that_are_none_of_light_are_told(tmp_path):
+def test_import_of_implausible_wavelengths_ignores_them_with_note(tmp_path):
     source, _ = foreign.ipasc_by_pacfish(tmp_path, wavelengths=2)
     with h5py.File(source, "r+") as file:
         file["meta_data/acquisition_wavelengths"][...] = [0.75, 0.85]
@@ -90,7 +90,7 @@ def test_wavelengths_that_are_none_of_light_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_measured_positions_that_are_flat_within_10_micrometres_are_taken_and_told(tmp_path, axis):
+def test_import_of_nearly_flat_positions_takes_them_as_flat_with_note(tmp_path, axis):
     height = np.random.default_rng(1).uniform(-2e-6, 2e-6, len(POINTS))
     where = np.insert(plane(10, 12) * 4, axis, height, axis=1)
     recording, made = imported(tmp_path, archive(tmp_path, positions=where))

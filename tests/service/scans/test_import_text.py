@@ -32,7 +32,7 @@ def table(separator, *, comma=False, end="\n", form="{:.6g}"):
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("form", ["{:.6g}", "{:.5f}", "{:+.3E}"])
 @pytest.mark.parametrize("separator", [",", ";", "\t", " ", ", ", "; ", "   "])
-def test_text_table_with_points_is_read_whatever_separates_its_numbers(tmp_path, separator, form, end):
+def test_import_of_text_table_with_decimal_points_accepts_any_separator(tmp_path, separator, form, end):
     traces, notes = imported(tmp_path, table(separator, form=form, end=end))
     np.testing.assert_allclose(traces, np.array([[float(form.format(v)) for v in row] for row in LINES]), rtol=1e-6)
     assert notes == ()
@@ -40,7 +40,7 @@ def test_text_table_with_points_is_read_whatever_separates_its_numbers(tmp_path,
 
 @pytest.mark.parametrize("form", ["{:.6g}", "{:.5f}", "{:+.3E}"])
 @pytest.mark.parametrize("separator", [";", "\t", " ", "; ", "   "])
-def test_text_table_with_decimal_commas_is_read_and_told(tmp_path, separator, form):
+def test_import_of_text_table_with_decimal_commas_is_read_with_note(tmp_path, separator, form):
     traces, notes = imported(tmp_path, table(separator, comma=True, form=form))
     np.testing.assert_allclose(traces, np.array([[float(form.format(v)) for v in row] for row in LINES]), rtol=1e-6)
     assert "decimal commas" in notes[0]

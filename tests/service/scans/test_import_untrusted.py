@@ -20,7 +20,7 @@ from steradian.scans.opening import open_recording
 
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("poison", POISONS, ids=lambda poison: poison.__name__)
-def test_a_poisoned_hdf5_file_of_any_format_is_refused_with_what_is_wrong(tmp_path, poison, kind):
+def test_import_of_malicious_hdf5_file_is_refused_without_leftovers(tmp_path, poison, kind):
     """The error names the thing and no folder; nothing is left behind, and no other file is read."""
     write, *names = FORMATS[kind]
     source, description = write(tmp_path)

@@ -58,7 +58,7 @@ def test_left_out_sensors_do_not_change_the_size_of_a_voxel(tmp_path):
     assert recording.select(np.arange(144) % 5 > 0).grid == 12
 
 
-def test_coarse_line_is_imaged_with_a_voxel_a_sensor_without_being_told(tmp_path):
+def test_reconstruction_of_coarse_line_defaults_to_one_voxel_per_sensor(tmp_path):
     line = np.column_stack([1e-3 * np.arange(111), np.zeros(111)])
     report = reconstruct_scan(import_of(line, tmp_path), tmp_path / "out", ReconstructionParameters())
     assert report.shape[0] == 111

@@ -9,7 +9,7 @@ import pytest
 
 HERE = Path(__file__).parent
 FULL = "test_watermark.py::test_an_aline_that_found_no_space_is_not_freed_by_the_next_one"
-NEIGHBOURS = "test_store.py::test_an_aline_whose_write_failed_is_not_in_the_table_when_its_neighbours_are"
+NEIGHBOURS = "test_store.py::test_aline_with_failed_write_stays_missing_when_neighbours_are_stored"
 COLUMN = "test_store.py::test_a_row_with_a_wrong_column_is_not_passed_off_as_data[energy]"
 UNLISTED = "test_earlier_versions.py::test_a_row_that_it_does_not_list_is_not_listed_by_the_check"
 KILLERS = {

@@ -57,7 +57,7 @@ def watched(folder, url, **how):
         yield port
 
 
-def test_status_block_read_after_a_second_says_unknown(tmp_path):
+def test_status_block_older_than_one_second_reads_unknown(tmp_path):
     block, now = StatusBlock(tmp_path), time.monotonic()
     status = ScannerStatus("connected", "ready", "off", "closed", "closed", "on", serial="7", heard=now)
     assert StatusBlock(tmp_path).read() == ScannerStatus()
@@ -71,7 +71,7 @@ def test_status_block_read_after_a_second_says_unknown(tmp_path):
     assert read.age() > CURRENT
 
 
-def test_status_block_of_an_acquisition_that_ended_says_unknown(tmp_path, monkeypatch):
+def test_status_block_of_ended_acquisition_reads_unknown(tmp_path, monkeypatch):
     block = StatusBlock(tmp_path)
     block.write(ScannerStatus("connected", "ready", "off", "closed", "closed", "on", heard=time.monotonic()))
     later = time.monotonic() + 2
@@ -82,7 +82,7 @@ def test_status_block_of_an_acquisition_that_ended_says_unknown(tmp_path, monkey
     assert block.read().laser == "unknown", "the computer was started anew: the clock began again"
 
 
-def test_status_between_scans_is_what_the_scanner_says_now(tmp_path, scanner):
+def test_status_between_scans_follows_scanner_interlock(tmp_path, scanner):
     with watched(tmp_path, scanner.url) as port:
         shown = port.until(connection="connected", laser="off", interlock="closed", key="on", error=None)
         assert shown.serial
@@ -93,7 +93,7 @@ def test_status_between_scans_is_what_the_scanner_says_now(tmp_path, scanner):
         until(lambda: port.notes and port.notes[-1].interlock == "closed")
 
 
-def test_status_of_a_port_that_is_missing_says_why_and_recovers(tmp_path):
+def test_status_of_missing_port_reports_error_and_recovers(tmp_path):
     url = tmp_path / "port"
     with watched(tmp_path / "block", str(url)) as port:
         shown = port.until(connection="disconnected", laser="unknown")
@@ -145,7 +145,7 @@ def test_a_monitor_that_cannot_be_opened_is_tried_again(tmp_path, scanner, monke
     assert len(opened) > 1
 
 
-def test_status_of_a_scan_that_may_fire_is_armed_before_it_is_told_to(tmp_path, scanner):
+def test_status_of_starting_scan_is_armed_before_scanner_may_fire(tmp_path, scanner):
     told = []
 
     class Looks(SessionControl):

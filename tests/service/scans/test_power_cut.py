@@ -96,7 +96,7 @@ def disk_after_scan(tmp_path, plan, alines, monkeypatch):
 
 
 @pytest.mark.long
-def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_scan, plan, alines, tmp_path):
+def test_acknowledged_alines_survive_power_cut(disk_after_scan, plan, alines, tmp_path):
     """… what is called stored is what was measured, and the rest of the scan fits into the same file."""
     chance = random.Random(5)
     truth = np.empty((plan.mask.count, plan.samples), np.int16)
@@ -120,7 +120,7 @@ def test_what_was_acknowledged_is_there_whenever_the_power_failed(disk_after_sca
 
 
 @pytest.mark.long
-def test_what_is_taken_for_stored_has_its_own_samples_and_columns(disk_after_scan, plan, alines, tmp_path):
+def test_stored_alines_after_power_cut_have_their_samples_and_columns(disk_after_scan, plan, alines, tmp_path):
     """Any subset of the sectors that were not synchronised may be there; then the check, which may list more rows."""
     accepted = cut_and_compare(disk_after_scan, plan, alines, tmp_path, SUBSETS, random.Random(8))
     assert accepted > 10 * SUBSETS
@@ -170,7 +170,7 @@ def test_a_cut_between_writes_can_damage_an_aline_and_the_check_sees_it(disk_aft
     assert torn
 
 
-def test_the_note_of_what_the_scanner_was_given_is_whole_or_not_there(tmp_path, plan, monkeypatch):
+def test_upload_record_after_power_cut_is_intact_or_absent(tmp_path, plan, monkeypatch):
     path = tmp_path / "scan.h5"
     create_scan_file(path, plan)
     disk, chance = Disk(path, monkeypatch), random.Random(7)

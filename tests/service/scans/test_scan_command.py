@@ -71,7 +71,7 @@ def test_scan_plan_is_short_for_scan_run_plan(plan, simulator, tmp_path):
             ULID.from_str(file.attrs["scan_id"][1:].upper())
 
 
-def test_resume_says_what_it_compared_and_fills_the_same_file(part, simulator):
+def test_scan_resume_command_reports_comparison_and_completes_file(part, simulator):
     said = call("scan", "resume", part, "--scanner", simulator.url)
     assert "53 of 53" in said
     assert "correlated" in said
@@ -109,7 +109,7 @@ def test_positions_that_were_changed_are_no_scan_any_more(part):
 
 
 @pytest.mark.long
-def test_the_simulated_scanner_looks_at_what_is_asked_for(plan, tmp_path):
+def test_scan_command_with_phantom_simulates_that_phantom(plan, tmp_path):
     """Each phantom gives other A-lines, a file of balls those of its own; the line to go on with names it."""
     write_json(plan, tmp_path / "plan.json")
     ball = {"centres": [[0.0, 0.0, 3e-3]], "sigmas": [50e-6], "amplitudes": [1.0]}

@@ -77,7 +77,7 @@ def test_a_complete_scan_is_resumed_without_a_shot(plan, simulator, tmp_path):
 @pytest.mark.parametrize(
     ("wish", "end"), [(Command.STOP, SessionOutcome.STOPPED), (Command.ABORT, SessionOutcome.ABORTED)]
 )
-def test_a_scan_that_is_not_wanted_any_more_is_resumed_without_a_shot(plan, simulator, tmp_path, wish, end):
+def test_resume_of_stopped_or_aborted_scan_fires_nothing(plan, simulator, tmp_path, wish, end):
     """The reference point, too, is measured only for somebody who wants the scan."""
     path = tmp_path / "a.h5"
     stop_at(plan, simulator, path, 20)
@@ -107,9 +107,7 @@ def test_another_scanner_and_another_object_are_refused_and_named(plan, simulato
     np.testing.assert_array_equal(samples(path), before)
 
 
-def test_what_a_killed_session_left_in_the_scanner_comes_in_first_and_is_not_fired_again(
-    plan, simulator, whole, tmp_path
-):
+def test_resume_after_kill_reads_buffered_alines_without_refiring(plan, simulator, whole, tmp_path):
     """The A-lines lie in the scanner's ring: fired, never acknowledged."""
 
     class Killed(BaseException):
@@ -191,7 +189,7 @@ def test_averages_are_averaged_by_the_scanner_and_counted(plan, simulator, tmp_p
 
 
 @pytest.mark.long
-def test_a_lost_link_that_comes_back_is_told_and_costs_nothing(plan, whole, tmp_path):
+def test_lost_link_that_returns_is_reported_and_loses_no_data(plan, whole, tmp_path):
     class Unplugs(Script):
         def progress(self, done, total):
             super().progress(done, total)
@@ -211,7 +209,7 @@ def test_a_lost_link_that_comes_back_is_told_and_costs_nothing(plan, whole, tmp_
     np.testing.assert_array_equal(samples(tmp_path / "a.h5"), whole)
 
 
-def test_what_was_wished_while_the_process_was_held_up_comes_before_the_laser(plan, tmp_path):
+def test_abort_during_process_stall_takes_effect_before_laser_rearms(plan, tmp_path):
     """The lease lapses meanwhile; it is not renewed for a scan that nobody wants any more."""
 
     class HeldUp(Script):
@@ -230,7 +228,7 @@ def test_what_was_wished_while_the_process_was_held_up_comes_before_the_laser(pl
     assert control.phases[-1] is SessionPhase.ABORTING
 
 
-def test_a_scan_that_is_not_wanted_before_it_begins_fires_nothing(plan, simulator, tmp_path):
+def test_scan_aborted_before_start_fires_nothing(plan, simulator, tmp_path):
     before = simulator.send_command("report")["shots"]
     summary = run_scan(plan, simulator.url, tmp_path / "a.h5", control=Script((0, Command.ABORT)))
     assert (summary.end, summary.stored, summary.fired) == (SessionOutcome.ABORTED, 0, 0)

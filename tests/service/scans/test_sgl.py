@@ -73,7 +73,7 @@ def test_sgl_of_odd_values_returns_the_same_bytes(tmp_path):
     assert (tmp_path / "back.sgl").read_bytes() == source.read_bytes()
 
 
-def test_sgl_without_an_ending_is_told_by_its_length(tmp_path):
+def test_sgl_file_without_extension_is_recognised_by_length(tmp_path):
     source = write_sgl(tmp_path / "upload")
     assert inspect_recording(source).format == "sgl"
     assert inspect_recording(source).notes
@@ -103,13 +103,13 @@ def test_sgl_image_has_the_ball_where_it_is(tmp_path):
         ("a_avg4_2D_raw.sgl", "the name states 4 averages, the file 16"),
     ],
 )
-def test_sgl_name_that_disagrees_with_the_header_is_told(tmp_path, name, words):
+def test_sgl_file_name_contradicting_header_is_noted(tmp_path, name, words):
     _, made = imported(tmp_path, name)
     assert any(words in note for note in made.notes), made.notes
     assert open_recording(made.path).sampling_interval == 20e-9
 
 
-def test_sgl_name_gives_what_the_file_lacks(tmp_path):
+def test_sgl_file_name_supplies_missing_metadata(tmp_path):
     _, made = imported(tmp_path, "a@532nm_t0[-7]_dx[200μm]_dt[20ns]_avg8_2D_raw.SGL", trailer=())
     with h5py.File(made.path) as file:
         assert file["plan/frame_excitation"][()].tolist() == [532e-9]
@@ -147,7 +147,7 @@ def test_trigger_delay_and_samples_add_up(tmp_path):
         (lambda data: data[:100] + np.array([np.inf], ">f4").tobytes() + data[104:], "traces"),
     ],
 )
-def test_sgl_that_is_not_what_its_header_says_is_refused(tmp_path, change, words):
+def test_sgl_file_contradicting_its_header_is_refused(tmp_path, change, words):
     source = write_sgl(tmp_path / "a.sgl")
     source.write_bytes(change(source.read_bytes()))
     with pytest.raises((DamagedFile, InvalidInput), match=words):

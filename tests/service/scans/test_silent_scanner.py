@@ -17,7 +17,7 @@ from steradian.storage.states import DesiredScanState, ScanState
 
 
 @pytest.mark.long
-def test_a_scan_whose_scanner_falls_silent_does_not_count_as_running(tmp_path):
+def test_scan_with_silent_scanner_changes_to_recovering(tmp_path):
     class Port:
         def url(self):
             return simulator.url

@@ -111,7 +111,7 @@ def soak(rigs, folder, seed, scans, capsys, *, api, count, faults=FAULTS, most=4
 
 
 @pytest.mark.long
-def test_a_process_that_hung_for_seconds_fires_nothing_until_somebody_resumes_the_scan(rigs, tmp_path, capsys):
+def test_stalled_acquisition_process_fires_nothing_until_scan_is_resumed(rigs, tmp_path, capsys):
     plan = ScanPlan.create(mask=equi_steradian_mask(13.56e-3, 3.6e-3, 60), samples=1024, pulse_rate=5.0)
     rig, truth = rigs.Rig(tmp_path, 3, api=False), rigs.Truth(plan)
     try:

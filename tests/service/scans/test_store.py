@@ -122,7 +122,7 @@ def test_a_row_with_a_wrong_column_is_not_passed_off_as_data(path, plan, alines,
         assert np.flatnonzero(store.missing).tolist() == [5]
 
 
-def test_a_row_whose_status_never_landed_is_listed_only_with_the_columns_it_was_stored_with(path, alines):
+def test_verify_lists_statusless_row_only_if_its_columns_are_intact(path, alines):
     with ScanFileWriter(path) as store:
         store.append(alines)
     with h5py.File(path, "r+") as file:
@@ -208,7 +208,7 @@ def test_alines_of_another_plan_are_refused(path, alines):
         assert store.stored == 0
 
 
-def test_an_aline_whose_write_failed_is_not_in_the_table_when_its_neighbours_are(path, plan, alines, monkeypatch):
+def test_aline_with_failed_write_stays_missing_when_neighbours_are_stored(path, plan, alines, monkeypatch):
     """A batch writes the columns of the rows between its own with them, and these must not claim what is not there."""
     by_row = [alines[point] for point in np.argsort(plan.visit)]
     faults = iter([FULL])

@@ -106,7 +106,7 @@ def test_a_locked_database_takes_nothing_from_the_rate_of_a_lines(desk, tmp_path
     assert (desk.row.done, desk.row.state) == (summary.stored, ScanState.RUNNING)
 
 
-def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_is_back(desk):
+def test_watch_records_phases_in_order_after_database_lock(desk):
     watch = desk.watch()
     with desk.locked():
         for phase in (
@@ -127,7 +127,7 @@ def test_what_happened_while_the_database_was_locked_is_noted_in_order_when_it_i
     assert (desk.row.stage, desk.row.done) == ("A-lines", 7)
 
 
-def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
+def test_watch_command_follows_desired_state_and_keeps_last_after_close(desk):
     desk.scans.set_desired_state(desk.id, DesiredScanState.PAUSED, "let me see")
     watch = desk.watch()
     assert watch.command() is Command.PAUSE, "at once, before anything is fired"
@@ -139,7 +139,7 @@ def test_a_wish_is_heard_and_the_last_one_known_holds(desk):
     assert watch.command() is Command.STOP
 
 
-def test_an_answer_that_nobody_foresaw_ends_the_scan_instead_of_the_ear_for_wishes(desk, monkeypatch):
+def test_watch_with_unexpected_poll_error_fails_scan(desk, monkeypatch):
     """A thread that ended unseen would leave the scan running, whatever is wished."""
     watch = desk.watch()
     assert watch.command() is Command.RUN

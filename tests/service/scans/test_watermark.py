@@ -187,7 +187,9 @@ class Moody(SessionControl):
 
 
 @pytest.mark.parametrize("seed", range(RUNS))
-def test_whatever_fails_and_whoever_leaves(seed, plan, simulator, whole, tmp_path, monkeypatch):
+def test_acknowledgement_under_random_faults_never_passes_unsynced_aline(
+    seed, plan, simulator, whole, tmp_path, monkeypatch
+):
     """… and the scan is ended by later sessions, bit for bit the one that nothing disturbed."""
     chance, path = random.Random(seed), tmp_path / "a.h5"
     create_scan_file(path, plan, scanner="SIM-0000", simulated=True)

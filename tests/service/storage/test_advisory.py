@@ -57,7 +57,7 @@ def test_one_holds_a_name_and_the_next_when_its_session_is_gone(url, lock):
     other.release()
 
 
-def test_a_name_that_somebody_borrows_for_a_moment_is_not_given_up(url, monkeypatch):
+def test_advisory_lock_borrowed_briefly_is_still_acquired(url, monkeypatch):
     """After a restart of the database: who is back first looks whether the others are."""
     lock, other, asked = AdvisoryLock(url, "me"), AdvisoryLock(url, "other"), threading.Event()
     assert other.acquire(30) is LockState.HELD
@@ -85,7 +85,7 @@ def test_a_server_that_hangs_is_not_waited_for(lock, stopped, monkeypatch):
     assert in_time(lock.ensure_held) is LockState.UNREACHABLE
 
 
-def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, monkeypatch):
+def test_advisory_lock_with_lost_session_is_unreachable_not_taken(lock, stopped, monkeypatch):
     """The server still holds the lock for the session that was cut: it has not heard that yet."""
     monkeypatch.setattr(advisory, "QUERY_TIMEOUT", 0.5)
     assert in_time(lock.ensure_held) is LockState.UNREACHABLE
@@ -95,7 +95,7 @@ def test_who_lost_its_session_does_not_take_itself_for_another(lock, stopped, mo
     assert lock.acquire(30) is LockState.HELD
 
 
-def test_several_share_a_name_and_nobody_has_it_alone_meanwhile(url):
+def test_shared_advisory_lock_excludes_exclusive_holder(url):
     nodes, alone = [AdvisoryLock(url, "shared", shared=True) for _ in range(2)], AdvisoryLock(url, "shared")
     assert [node.acquire(30) for node in nodes] == [LockState.HELD, LockState.HELD]
     assert alone.ensure_held() is LockState.TAKEN

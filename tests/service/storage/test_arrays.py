@@ -30,7 +30,7 @@ def file_of(folder, content, name="whole.h5"):
 
 
 @pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
-def test_what_was_put_reads_the_same_as_a_whole_and_in_ranges(place, tmp_path, size):
+def test_put_blob_reads_equal_whole_and_in_ranges(place, tmp_path, size):
     arrays, _, _ = place
     content = os.urandom(size)
     arrays.put_and_commit(scan_name("s1"), file := file_of(tmp_path, content))
@@ -43,7 +43,7 @@ def test_what_was_put_reads_the_same_as_a_whole_and_in_ranges(place, tmp_path, s
     assert found.size == size
 
 
-def test_what_was_put_is_known_once_it_was_announced(place, tmp_path):
+def test_put_blobs_are_listed_and_readable_after_commit(place, tmp_path):
     arrays, database, data = place
     data.job("j1").root.mkdir()
     names = [result_name("j1", name) for name in ("volume.h5", "report.json")]
@@ -54,7 +54,7 @@ def test_what_was_put_is_known_once_it_was_announced(place, tmp_path):
     assert [arrays.open(name).read_bytes() for name in names] == [name.encode() for name in names]
 
 
-def test_what_is_not_there_is_said_to_be_missing(place):
+def test_read_of_missing_blob_raises_not_found(place):
     arrays, _, _ = place
     assert arrays.stat("scans/s9.h5") is None
     for read in (lambda: arrays.open("scans/s9.h5"), lambda: arrays.range("scans/s9.h5", 0, 1)):
@@ -77,7 +77,7 @@ def test_deleting_takes_one_thing_or_all_of_a_job_and_may_be_repeated(place, tmp
     assert list(arrays.list_names("jobs/j10/")) == ["jobs/j10/a.json", "jobs/j10/b.json"]
 
 
-def test_what_is_being_written_is_read_from_where_it_is_written(place):
+def test_open_of_local_scan_file_returns_its_local_path(place):
     arrays, _, data = place
     data.scan_file("s1").write_bytes(b"A-lines so far")
     assert arrays.open(scan_name("s1")) == data.scan_file("s1")

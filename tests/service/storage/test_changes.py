@@ -23,7 +23,7 @@ def write(database, value):
         database.set_fact(session, "test", value)
 
 
-def test_every_commit_is_told_once_whoever_made_it(database, tmp_path):
+def test_change_detector_reports_each_commit_once_for_any_writer(database, tmp_path):
     changes = ChangeDetector(database, at_least=1e6)
     assert changes.has_changed(), "what was there before"
     assert not changes.has_changed()
@@ -40,7 +40,7 @@ def test_every_commit_is_told_once_whoever_made_it(database, tmp_path):
     other.close()
 
 
-def test_what_is_rolled_back_is_no_change(database):
+def test_change_detector_ignores_rolled_back_transaction(database):
     changes = ChangeDetector(database, at_least=1e6)
     assert changes.has_changed()
     with database.write() as session:
@@ -50,7 +50,7 @@ def test_what_is_rolled_back_is_no_change(database):
     assert not changes.has_changed()
 
 
-def test_one_looks_again_in_time_and_whenever_the_file_tells_nothing(database, tmp_path):
+def test_change_detector_reports_change_after_interval_or_for_missing_file(database, tmp_path):
     eager = ChangeDetector(database, at_least=0)
     assert [eager.has_changed() for _ in range(3)] == [True] * 3
     missing = ChangeDetector(Database(f"sqlite:///{tmp_path / 'none' / 'steradian.sqlite'}"), at_least=1e6)

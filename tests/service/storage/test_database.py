@@ -98,7 +98,7 @@ def earlier(folder, revision):
     return database
 
 
-def test_scans_of_before_scanners_had_names_are_the_first_one_s_unless_they_are_over(tmp_path, plan):
+def test_migration_assigns_unfinished_scans_to_first_scanner(tmp_path, plan):
     database = earlier(tmp_path, "0014")
     MaskRepository(database).put(plan.mask)
     about = {"plan": PlanRepository(database).put(plan)[0].id, "at": "2026-01-01T00:00:00.000000+00:00"}
@@ -133,7 +133,7 @@ def test_scans_of_before_scanners_had_names_are_the_first_one_s_unless_they_are_
     database.close()
 
 
-def test_jobs_that_were_queued_before_requests_had_one_model_can_still_be_done(tmp_path):
+def test_migration_keeps_previously_queued_jobs_executable(tmp_path):
     database = earlier(tmp_path, "0002")
     with database.engine.execution_options(immediate=True).begin() as connection:
         for kind, payload in EARLIER.items():

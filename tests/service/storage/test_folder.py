@@ -16,7 +16,7 @@ def data(tmp_path):
     return DataDirectory(tmp_path)
 
 
-def test_the_identity_is_on_the_disk_before_the_database_says_it(database, data, monkeypatch):
+def test_folder_identity_is_synced_before_database_commit(database, data, monkeypatch):
     seen, sync = [], os.fsync
 
     def synced(handle):

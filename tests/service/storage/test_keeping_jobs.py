@@ -33,7 +33,7 @@ def test_a_worker_that_was_cut_off_makes_nothing_known(store, rows, seaweed, tmp
     assert store.sweep(timedelta(0)) == 1
 
 
-def test_what_is_left_of_a_job_that_no_start_of_the_database_made_is_left_alone(store, rows, seaweed, tmp_path):
+def test_upload_leftovers_skips_job_folder_with_newer_fence(store, rows, seaweed, tmp_path):
     """As where the database was restored to an earlier moment: the folder knows a later start than the row."""
     ledger, data = JobLedger(rows), DataDirectory(tmp_path / "here")
     folders = []
@@ -89,7 +89,7 @@ def test_a_log_that_a_host_puts_away_late_replaces_no_later_start_s(store, rows,
     assert told == {"jobs/j1/log-0001.txt": "of cut off", "jobs/j1/log-0002.txt": "of other"}
 
 
-def test_the_log_of_a_job_that_was_deleted_meanwhile_is_not_kept(store, rows, seaweed, tmp_path):
+def test_log_upload_of_deleted_job_leaves_no_stored_log(store, rows, seaweed, tmp_path):
     folder = DataDirectory(tmp_path / "here").job("j1")
     folder.begin_attempt(1)
     folder.log.write_text("what it said")

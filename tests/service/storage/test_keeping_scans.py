@@ -30,7 +30,9 @@ from support.stores import keys
 pytestmark = pytest.mark.long
 
 
-def test_a_scan_is_kept_when_it_is_over_and_its_file_goes_later(store, rows, plan, make_store, tmp_path, monkeypatch):
+def test_scan_uploader_stores_ended_scan_and_removes_local_file_later(
+    store, rows, plan, make_store, tmp_path, monkeypatch
+):
     MaskRepository(rows).put(plan.mask)
     scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")
     scan = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id
@@ -84,7 +86,7 @@ def test_a_copy_of_before_a_scan_was_resumed_does_not_count_any_more(store, rows
 
 
 @pytest.mark.parametrize("reached", [[], [ScanState.RUNNING]], ids=["armed", "running"])
-def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone(
+def test_scan_resumed_without_new_alines_stays_readable_from_store(
     store, rows, plan, make_store, tmp_path, monkeypatch, reached
 ):
     """Its link was down for example, so not an A-line came: what is kept is all that there is."""
@@ -110,9 +112,7 @@ def test_a_scan_that_was_resumed_in_vain_can_still_be_had_when_its_file_has_gone
     assert store.open(name).read_bytes() == other.open(name).read_bytes() == b"half of it"
 
 
-def test_of_a_scan_that_went_on_and_was_lost_with_its_node_counts_what_the_store_has(
-    store, rows, plan, make_store, tmp_path
-):
+def test_scan_lost_with_its_node_counts_alines_of_stored_copy(store, rows, plan, make_store, tmp_path):
     MaskRepository(rows).put(plan.mask)
     scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")
     scan, other = scans.queue(PlanRepository(rows).put(plan)[0], simulated=True).id, make_store(tmp_path / "new", store)
@@ -164,9 +164,7 @@ def resume(scans, scan, data):
 
 
 @pytest.mark.parametrize("when", ["while it is copied", "while it is sent"])
-def test_a_scan_that_is_deleted_while_it_is_kept_is_not_known_and_the_next_one_is_kept(
-    store, rows, objects, interrupted, when, monkeypatch
-):
+def test_scan_deleted_during_upload_is_not_stored_and_next_one_is(store, rows, objects, interrupted, when, monkeypatch):
     scans, data, make = interrupted
     gone, other = sorted([make(), make()])
 
@@ -198,9 +196,7 @@ def test_a_scan_that_is_deleted_while_it_is_kept_is_not_known_and_the_next_one_i
     assert [key.rpartition("/")[0] for key in keys(objects)] == [scan_name(other)]
 
 
-def test_what_is_stored_while_an_earlier_state_is_sent_is_kept_too(
-    store, interrupted, make_store, tmp_path, monkeypatch
-):
+def test_scan_resumed_during_upload_is_stored_again(store, interrupted, make_store, tmp_path, monkeypatch):
     """It was interrupted, and a person resumed it at once: the few A-lines that it lacked took no time."""
     scans, data, make = interrupted
     scan, put = make(), store.put
@@ -219,9 +215,7 @@ def test_what_is_stored_while_an_earlier_state_is_sent_is_kept_too(
     assert make_store(tmp_path / "there", store).open(scan_name(scan)).read_bytes() == b"all of it!"
 
 
-def test_a_scan_that_was_resumed_since_it_was_kept_moves_to_the_store_as_it_is(
-    store, rows, interrupted, make_store, tmp_path
-):
+def test_move_to_store_of_resumed_scan_stores_its_current_state(store, rows, interrupted, make_store, tmp_path):
     """The store was away when it was over. A scan's file has its full size from the start."""
     scans, data, make = interrupted
     scan = make()
@@ -232,7 +226,7 @@ def test_a_scan_that_was_resumed_since_it_was_kept_moves_to_the_store_as_it_is(
     assert make_store(tmp_path / "there", store).open(scan_name(scan)).read_bytes() == b"all of it!"
 
 
-def test_a_keeper_goes_on_whatever_is_raised_and_clears_what_a_killed_one_left(store, interrupted, monkeypatch, caplog):
+def test_scan_uploader_continues_after_error_and_removes_stale_copy(store, interrupted, monkeypatch, caplog):
     scans, data, make = interrupted
     scan, over, looks = make(), Event(), []
     left = data.cache / "keeping" / "1-1"
@@ -260,9 +254,7 @@ def write(path, plan, points):
         opened.record_shot_count(max(points) + 1)
 
 
-def test_the_file_of_a_scan_that_another_node_deletes_goes_and_one_that_nobody_can_have_deleted_stays(
-    store, rows, plan, tmp_path
-):
+def test_uploader_removes_files_of_deleted_scans_but_keeps_running_ones(store, rows, plan, tmp_path):
     """What is under way cannot be deleted: a standby that took over without the last rows knows nothing of it."""
     MaskRepository(rows).put(plan.mask)
     scans, data = ScanRepository(rows), DataDirectory(tmp_path / "here")

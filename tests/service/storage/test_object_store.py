@@ -62,7 +62,7 @@ def test_an_object_without_a_row_is_nothing_until_it_is_swept(store, objects, tm
     assert keys(objects) == []
 
 
-def test_what_was_swept_before_its_row_came_is_not_announced(store, tmp_path, rows):
+def test_announce_of_swept_blob_raises_store_unavailable(store, tmp_path, rows):
     stored = store.put(scan_name("s1"), file_of(tmp_path, b"A-lines"))
     store.sweep(NOW)
     with pytest.raises(StoreUnavailable), rows.write() as session:
@@ -70,7 +70,7 @@ def test_what_was_swept_before_its_row_came_is_not_announced(store, tmp_path, ro
     assert store.stat(scan_name("s1")) is None
 
 
-def test_a_name_that_is_kept_anew_leaves_the_earlier_object_to_be_swept(store, objects, tmp_path):
+def test_overwritten_blob_leaves_previous_object_for_sweep(store, objects, tmp_path):
     for content in (b"interrupted", b"whole"):
         store.keep(scan_name("s1"), file_of(tmp_path, content))
     assert store.open(scan_name("s1")).read_bytes() == b"whole"
@@ -90,7 +90,7 @@ def test_another_host_gets_the_same_bytes_and_the_same_time(store, make_store, t
     assert there.is_relative_to(tmp_path / "there")
 
 
-def test_bytes_that_changed_in_the_store_are_refused_and_not_kept(store, objects, make_store, tmp_path):
+def test_object_with_changed_bytes_is_refused_and_not_cached(store, objects, make_store, tmp_path):
     store.keep(scan_name("s1"), file_of(tmp_path, b"A-lines"))
     (key,) = keys(objects)
     objects.put(key, b"A-lineS")
@@ -106,7 +106,7 @@ def test_bytes_that_changed_in_the_store_are_refused_and_not_kept(store, objects
         other.open(scan_name("s1"))
 
 
-def test_copies_stay_within_their_bound_and_those_in_use_stay(store, make_store, tmp_path):
+def test_blob_cache_stays_within_limit_and_keeps_files_in_use(store, make_store, tmp_path):
     names = [upload_name(f"u{number}") for number in range(30)]
     for name in names:
         store.keep(name, file_of(tmp_path, os.urandom(MIB // 4)))
@@ -121,7 +121,7 @@ def test_copies_stay_within_their_bound_and_those_in_use_stay(store, make_store,
     assert len(left) <= 17, "those that are held, and the last"
 
 
-def test_many_who_ask_at_once_get_one_copy(store, make_store, tmp_path):
+def test_concurrent_opens_of_blob_share_one_cached_copy(store, make_store, tmp_path):
     store.keep(scan_name("s1"), file_of(tmp_path, os.urandom(4 * MIB)))
     other, found = make_store(tmp_path / "there", store), []
     threads = [threading.Thread(target=lambda: found.append(other.open(scan_name("s1")))) for _ in range(12)]
@@ -173,7 +173,7 @@ def test_a_service_does_not_start_without_the_store_that_has_its_scans(store, ro
     belonging.bind_deployment(with_store.model_copy(update={"store": None}), rows)
 
 
-def test_who_is_killed_while_sending_leaves_nothing_that_is_seen(store, objects, seaweed, tmp_path):
+def test_upload_killed_midway_leaves_no_visible_object(store, objects, seaweed, tmp_path):
     path = file_of(tmp_path, os.urandom(96 * MIB))
     settings = dict(os.environ, STERADIAN_STORE=store.place, STERADIAN_DATA=str(tmp_path / "killed"))
     for part in (1, 2, 4):
@@ -204,7 +204,7 @@ def test_store_and_database_must_belong_together(store, seaweed, rows, postgres,
     other.close()
 
 
-def test_a_store_that_is_gone_is_said_to_be_so_without_its_key(rows, tmp_path, caplog):
+def test_unavailable_store_error_names_store_without_secret(rows, tmp_path, caplog):
     settings = Settings.create(
         data=tmp_path, store="s3://gone", store_endpoint="http://127.0.0.1:9", database_url="postgresql://unused"
     )

@@ -26,7 +26,7 @@ def holder(tmp_path):
         process.kill()
 
 
-def test_a_second_service_on_a_data_directory_is_refused_and_told_whose_it_is(tmp_path, holder):
+def test_lock_of_data_directory_in_use_is_refused_naming_holder(tmp_path, holder):
     with pytest.raises(DataDirectoryInUse, match=f"in use by process {holder.pid}"), DataDirectory(tmp_path).lock():
         pass
 
@@ -57,7 +57,7 @@ def test_a_data_folder_is_made_for_its_user_alone(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
-def test_a_folder_of_an_earlier_version_is_closed_and_what_is_not_ours_left_alone(tmp_path):
+def test_restrict_permissions_closes_own_files_and_ignores_foreign_ones(tmp_path):
     data = DataDirectory(tmp_path / "data")
     for name in ("scans", "reconstructions", "run"):
         (data.root / name).mkdir(mode=0o755, parents=True)
@@ -77,9 +77,7 @@ def test_a_folder_of_an_earlier_version_is_closed_and_what_is_not_ours_left_alon
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
-def test_a_log_of_the_database_that_goes_while_the_folder_is_closed_keeps_no_service_from_starting(
-    tmp_path, monkeypatch
-):
+def test_restrict_permissions_ignores_vanished_database_log(tmp_path, monkeypatch):
     """SQLite removes it when the last one closes the file."""
     listed, log = Path.iterdir, tmp_path / "steradian.sqlite-wal"
 
@@ -118,7 +116,7 @@ def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tm
     assert not (tmp_path / "reconstructions").exists()
 
 
-def test_an_import_that_was_cut_off_before_its_row_keeps_no_service_from_starting(tmp_path):
+def test_startup_check_accepts_import_interrupted_before_its_row(tmp_path):
     """It was the first scan of the folder; its job goes on with the file."""
     from steradian.core.settings import Settings
     from steradian.jobs.model import JobRequest

@@ -242,7 +242,7 @@ def is_as_told(one, row):
     return True
 
 
-def test_what_was_answered_is_there_whenever_the_power_failed(recorded, tmp_path):
+def test_answered_requests_survive_power_cut(recorded, tmp_path):
     chance, missing = random.Random(3), {}
     end = recorded.record.stat().st_size
     moments = [one.at for one in chance.sample(recorded.told, CUTS - 1)] + [end]

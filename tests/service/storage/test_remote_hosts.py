@@ -98,7 +98,7 @@ def image(hosts, scan):
     return hosts.service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
 
 
-def test_a_worker_elsewhere_reconstructs_what_is_measured_here(hosts, scan, image, tmp_path):
+def test_remote_worker_reconstructs_scan_as_local_one(hosts, scan, image, tmp_path):
     path = tmp_path / "scan.h5"
     path.write_bytes(hosts.service.get(f"/scans/{scan['id']}/file").content)
     reconstruct_scan(path, tmp_path / "ours", ReconstructionParameters.create(**PARAMETERS))
@@ -139,7 +139,7 @@ def test_a_scan_that_is_followed_from_elsewhere_ends_as_its_full_reconstruction(
     assert hosts.volume(live) == hosts.volume(whole)
 
 
-def test_what_is_deleted_is_gone_from_the_store(hosts, scan):
+def test_deleted_reconstruction_is_removed_from_store(hosts, scan):
     image = hosts.service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
     with hosts.store() as store:
         assert list(store.names(f"jobs/{image['id']}/"))
@@ -179,7 +179,7 @@ def test_no_log_and_no_answer_holds_the_store_s_key(hosts, image):
     assert all(SECRET not in text for text in said)
 
 
-def test_what_is_kept_moves_to_the_folder_and_back(hosts, scan, image):
+def test_storage_moves_from_store_to_folder_and_back_unchanged(hosts, scan, image):
     """The last test: the service is ended and started with and without the store."""
     paths = f"/reconstructions/{image['id']}/volume", f"/scans/{scan['id']}/file", f"/jobs/{image['id']}/log"
     before = [hosts.service.get(path).content for path in paths]

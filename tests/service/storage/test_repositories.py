@@ -48,7 +48,7 @@ def test_an_unknown_identifier_is_named(database):
             repository(database).get("nope")
 
 
-def test_a_scan_keeps_its_history_and_times(scans, scan, clock):
+def test_scan_row_records_state_history_and_times(scans, scan, clock):
     clock.advance(seconds=5)
     lead(scans, scan, S.ARMING, S.RUNNING)
     scans.report(scan.id, "A-lines", 3, 10)
@@ -67,7 +67,7 @@ def test_a_refused_transition_changes_nothing(scans, scan):
     assert len(scans.get(scan.id).history) == 1
 
 
-def test_after_a_restart_only_what_was_under_way_is_interrupted(scans, plan_row):
+def test_interrupt_all_changes_only_scans_in_progress(scans, plan_row):
     queued, running, complete = (scans.queue(plan_row, simulated=True) for _ in range(3))
     lead(scans, running, S.ARMING, S.RUNNING)
     lead(scans, complete, S.ARMING, S.RUNNING, S.COMPLETING, S.COMPLETE)
@@ -83,7 +83,7 @@ def test_the_oldest_scan_is_next(scans, plan_row):
     assert scans.next_queued().id == first.id
 
 
-def test_a_stop_is_noted_whatever_it_is_called_that_pressed_it(rows):
+def test_scanner_stop_with_overlong_actor_name_is_recorded(rows):
     """PostgreSQL keeps to the lengths of its columns."""
     scanners = ScannerRepository(rows)
     scanners.ensure(simulated=True)
@@ -112,7 +112,7 @@ def test_a_scanner_s_node_has_to_do_with_its_own_scans_alone(database, clock, pl
     assert scans.get(mine[0].id).state is S.RUNNING
 
 
-def test_a_wish_can_be_repeated_but_not_made_of_a_finished_scan(scans, scan):
+def test_desired_state_can_be_repeated_but_not_set_on_finished_scan(scans, scan):
     scans.set_desired_state(scan.id, DesiredScanState.STOPPED, "enough")
     scans.set_desired_state(scan.id, DesiredScanState.STOPPED, "again")
     assert scans.get(scan.id).reason == "enough"

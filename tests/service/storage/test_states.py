@@ -92,7 +92,7 @@ def test_a_state_is_queued_or_active_or_settled():
 
 
 @pytest.mark.parametrize("state", S)
-def test_what_can_be_wished_can_be_reached(state):
+def test_every_allowed_desired_state_is_reachable(state):
     goals = {
         DesiredScanState.RUNNING: {S.RUNNING},
         DesiredScanState.PAUSED: {S.PAUSED},
@@ -109,7 +109,7 @@ def test_what_can_be_wished_can_be_reached(state):
 
 
 @pytest.mark.parametrize(("present", "goal"), list(itertools.product(S, S)))
-def test_a_route_keeps_to_the_table_and_avoids_interruption_where_it_can(present, goal):
+def test_shortest_path_follows_transitions_and_avoids_interruption(present, goal):
     reachable, front = {present}, [present]
     while front:
         new = SCAN_TRANSITIONS[front.pop()] - reachable
@@ -139,12 +139,12 @@ def test_a_route_is_the_way_a_person_would_tell(present, goal, way):
     assert list(shortest_path(present, goal)) == way
 
 
-def test_an_end_that_was_wished_cannot_be_taken_back():
+def test_stop_and_abort_requests_are_irreversible():
     assert IRREVERSIBLE_DESIRED_STATES[DesiredScanState.ABORTED] == frozenset()
     assert IRREVERSIBLE_DESIRED_STATES[DesiredScanState.STOPPED] == {DesiredScanState.ABORTED}
 
 
-def test_only_an_explicit_wish_takes_an_interrupted_scan_up_again():
+def test_interrupted_scan_allows_running_but_not_paused_request():
     assert DesiredScanState.RUNNING in ALLOWED_DESIRED_STATES[S.INTERRUPTED]
     assert DesiredScanState.PAUSED not in ALLOWED_DESIRED_STATES[S.INTERRUPTED]
 

@@ -27,7 +27,7 @@ def client(tmp_path_factory):
 
 
 @pytest.mark.parametrize("address", ADDRESSES)
-def test_a_page_runs_this_services_files_and_nothing_else(client, address):
+def test_page_loads_only_scripts_of_this_service(client, address):
     page = client.get(address, headers=AS_BROWSER)
     assert page.status_code == 200
     assert page.headers["content-type"].startswith("text/html")
@@ -41,13 +41,13 @@ def test_a_page_runs_this_services_files_and_nothing_else(client, address):
     assert re.findall(r"/static/lab/([^\"]*)", page.text) == ["a.js", "b%20panel.js"]
 
 
-def test_whoever_is_no_browser_is_told_where_the_api_is(client):
+def test_root_without_browser_accept_header_returns_api_address(client):
     for accept in ("*/*", "application/json", "text/html;q=0, */*"):
         assert client.get("/", headers={"Accept": accept}).json()["api"] == "/api/v1"
     assert client.get("/docs").status_code == 200
 
 
-def test_what_a_page_imports_is_there(client):
+def test_page_module_imports_resolve_to_served_files(client):
     """Every module that a script names lies where it looks for it; none comes from elsewhere."""
     left, seen = {"/static/frame.js"}, set()
     for address in ADDRESSES:
@@ -87,7 +87,7 @@ def test_a_file_is_sent_again_only_when_it_has_changed(client):
         "lab/..%2fbeside.js", "lab/../../beside.js", "style.css%00.js", "templates/base.html",
     ],
 )  # fmt: skip
-def test_nothing_but_the_pages_files_can_be_had(client, name):
+def test_static_path_outside_page_files_returns_404(client, name):
     answer = client.get(
         httpx.URL(f"{client.base_url}/static/".rstrip("/") + "/").copy_with(raw_path=f"/static/{name}".encode())
     )

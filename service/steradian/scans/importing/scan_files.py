@@ -160,7 +160,7 @@ def _refuse_unknown(file: h5py.File) -> None:
     """Reject unknown content of a scan file; groups are allowed in the root only."""
     for place in _names(file):
         if place not in GROUPS | DATASETS or (place in GROUPS) != isinstance(file[place], h5py.Group):
-            raise DamagedFile(f"{untrusted.name_of(file)}: {place} is nothing that a scan file holds")
+            raise DamagedFile(f"{untrusted.name_of(file)}: {place} is unknown in a scan file")
 
 
 def _names(file: h5py.File) -> list[str]:

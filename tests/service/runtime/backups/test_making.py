@@ -14,7 +14,7 @@ from steradian.runtime.backups import Manifest, restore
 from support.backups import files, once, restored
 
 
-def test_a_disk_that_is_full_already_is_told_with_what_is_needed(kept, small):
+def test_backup_to_full_disk_is_refused_with_required_size(kept, small):
     (small / "else").write_bytes(bytes(shutil.disk_usage(small).free - 8192))
     with pytest.raises(DiskFull, match=r"the backup needs \d+\.\d MB") as told:
         kept.back_up(small / "backup")
@@ -23,7 +23,7 @@ def test_a_disk_that_is_full_already_is_told_with_what_is_needed(kept, small):
     assert [path.name for path in small.iterdir()] == ["else"]
 
 
-def test_a_disk_that_somebody_else_fills_meanwhile_is_told_as_such(kept, small):
+def test_disk_filling_up_during_backup_raises_disk_full(kept, small):
     def fill(*_):
         (small / "else").write_bytes(bytes(shutil.disk_usage(small).free))
 
@@ -82,7 +82,7 @@ def test_of_two_backups_to_one_place_the_second_is_refused_and_the_first_is_whol
     assert {path.name for path in tmp_path.iterdir()} == {"data", "backup"}
 
 
-def test_what_others_may_not_read_is_theirs_no_more_in_a_backup(kept, tmp_path):
+def test_backup_and_restored_folders_are_private_to_owner(kept, tmp_path):
     """Also where the program that calls leaves files open to others."""
     before = os.umask(0o022)
     try:
@@ -94,7 +94,7 @@ def test_what_others_may_not_read_is_theirs_no_more_in_a_backup(kept, tmp_path):
         assert folder.stat().st_mode & 0o077 == 0, "nobody else comes to the files in it"
 
 
-def test_a_backup_goes_to_a_new_folder_outside_of_what_it_copies(kept, tmp_path):
+def test_backup_to_existing_or_nested_folder_is_refused(kept, tmp_path):
     (tmp_path / "there").mkdir()
     with pytest.raises(Conflict, match="exists"):
         kept.back_up(tmp_path / "there")

@@ -14,7 +14,7 @@ from support.damage import BITS
 from support.damage import spoil as spoil_header
 
 
-def test_what_is_deleted_while_it_is_copied_is_in_neither_rows_nor_files(kept, tmp_path):
+def test_backup_omits_rows_and_files_of_scan_deleted_during_copy(kept, tmp_path):
     def delete():
         database = kept.database()
         DeletionService(database).delete("scan", kept.scan, "test", dependents=True, check=lambda _kinds: None)
@@ -46,7 +46,7 @@ def test_an_import_that_ends_meanwhile_is_done_or_has_its_upload(kept, tmp_path)
     database.close()
 
 
-def test_what_a_running_job_has_written_is_left_out_since_it_runs_again(kept, tmp_path):
+def test_backup_excludes_partial_results_of_running_job(kept, tmp_path):
     database = kept.database()
     ledger = JobLedger(database)
     with database.write() as session:
@@ -87,7 +87,7 @@ def test_a_scan_is_copied_while_it_is_written_with_all_that_was_stored(kept, tmp
     assert (copied.is_consistent, copied.intact) == (True, 9)
 
 
-def test_a_scan_that_is_damaged_already_is_kept_and_named(kept, tmp_path):
+def test_backup_with_damaged_scan_keeps_and_reports_it(kept, tmp_path):
     scan = kept.running_scan()
     with ScanFileWriter(kept.data.scan_file(scan)) as store:
         spoil(store, 8)
@@ -101,7 +101,7 @@ def test_a_scan_that_is_damaged_already_is_kept_and_named(kept, tmp_path):
 
 
 @pytest.mark.parametrize("bit", BITS)
-def test_a_scan_with_a_damaged_header_is_kept_as_it_is(kept, tmp_path, bit):
+def test_backup_of_scan_with_damaged_header_copies_it_unchanged(kept, tmp_path, bit):
     scan = kept.running_scan()
     file = kept.data.scan_file(scan)
     spoil_header(file, "alines/status", bit)

@@ -43,7 +43,7 @@ def test_a_backup_with_one_bad_file_is_refused_whole(made, tmp_path, path, damag
         (lambda text: None, "was not finished"),
     ],
 )
-def test_what_is_no_whole_backup_is_not_restored(made, tmp_path, spoil, said):
+def test_restore_of_backup_with_invalid_manifest_is_refused(made, tmp_path, spoil, said):
     _, backup = made
     manifest = backup / "manifest.json"
     whole = manifest.read_text()
@@ -69,7 +69,7 @@ def test_the_backup_of_a_newer_program_is_refused_with_words(kept, tmp_path):
 @pytest.mark.parametrize(
     "name", ["lock", "restoring.new/x", "run/owner.json", "steradian.sqlite", ".", "database.sqlite/x"]
 )
-def test_a_manifest_that_names_what_no_backup_holds_is_refused(made, tmp_path, name):
+def test_restore_with_unexpected_path_in_manifest_is_refused(made, tmp_path, name):
     _, backup = made
     manifest = backup / "manifest.json"
     whole = manifest.read_text()

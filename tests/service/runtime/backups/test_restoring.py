@@ -18,7 +18,7 @@ from steradian.storage.db.database import Database, metadata_url
 from support.backups import files, once, restored, rows
 
 
-def test_what_is_restored_is_all_there_was_as_a_folder_of_its_own(made, tmp_path):
+def test_restore_keeps_rows_and_files_with_new_folder_identity(made, tmp_path):
     kept, backup = made
     settings = restored(backup, tmp_path / "elsewhere")
     first, second = kept.database(), Database(metadata_url(settings))
@@ -34,7 +34,7 @@ def test_what_is_restored_is_all_there_was_as_a_folder_of_its_own(made, tmp_path
     assert {path.stat().st_mode & 0o077 for path in (backup, settings.data)} == {0}, "for this user alone"
 
 
-def test_nobody_is_signed_in_where_a_backup_is_restored(kept, tmp_path):
+def test_restore_invalidates_sessions_and_keeps_api_keys(kept, tmp_path):
     database = kept.database()
     keys = KeyStore(database)
     cookie = SessionStore(database, keys).open(keys.check(kept.key))
@@ -80,7 +80,7 @@ def test_a_database_with_rows_and_a_folder_with_files_are_left_alone(made, tmp_p
         restore(backup, kept.settings)
 
 
-def test_nobody_else_comes_into_a_folder_that_is_being_restored(made, tmp_path):
+def test_restore_locks_data_directory_against_concurrent_use(made, tmp_path):
     kept, backup = made
     new = Settings.create(data=tmp_path / "new")
 
