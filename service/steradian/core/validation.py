@@ -106,7 +106,7 @@ def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidI
     if first["type"] == "missing":
         return InvalidInput(field, "missing", describe_range(info) if info else "a value")
     if first["type"] == "extra_forbidden":
-        return InvalidInput(field, first["input"], f"unknown field; known: {', '.join(model.model_fields)}")
+        return InvalidInput(field, first["input"], f"only the fields {', '.join(model.model_fields)}")
     said = describe_range(info) if info is not None and len(path) == 1 else ""
     value = first["input"]
     if info is not None and not info.repr:

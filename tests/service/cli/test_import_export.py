@@ -94,7 +94,7 @@ def test_reconstruct_command_imports_array_with_inline_json_description(tmp_path
     [
         ("{", "description is {; allowed: a JSON object, or the name of a file"),
         ('{"positions": "film.csv"}', "positions is film.csv; allowed: a list here"),
-        ('{"delay": 1}', "delay is 1; allowed: no such field"),
+        ('{"delay": 1}', "delay is 1; allowed: only the fields"),
         ("none.json", "there is no file 'none.json'"),
     ],
 )

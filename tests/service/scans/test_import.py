@@ -189,7 +189,7 @@ def test_progress_counts_alines_and_a_stop_leaves_nothing(tmp_path, scan, monkey
         ({"grid": None, "positions": "/etc/passwd"}, InvalidInput, "bare name"),
         ({"grid": None, "positions": "none.csv"}, NotFound, "none.csv"),
         ({"aperture": 1e-3}, InvalidInput, "within the aperture"),
-        ({"speed": 1500}, InvalidInput, "no such field"),
+        ({"speed": 1500}, InvalidInput, "only the fields"),
         ({"scale": float("nan")}, InvalidInput, "scale"),
         ({"axes": "point, time"}, InvalidInput, "96 positions"),
     ],

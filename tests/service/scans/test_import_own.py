@@ -137,7 +137,7 @@ REFUSED = {
     "two sampling intervals": (attribute("plan", "sampling_interval_s", 1e-8), "sampling_interval"),
     "two numbers of samples": (attribute("plan", "samples", 255), "samples"),
     "a document of another plan": (attribute("plan", "document", '{"samples": 255}'), "samples"),
-    "a document of no plan": (attribute("plan", "document", '{"sample": 255}'), "no such field"),
+    "a document of no plan": (attribute("plan", "document", '{"sample": 255}'), "only the fields"),
     "a time zero that is none": (attribute("plan", "time_zero_s", np.nan), "time_zero_s"),
     "a time zero of hours": (attribute("plan", "time_zero_s", 3600.0), "time_zero_s"),
     "light that the plan does not know": (value("plan/frame_excitation", 0, 7e-7), "frame_excitation"),

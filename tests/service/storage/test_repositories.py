@@ -117,7 +117,7 @@ def test_desired_state_can_be_repeated_but_not_set_on_finished_scan(scans, scan)
     scans.set_desired_state(scan.id, DesiredScanState.STOPPED, "again")
     assert scans.get(scan.id).reason == "enough"
     lead(scans, scan, S.ARMING, S.FAILED)
-    with pytest.raises(Conflict, match="it is over"):
+    with pytest.raises(Conflict, match="it has ended"):
         scans.set_desired_state(scan.id, DesiredScanState.ABORTED, None)
 
 

@@ -54,7 +54,7 @@ def test_a_killed_backup_is_none_and_does_not_hinder_the_next(kept, tmp_path):
     left = tmp_path / "backup.new"
     assert left.is_dir()
     assert not backup.exists()
-    with pytest.raises(DamagedFile, match="was not finished"):
+    with pytest.raises(DamagedFile, match="not a finished one"):
         restore(left, Settings.create(data=tmp_path / "new"))
     kept.back_up(backup)
     assert list(Manifest.read(backup).verify(backup)) == []

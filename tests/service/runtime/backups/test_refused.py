@@ -40,7 +40,7 @@ def test_a_backup_with_one_bad_file_is_refused_whole(made, tmp_path, path, damag
         (lambda text: text.replace('"version": 1', '"version": 2'), "this program reads"),
         (lambda text: text.replace('"uploads/u1"', '"../u1"'), "no backup holds"),
         (lambda text: "[]", "cannot be read"),
-        (lambda text: None, "was not finished"),
+        (lambda text: None, "not a finished one"),
     ],
 )
 def test_restore_of_backup_with_invalid_manifest_is_refused(made, tmp_path, spoil, said):
