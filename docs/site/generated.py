@@ -55,7 +55,7 @@ def commands() -> str:
 def settings() -> str:
     """List what a deployment may choose."""
     from steradian.core.settings import PREFIX, Settings
-    from steradian.core.validation import allowed_range
+    from steradian.core.validation import describe_range
 
     text = (
         "# Settings\n\nEnvironment variables. Some are also options of [`steradian serve`](command-line.md).\n\n"
@@ -65,7 +65,7 @@ def settings() -> str:
         default = "needed" if field.is_required() else "none" if field.default is None else f"`{field.default}`"
         default = "empty" if field.default == "" else default
         values = ", ".join(f"`{value}`" for value in get_args(field.annotation) if isinstance(value, str))
-        told = (f"`{PREFIX}{name.upper()}`", default, allowed_range(field) or values, field.description or "")
+        told = (f"`{PREFIX}{name.upper()}`", default, describe_range(field) or values, field.description or "")
         text += f"| {' | '.join(told)} |\n"
     return text
 

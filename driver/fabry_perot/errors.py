@@ -7,12 +7,12 @@ ScannerError
 │   ├── PortUnavailable    no such port, or it cannot be opened
 │   │   └── PortForbidden  this user may not open it
 │   ├── PortBusy           another process holds the port
-│   ├── NoAnswer           nothing answered in time
+│   ├── ResponseTimeout    nothing answered in time
 │   ├── ProtocolMismatch   device and host share no protocol version
 │   └── LinkLost           an established link went silent or was unplugged
 └── DeviceError            the device answered, and the answer is no
-    ├── Refused            a request does not fit the device's state or limits
-    ├── LeaseLapsed        the laser lease ran out: laser off, data kept; a person's ``resume()`` continues
+    ├── RequestRejected    a request does not fit the device's state or limits
+    ├── LeaseExpired       the laser lease ran out: laser off, data kept; a person's ``resume()`` continues
     ├── ScanAborted        somebody asked for laser off
     ├── DeviceRestarted    the device booted anew; what it had not delivered is gone; likewise
     ├── DeviceFault        a latched fault of the hardware

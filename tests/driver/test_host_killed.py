@@ -26,7 +26,7 @@ while True:
             scanner.acknowledge(batch[-1])
             print(batch[-1].number, flush=True)
         break
-    except fabry_perot.LeaseLapsed:
+    except fabry_perot.LeaseExpired:
         scanner.resume()
 """
 

@@ -27,7 +27,7 @@ while True:
             scanner.acknowledge(batch[-1])
             print(batch[-1].number, flush=True)
         break
-    except fabry_perot.LeaseLapsed:  # a busy machine
+    except fabry_perot.LeaseExpired:  # a busy machine
         scanner.resume()
 """
 TTL = 500_000

@@ -32,23 +32,23 @@ class Watched(Service):
 
     def fire(self):
         """Begin a scan of minutes and return its identifier once the laser fires."""
-        shots = self.scanner.command("report")["shots"]
+        shots = self.scanner.send_command("report")["shots"]
         scan = self.start_scan(self.plan(1600, pulse_rate=10))
-        until(lambda: self.scanner.command("report")["shots"] > shots + 2)
+        until(lambda: self.scanner.send_command("report")["shots"] > shots + 2)
         return scan["id"]
 
     def press(self, **headers):
         """Press the stop; returns the answer, and the scanner's own account of the moment before and after it."""
-        before = self.scanner.command("report")
+        before = self.scanner.send_command("report")
         answer = self.http.post(STOP, json={"reason": "smoke"}, headers=headers)
-        return answer, before, self.scanner.command("report")
+        return answer, before, self.scanner.send_command("report")
 
     def assert_dark(self, answer, after):
         """No shot since the answer, and none for as long as fifteen pulses would take."""
         assert answer.status_code == 202, answer.text
         assert answer.json()["emergency_stop"]["laser"] == "off", answer.json()
-        until(lambda: self.scanner.command("report")["time"] > after["time"] + 1_500_000)
-        later = self.scanner.command("report")
+        until(lambda: self.scanner.send_command("report")["time"] > after["time"] + 1_500_000)
+        later = self.scanner.send_command("report")
         assert (later["shots"], later["last_shot"]) == (after["shots"], after["last_shot"])
 
 

@@ -45,7 +45,7 @@ def parse_array(answer: httpx.Response) -> Array:
 
     Raises
     ------
-    Damaged
+    CorruptTransfer
         When there are more or fewer than the headers say.
     """
     shape = tuple(int(size) for size in answer.headers["X-Shape"].split(",") if size)

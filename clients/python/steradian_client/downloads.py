@@ -48,7 +48,7 @@ class Download:
         ------
         ServiceError, Unreachable
             When the service refuses, or is away for longer than the session is patient.
-        Damaged
+        CorruptTransfer
             When it has come whole, but not as it was sent.
         """
         begun, pause = time.monotonic(), INITIAL_BACKOFF

@@ -1,8 +1,8 @@
 """Exceptions of the client, as a tree.
 
 ClientError
-├── Unreachable       no service answers at that address, or the connection broke off
-├── Damaged           what came is not what was sent: another length or checksum
+├── ConnectionFailed  no service answers at that address, or the connection broke off
+├── CorruptTransfer   what came is not what was sent: another length or checksum
 ├── ServiceError      the service answered with a problem (RFC 9457): status, code, detail, request id
 │   ├── Unauthorized      401: a key is needed, or the one sent is unknown
 │   ├── Forbidden         403: the key does not allow this
@@ -10,9 +10,9 @@ ClientError
 │   ├── Conflict          409: it does not fit the present state
 │   │   ├── NotReady          it will exist once a job or scan is over
 │   │   └── HasDependents     what was to be deleted is needed: ``dependents``
-│   ├── Outdated          412: it has changed since it was read
+│   ├── PreconditionFailed 412: it has changed since it was read
 │   ├── InvalidInput      422: a value is outside its allowed range: ``errors``
-│   ├── TooOften          429
+│   ├── RateLimited       429
 │   └── DiskFull          507
 └── JobFailed         the scan, reconstruction, job or batch waited for ended otherwise than hoped
 """

@@ -71,7 +71,7 @@ async def follow(
     ------
     ServiceError
         When the service does not give the stream, at first or for longer than the session is patient.
-    Unreachable
+    ConnectionFailed
         When it is away for longer than that.
     """
     decoder = Decoder()

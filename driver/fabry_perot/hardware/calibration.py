@@ -104,7 +104,7 @@ def time_zero(record: NDArray[np.generic], interval: float, earlier: float = 0.0
     """Return the time of a record's first sample after the laser pulse, in s, from light that the film absorbs.
 
     Light on the film itself, or on a drop of ink on it, makes sound at the moment of the pulse and at no distance: the
-    record begins to rise then. With it ``Record.time_zero`` is set.
+    record begins to rise then. With it ``TriggerRecord.time_zero`` is set.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class ScannerControls:
         ------
         FaultStands
             The cause still stands: interlock open, key off, shutter open or light.
-        Refused
+        RequestRejected
             Nothing is latched.
         """
         status = self._next_status()

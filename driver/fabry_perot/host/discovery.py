@@ -55,12 +55,12 @@ def connect(
     tap
         Called with a line of text for every frame that passes, either way.
     cancelled
-        Asked some twenty times a second while no session has come about: once it says so, NoAnswer is raised.
+        Asked some twenty times a second while no session has come about: once it says so, ResponseTimeout is raised.
 
     Raises
     ------
-    PortBusy, PortForbidden, PortUnavailable, NoAnswer, ProtocolMismatch
-        There is no scanner to talk to; NoAnswer says what the bytes that came tell of the line.
+    PortBusy, PortForbidden, PortUnavailable, ResponseTimeout, ProtocolMismatch
+        There is no scanner to talk to; ResponseTimeout says what the bytes that came tell of the line.
     PlanInvalid
         The baud rate is out of range.
     """

@@ -132,11 +132,11 @@ class Monitor(Watching):
         ------
         FaultStands
             The cause still stands: interlock open, key off, shutter open or light.
-        Refused
+        RequestRejected
             Nothing is latched.
         PortBusy
             Another program holds the port.
-        NoAnswer
+        ResponseTimeout
             The device does not answer.
         """
         passive, status = self._present()

@@ -106,7 +106,7 @@ class ScanRecovery:
         """Resume ``plan`` after any end, at a person's decision; call :meth:`poll` until not :attr:`busy`.
 
         With ``by_itself`` nobody has, but the application that let the laser rest: the rule of when it may come back
-        without a person holds, nothing is planned again, and :attr:`refusal` is LeaseLapsed where it may not.
+        without a person holds, nothing is planned again, and :attr:`refusal` is LeaseExpired where it may not.
         """
         self._keep(plan, now)
         self._asked, self.refusal, self._steps = True, None, self._recover(plan, by_itself=by_itself)

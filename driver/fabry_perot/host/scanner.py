@@ -56,7 +56,7 @@ class Scanner(ScannerControls):
     port
         The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
     cancelled
-        Asked until a session has come about: once it says so, NoAnswer is raised.
+        Asked until a session has come about: once it says so, ResponseTimeout is raised.
     """
 
     def __init__(
@@ -259,7 +259,7 @@ class Scanner(ScannerControls):
 
         Raises
         ------
-        LeaseLapsed
+        LeaseExpired
             An interruption took too long for the laser to come back by itself; nothing is lost. :meth:`resume` and
             iterate again, when a person says so.
         DeviceRestarted
@@ -352,7 +352,7 @@ class Scanner(ScannerControls):
 
         Raises
         ------
-        LeaseLapsed
+        LeaseExpired
             By itself it may not; the laser is off.
         PlanInvalid
             There is no scan.

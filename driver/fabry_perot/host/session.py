@@ -40,11 +40,11 @@ class Session:
     port
         The port, for the control socket by which other programs can stop the laser; ``None``: no such socket.
     cancelled
-        Asked until the session has come about: once it says so, NoAnswer is raised.
+        Asked until the session has come about: once it says so, ResponseTimeout is raised.
 
     Raises
     ------
-    NoAnswer, ProtocolMismatch, LinkLost
+    ResponseTimeout, ProtocolMismatch, LinkLost
         No session came about; the port is released.
     """
 
@@ -146,7 +146,7 @@ class Session:
 
         Raises
         ------
-        NoAnswer
+        ResponseTimeout
             The time is over.
         LinkError, DeviceError
             The host has failed, or the connection was closed.

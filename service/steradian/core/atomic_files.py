@@ -28,7 +28,7 @@ def atomic_write(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
 
     Raises
     ------
-    Superseded
+    StaleFence
         When this process works for a start of a job that is not the newest any more; ``path`` is then untouched.
     """
     name = (

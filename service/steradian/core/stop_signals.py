@@ -41,7 +41,7 @@ class SignalSafeEvent(threading.Event):
 
     def clear(self) -> None:
         """Raise, because a stop cannot be revoked."""
-        raise RuntimeError("a StopEvent stays set")
+        raise RuntimeError("a SignalSafeEvent stays set")
 
     def __del__(self) -> None:
         self._near.close()

@@ -104,7 +104,7 @@ class ScanPlan(DisplayableValue):
         if len(points) % len(pattern) or not np.allclose(
             points.reshape(-1, len(pattern), 2) - self.beam_positions[:, None], pattern, rtol=0, atol=2 * NANOMETRE
         ):
-            raise InvalidInput("mask", "points elsewhere", "the points of these beams, as beams_mask() makes them")
+            raise InvalidInput("mask", "points elsewhere", "the points of these beams, as multi_beam_mask() makes them")
         if self.order is VisitOrder.PROGRESSIVE and len(pattern) > 1:
             raise InvalidInput("order", self.order, "another order: several beams measure many points at a time")
 

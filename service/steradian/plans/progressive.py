@@ -93,8 +93,8 @@ def _density_coordinates(positions: NDArray[np.float64], mask: Mask | None) -> N
 def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
     """Return which ``wanted`` points remain after repeated removal of the most crowded point.
 
-    A neighbour at distance d adds (1 − d/(REACH·r))⁸ to the crowding, r the distance in an ideal hexagonal arrangement
-    of the points that will be left.
+    A neighbour at distance d adds (1 − d/(NEIGHBOUR_RADIUS·r))⁸ to the crowding, where r is the distance in an ideal
+    hexagonal arrangement of the remaining points.
     """
     from scipy.spatial import KDTree
 

@@ -65,7 +65,7 @@ def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -
 
     Returns
     -------
-    Spread
+    SpreadFit
         ``direct_fwhm`` uses all the samples.
 
     Raises
@@ -101,7 +101,7 @@ def edge_spread(x: ArrayLike, intensity: ArrayLike) -> SpreadFit:
 
     Returns
     -------
-    Spread
+    SpreadFit
         ``fwhm`` is that of the associated line; ``height`` is negative for a falling edge.
 
     Raises

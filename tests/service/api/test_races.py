@@ -225,7 +225,7 @@ def test_deletion_after_concurrent_deletion_treats_resource_as_gone(bench, kind,
         going = lock_dependents(session, Resource("reconstruction", image))
         deleting.start()
         wait_for_a_lock(session)
-        services.deletion.forget(session, going, "ada", "requested")
+        services.deletion.delete_rows(session, going, "ada", "requested")
     deleting.join(60)
     assert answers[0].status_code == status, answers[0].text
 

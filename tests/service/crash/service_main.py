@@ -13,7 +13,7 @@ HERE = Path(__file__)
 
 def worker_child(settings, slot, output):
     command = [sys.executable, str(HERE.with_name("worker_main.py")), str(slot)]
-    return supervisor.ManagedProcess(settings.executor(slot), command, settings.environment(), output=output)
+    return supervisor.ManagedProcess(settings.worker_slot_name(slot), command, settings.environment(), output=output)
 
 
 if __name__ == "__main__":

@@ -131,7 +131,7 @@ def test_a_result_of_a_start_that_was_overtaken_in_that_moment_is_refused_by_the
     status = ledger.status("job")
     assert (status.state, status.result, status.attempt) == (R.RUNNING, {}, 2)
     assert [(start["worker"], start["outcome"]) for start in status.attempts] == [("cut-off", "died"), ("other", None)]
-    ledger.settle("job", 2, Succeeded({"answer": "new"}), "other")
+    ledger.finish_attempt("job", 2, Succeeded({"answer": "new"}), "other")
     assert ledger.status("job").result == {"answer": "new"}
     bench.queue.close()
 

@@ -42,7 +42,7 @@ def tell(*_):
     os.rename(sys.argv[2], sys.argv[3])
 
 signal.signal(signal.SIGUSR1, tell)
-worker.KINDS, worker.CHILD = ["echo"], [sys.executable, sys.argv[1]]
+worker.JOB_TYPES, worker.CHILD_COMMAND = ["echo"], [sys.executable, sys.argv[1]]
 worker.main(0)
 """
 JOBS = Path(__file__).parents[1] / "jobs" / "echo_job.py"

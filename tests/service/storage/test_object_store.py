@@ -30,7 +30,7 @@ from steradian.storage.blobs import s3
 class Killing:
     '''A file that ends the process once some parts of it were read.'''
     def __init__(self, path, parts):
-        self.file, self.left = open(path, "rb"), parts * s3.PART
+        self.file, self.left = open(path, "rb"), parts * s3.PART_BYTES
     def read(self, count=-1):
         if self.left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -40,8 +40,8 @@ class Killing:
     def __getattr__(self, name):
         return getattr(self.file, name)
 
-place = s3.Bucket(os.environ["STERADIAN_STORE"], sys.argv[2])
-place._library.put(place._store, "scans/s1.h5/0123", Killing(sys.argv[1], int(sys.argv[3])), chunk_size=s3.PART)
+place = s3.S3Bucket(os.environ["STERADIAN_STORE"], sys.argv[2])
+place._library.put(place._store, "scans/s1.h5/0123", Killing(sys.argv[1], int(sys.argv[3])), chunk_size=s3.PART_BYTES)
 """
 
 

@@ -41,7 +41,7 @@ class Uploads(Resource[Mode]):
 
         Raises
         ------
-        Damaged
+        CorruptTransfer
             When the service received other bytes.
         """
         return await _upload(self._session, Path(file), progress)

@@ -68,7 +68,7 @@ class ProcessPool:
 
         Raises
         ------
-        OutOfReach
+        ComputationLimitExceeded
             When the process that worked on it died or was ended, or took too long.
         """
         if self._over:

@@ -41,7 +41,7 @@ class ReadPreconditions:
 
         Raises
         ------
-        Outdated
+        RevisionConflict
             When If-Match names other versions only.
         NotModified
             When the client has it already.
@@ -72,7 +72,7 @@ class WritePreconditions:
 
         Raises
         ------
-        Outdated
+        RevisionConflict
             When If-Match names no revision of this resource.
         """
         if self._match is None:

@@ -65,7 +65,7 @@ def check_same_origin(seen: ValidSession, headers: Headers, *, changes: bool) ->
 
     Raises
     ------
-    CrossSite
+    CrossSiteRequest
         With what is missing.
     """
     origin, site = headers.get("origin"), headers.get("sec-fetch-site")

@@ -161,7 +161,7 @@ class JobLedger(Repository[JobRow]):
 
         Raises
         ------
-        Superseded
+        StaleFence
             When it is not the newest start any more; nothing has changed then.
         """
 
@@ -206,7 +206,7 @@ class JobLedger(Repository[JobRow]):
 
         Raises
         ------
-        Superseded
+        StaleFence
             When start number ``fence``, of which nothing runs any more, is not the newest.
         """
 

@@ -82,7 +82,7 @@ class ResultUploader:
 
         Raises
         ------
-        Superseded
+        StaleFence
             When a later start has begun there.
         """
         if not self._has_store or not folder.log.is_file():

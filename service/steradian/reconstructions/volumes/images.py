@@ -52,7 +52,7 @@ def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) 
 
     Returns
     -------
-    Drawn
+    Layout
         Where image and labels lie, and the value at the end of the scale.
     """
     shown = crop_depth(volume, display.near_field or 0.0)

@@ -70,7 +70,7 @@ class JobDirectory:
 
         Raises
         ------
-        Superseded
+        StaleFence
             When a later one has begun already.
         """
         self.root.mkdir(parents=True, exist_ok=True)

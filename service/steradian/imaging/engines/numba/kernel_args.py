@@ -18,7 +18,7 @@ class Batch(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """A transform of ``size`` cells (:class:`.factors.Transform`)."""
+    """A transform of ``size`` cells (:mod:`.factors`)."""
 
     size: int
     radices: Any
