@@ -69,7 +69,7 @@ def test_clear_fault_without_a_fault_changes_nothing(service):
 def test_a_scan_after_an_opened_interlock_goes_on_exactly_once_when_the_fault_is_cleared(service, scanner):
     scan = service.start_scan(service.plan(300, pulse_rate=20))["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] > 20)
-    scanner.command("interlock", closed=False)
+    scanner.send_command("interlock", closed=False)
     lost = at(service, scan, "interrupted")
     assert lost["error"]["code"] == "fault-latched"
     assert "interlock-opened" in lost["error"]["detail"]
@@ -83,7 +83,7 @@ def test_a_scan_after_an_opened_interlock_goes_on_exactly_once_when_the_fault_is
     assert (refused.status_code, refused.json()["code"]) == (409, "fault-stands"), refused.text
     assert "the interlock is open" in refused.json()["detail"]
 
-    scanner.command("interlock", closed=True)
+    scanner.send_command("interlock", closed=True)
     assert seen(service, interlock="closed")["fault"]["clearable"]
     assert wish(service, scan, "running").is_success
     history = lambda: [one["state"] for one in service.get(f"/scans/{scan}").json()["history"]]  # noqa: E731
@@ -101,7 +101,7 @@ def test_a_scan_after_an_opened_interlock_goes_on_exactly_once_when_the_fault_is
     assert whole["state"] == "complete", whole["error"]
     points, fired = whole["summary"]["points"], whole["summary"]["fired"]
     assert whole["summary"]["stored"] == points
-    assert fired == scanner.command("report")["shots"], "no shot more than the scan knows of"
+    assert fired == scanner.send_command("report")["shots"], "no shot more than the scan knows of"
     assert fired - points <= 2 * REFERENCE_SHOTS, (
         "each point once, but for the proof and the average that was broken off"
     )

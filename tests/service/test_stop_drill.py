@@ -132,12 +132,12 @@ class Firing:
     @contextmanager
     def unplugged_own_scan(self):
         with self.own_scan():
-            self.scanner.command("unplug", seconds=4.0)
+            self.scanner.send_command("unplug", seconds=4.0)
             yield
 
     @contextmanager
     def unplugged_idle(self):
-        self.scanner.command("unplug", seconds=4.0)
+        self.scanner.send_command("unplug", seconds=4.0)
         yield
 
     @contextmanager
@@ -163,9 +163,9 @@ class Firing:
 
     @contextmanager
     def _shots(self):
-        before = self.scanner.command("report", fired=False)["shots"]
+        before = self.scanner.send_command("report", fired=False)["shots"]
         yield
-        until(lambda: self.scanner.command("report", fired=False)["shots"] > before + 5)
+        until(lambda: self.scanner.send_command("report", fired=False)["shots"] > before + 5)
 
 
 CASES = {
@@ -193,11 +193,11 @@ def test_emergency_stop_drill_closes_shutter_or_reports_unconfirmed(
         folder.mkdir()
         firing = Firing(scanner, service, other, points, plan_file, folder)
         with firing.by(name):
-            before = scanner.command("report", fired=False)
+            before = scanner.send_command("report", fired=False)
             began = time.monotonic()
             answer = service.http.post(STOP, json={"reason": "drill"})
             seconds = time.monotonic() - began
-            after = scanner.command("report", fired=False, moves=True)
+            after = scanner.send_command("report", fired=False, moves=True)
             assert answer.status_code == 202, answer.text
             stop = answer.json()["emergency_stop"]
             assert stop["laser"] in CASES[name], f"{stop}; {service.log.read_text()[-3000:]}"
@@ -210,7 +210,7 @@ def test_emergency_stop_drill_closes_shutter_or_reports_unconfirmed(
             else:
                 assert "could not be asked" in stop["detail"], stop
                 assert "hardware switch" in stop["detail"], stop
-                until(lambda: not scanner.command("report", fired=False)["shutter"])
+                until(lambda: not scanner.send_command("report", fired=False)["shutter"])
                 times.append((0, seconds))
         until(lambda: service.http.delete(STOP).is_success)
         if times[-1][0] <= SOON and times[-1][1] <= ANSWERED:
@@ -223,8 +223,8 @@ def test_emergency_stop_drill_closes_shutter_or_reports_unconfirmed(
 
 def assert_dark(scanner, after):
     """No shot since the answer, and none for as long as twenty pulses would take."""
-    until(lambda: scanner.command("report", fired=False)["time"] > after["time"] + 400_000)
-    later = scanner.command("report", fired=False)
+    until(lambda: scanner.send_command("report", fired=False)["time"] > after["time"] + 400_000)
+    later = scanner.send_command("report", fired=False)
     assert later["shots"] == after["shots"]
     assert not later["shutter"]
 

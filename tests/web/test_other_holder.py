@@ -38,7 +38,7 @@ def other(scanner, tmp_path):
     write_json(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), plan)
     command = [sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url]
     program = subprocess.Popen([*command, "-o", str(tmp_path / "scan.h5")], stdout=-3, stderr=-3)
-    until(lambda: scanner.command("report", fired=False)["shutter"])
+    until(lambda: scanner.send_command("report", fired=False)["shutter"])
     yield program
     program.terminate()
     program.wait(60)
@@ -52,7 +52,7 @@ def test_page_shows_other_program_that_fires_and_stops_it(lab, scanner, open_pag
     assert not AT_REST.search(page.locator("header").inner_text())
     page.get_by_role("button", name="Emergency stop").click()
     expect(page.locator("#stopped")).to_contain_text("laser off (confirmed by the device")
-    assert not scanner.command("report", fired=False)["shutter"]
+    assert not scanner.send_command("report", fired=False)["shutter"]
     lab.http.delete("/scanners/scanner-0/emergency-stop")
 
 
@@ -61,7 +61,7 @@ def test_fault_on_page_is_named_blocks_resume_and_can_be_cleared(lab, scanner, o
     scan = lab.start_scan(lab.plan(300, pulse_rate=20))["id"]
     page = open_page(lab, f"/scans/{scan}")
     expect(page.locator("#scanner")).to_contain_text("laser on")
-    scanner.command("interlock", closed=False)
+    scanner.send_command("interlock", closed=False)
     faults = page.locator("#faults")
     expect(faults).to_contain_text(re.compile("interlock", re.IGNORECASE))
     assert "fault 1" not in page.locator("body").inner_text()
@@ -70,7 +70,7 @@ def test_fault_on_page_is_named_blocks_resume_and_can_be_cleared(lab, scanner, o
     page.get_by_label("What was done about it").fill("nothing yet")
     page.get_by_role("button", name="Clear the fault", exact=True).click()
     expect(page.get_by_role("dialog").get_by_role("alert")).to_contain_text("the interlock is open")
-    scanner.command("interlock", closed=True)
+    scanner.send_command("interlock", closed=True)
     expect(page.locator("#scanner")).to_contain_text("interlock closed")
     page.get_by_label("What was done about it").fill("the enclosure is closed")
     page.get_by_role("button", name="Clear the fault", exact=True).click()

@@ -130,7 +130,7 @@ class Drill:
         self.gun.freeze(0.2)
 
     def unplugged(self):
-        self.scanner.command("unplug", seconds=0.4)
+        self.scanner.send_command("unplug", seconds=0.4)
 
     def locked_database(self):
         holder = sqlite3.connect(self.service.folder / "steradian.sqlite", isolation_level=None)
@@ -220,7 +220,7 @@ def test_status_bar_never_shows_off_while_shutter_is_open(drill):
         if sequence % EACH == EACH - 1:
             judge(drill)
             sign_in(page)
-    until(lambda: not drill.scanner.command("report", fired=False)["shutter"])
+    until(lambda: not drill.scanner.send_command("report", fired=False)["shutter"])
     judge(drill)
     assert drill.claims > SEQUENCES / 4, "hardly anything was claimed"
     assert drill.openings > SEQUENCES / 10, "hardly anything fired"
@@ -229,7 +229,7 @@ def test_status_bar_never_shows_off_while_shutter_is_open(drill):
 def judge(drill):
     """Compare what was shown since the last time with the movements of the shutter."""
     shown, offset = drill.page.evaluate("() => window.seen.splice(0)"), time.time() - time.monotonic()
-    moves = drill.scanner.command("report", fired=False, moves=True)["moves"]
+    moves = drill.scanner.send_command("report", fired=False, moves=True)["moves"]
     opened = [(start[1] + offset, end[1] + offset) for start, end in open_times(moves, time.monotonic())]
     drill.openings = len(opened)
     for moment, text, age in shown:

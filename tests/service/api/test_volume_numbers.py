@@ -240,7 +240,7 @@ def test_zarr_python_opens_a_volume_by_its_address(server, long):
     obstore = pytest.importorskip("obstore")
     address = f"{server.url}/api/v1{long.at}/volume.ome.zarr"
     store = obstore.store.HTTPStore.from_url(address, client_options={"allow_http": True, "timeout": "90s"})
-    group = zarr.open_group(zarr.storage.S3BlobStore(store, read_only=True), mode="r")
+    group = zarr.open_group(zarr.storage.ObjectStore(store, read_only=True), mode="r")
     scales = group.attrs["ome"]["multiscales"][0]
     assert [(axis["name"], axis["unit"]) for axis in scales["axes"]] == [(name, "micrometer") for name in "zyx"]
     expected = long.values

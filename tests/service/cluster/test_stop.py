@@ -35,12 +35,12 @@ def fire(cluster, lasers):
     """Begin a scan of minutes on a scanner; returns its identifier once the laser fires. All is released at the end."""
 
     def fire(name):
-        shots = lasers[name].command("report")["shots"]
+        shots = lasers[name].send_command("report")["shots"]
         plan = cluster.first.plan(1600, pulse_rate=10)
         body, key = {"plan_id": plan, "scanner_id": name}, {"Idempotency-Key": uuid.uuid4().hex}
         answer = cluster.first.http.post("/scans", json=body, headers=key)
         assert answer.status_code == 201, answer.text
-        until(lambda: lasers[name].command("report")["shots"] > shots + 2)
+        until(lambda: lasers[name].send_command("report")["shots"] > shots + 2)
         return answer.json()["id"]
 
     yield fire
@@ -54,8 +54,8 @@ def fire(cluster, lasers):
 
 def assert_dark(laser, after):
     """No shot since the answer, and none for as long as fifteen pulses would take."""
-    until(lambda: laser.command("report")["time"] > after["time"] + 1_500_000)
-    later = laser.command("report")
+    until(lambda: laser.send_command("report")["time"] > after["time"] + 1_500_000)
+    later = laser.send_command("report")
     assert (later["shots"], later["last_shot"]) == (after["shots"], after["last_shot"])
 
 
@@ -80,7 +80,7 @@ def test_a_stop_from_each_node_needs_no_database(cluster, lasers, fire, postgres
     try:
         assert node.http.get("/scans").status_code == 503
         stop = press(node, "scanner-0")
-        after = laser.command("report")
+        after = laser.send_command("report")
         assert (stop["by"], stop["recorded"]) == ("local", False)
         assert_dark(laser, after)
     finally:
@@ -104,10 +104,10 @@ def test_a_stop_from_each_node_needs_no_database(cluster, lasers, fire, postgres
 def test_a_stop_of_one_scanner_leaves_the_other_firing(cluster, lasers, fire):
     stopped, going = fire("scanner-0"), fire("scanner-1")
     press(cluster.second, "scanner-0")
-    after = lasers["scanner-0"].command("report")
-    before = lasers["scanner-1"].command("report")["shots"]
+    after = lasers["scanner-0"].send_command("report")
+    before = lasers["scanner-1"].send_command("report")["shots"]
     assert_dark(lasers["scanner-0"], after)
-    until(lambda: lasers["scanner-1"].command("report")["shots"] > before + 5)
+    until(lambda: lasers["scanner-1"].send_command("report")["shots"] > before + 5)
     until(lambda: cluster.first.get(f"/scans/{stopped}").json()["state"] == "aborted")
     assert cluster.first.get(f"/scans/{going}").json()["state"] == "running"
     assert cluster.first.http.post(STOP.format("scanner-9")).status_code == 404
@@ -122,7 +122,7 @@ def test_stop_reaches_laser_through_database_while_node_api_hangs(cluster, laser
         assert answer.status_code == 202, answer.text
         assert answer.json()["emergency_stop"]["laser"] == "unconfirmed"
         until(lambda: cluster.second.get(f"/scans/{scan}").json()["state"] == "aborted")
-        assert_dark(lasers["scanner-1"], lasers["scanner-1"].command("report"))
+        assert_dark(lasers["scanner-1"], lasers["scanner-1"].send_command("report"))
         assert cluster.second.get("/scanners/scanner-1").json()["emergency_stop"]["reason"] == "smoke"
     finally:
         os.kill(api, signal.SIGCONT)

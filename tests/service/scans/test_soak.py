@@ -118,18 +118,18 @@ def test_stalled_acquisition_process_fires_nothing_until_scan_is_resumed(rigs, t
         identifier = rig.queue(plan)
         rig.until(lambda: len(rig.diary(identifier)) > 5)
         os.kill(rig.acquisition.pid, signal.SIGSTOP)
-        began = rig.simulator.command("report")["time"]
-        rig.until(lambda: rig.simulator.command("report")["time"] > began + 12e6)
-        dark = rig.simulator.command("report")
+        began = rig.simulator.send_command("report")["time"]
+        rig.until(lambda: rig.simulator.send_command("report")["time"] > began + 12e6)
+        dark = rig.simulator.send_command("report")
         os.kill(rig.acquisition.pid, signal.SIGCONT)
         rig.until(lambda: rig.state(identifier) is S.INTERRUPTED)
-        after = rig.simulator.command("report")
+        after = rig.simulator.send_command("report")
         assert (dark["state"], dark["shots"]) == ("safe_hold", after["shots"]), "12 s of the scanner's time"
         assert rig.scans.get(identifier).error_code == "scan-interrupted"
         rig.wish(identifier, W.RUNNING)
         rig.until(lambda: is_terminal(rig.state(identifier)))
         judge(rig, identifier, plan, truth, rig.state(identifier), None)
-        assert rig.simulator.command("report")["shots"] == rig.scans.get(identifier).summary["fired"]
+        assert rig.simulator.send_command("report")["shots"] == rig.scans.get(identifier).summary["fired"]
     finally:
         rig.close()
 
