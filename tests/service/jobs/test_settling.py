@@ -35,7 +35,7 @@ def in_engine(bench, statement):
 def test_a_job_that_the_engine_has_given_up_is_not_left_running(idle):
     """As after a full disk, where the engine noted its end and the ledger could not."""
     idle.submit("lost", "succeed", answer=1)
-    idle.queue.ledger.start("lost", "worker-0")
+    idle.queue.ledger.start_attempt("lost", "worker-0")
     in_engine(idle, "UPDATE workflow_status SET status = 'ERROR' WHERE workflow_uuid = 'lost'")
     seen = []
     for _ in range(2):

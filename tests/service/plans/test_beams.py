@@ -68,7 +68,7 @@ def test_single_beam_plan_keeps_id_and_multi_beam_plan_round_trips(alone, mask, 
 
 
 def test_points_that_are_not_of_the_beams_and_orders_of_single_points_are_refused(alone, mask):
-    with pytest.raises(InvalidInput, match="beams_mask"):
+    with pytest.raises(InvalidInput, match="multi_beam_mask"):
         ScanPlan.create(mask=alone, beams=BEAMS)
     with pytest.raises(InvalidInput, match=r"beams\[0\]"):
         ScanPlan.create(mask=mask, beams=[(1e-3, 0), *BEAMS[1:]])

@@ -44,7 +44,7 @@ def test_images_get_better_with_every_pass_and_sooner_than_in_rows(mask):
     traces = pressure(yarn(1), mask.positions, np.arange(896) * 8e-9, 1500.0)
 
     def image(plan, points):
-        prefix, seen = plan.prefix(points, "analytic"), plan.visit[:points]
+        prefix, seen = plan.truncated_mask(points, "analytic"), plan.visit[:points]
         volume = reconstruct(
             traces[seen],
             prefix.positions,
