@@ -183,7 +183,7 @@ def is_kept_whole(store, database, scan):
     """Tell whether the store has the scan's last version, not only what an interruption had kept."""
     with database.read() as session:
         row = session.scalar(select(ScanRow).where(ScanRow.id == scan))
-    found = store.kept(f"scans/{scan}.h5")
+    found = store.find_row(f"scans/{scan}.h5")
     return found is not None and not is_stale(row, found)
 
 

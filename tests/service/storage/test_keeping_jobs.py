@@ -30,7 +30,7 @@ def test_a_worker_that_was_cut_off_makes_nothing_known(store, rows, seaweed, tmp
     assert store.stat("jobs/j1/curve.json") is None
     assert ledger.finish_attempt("j1", fences[1], outcomes[1], "other").result == {"speed": 1500}
     assert store.open("jobs/j1/curve.json").read_text() == f"of start {fences[1]}"
-    assert store.sweep(timedelta(0)) == 1
+    assert store.collect_orphans(timedelta(0)) == 1
 
 
 def test_upload_leftovers_skips_job_folder_with_newer_fence(store, rows, seaweed, tmp_path):
@@ -85,7 +85,7 @@ def test_a_log_that_a_host_puts_away_late_replaces_no_later_start_s(store, rows,
         ResultUploader(settings_of(tmp_path / host, seaweed, store.place), rows).upload_leftovers(
             ledger, DataDirectory(tmp_path / host)
         )
-    told = {name: store.open(name).read_text() for name in store.names("jobs/j1/")}
+    told = {name: store.open(name).read_text() for name in store.list_names("jobs/j1/")}
     assert told == {"jobs/j1/log-0001.txt": "of cut off", "jobs/j1/log-0002.txt": "of other"}
 
 
@@ -94,8 +94,8 @@ def test_log_upload_of_deleted_job_leaves_no_stored_log(store, rows, seaweed, tm
     folder.begin_attempt(1)
     folder.log.write_text("what it said")
     ResultUploader(settings_of(tmp_path / "here", seaweed, store.place), rows).upload_log_and_remove("j1", 1, folder)
-    assert list(store.names("jobs/j1/")) == []
-    assert store.sweep(timedelta(0)) == 1
+    assert list(store.list_names("jobs/j1/")) == []
+    assert store.collect_orphans(timedelta(0)) == 1
 
 
 def test_pictures_of_a_job_stay_until_its_volume_has_been_sent(store, tmp_path, monkeypatch):

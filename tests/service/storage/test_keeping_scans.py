@@ -41,7 +41,7 @@ def test_scan_uploader_stores_ended_scan_and_removes_local_file_later(
     for state in (ScanState.ARMING, ScanState.RUNNING):
         scans.transition(scan, state, why="test")
         keeper.step()
-        assert store.kept(scan_name(scan)) is None, "it is written to"
+        assert store.find_row(scan_name(scan)) is None, "it is written to"
     scans.transition(scan, ScanState.INTERRUPTED, why="test")
     keeper.step()
     assert other.open(scan_name(scan)).read_bytes() == b"half of it"
@@ -189,10 +189,10 @@ def test_scan_deleted_during_upload_is_not_stored_and_next_one_is(store, rows, o
     monkeypatch.setattr(store, "put", sent)
     keeper = ScanUploader(store, scans, data)
     keeper.step()
-    assert (store.kept(scan_name(gone)), store.kept(scan_name(other)) is None) == (None, False)
+    assert (store.find_row(scan_name(gone)), store.find_row(scan_name(other)) is None) == (None, False)
     keeper.step()
     assert not data.scan_file(gone).exists()
-    store.sweep(timedelta(0))
+    store.collect_orphans(timedelta(0))
     assert [key.rpartition("/")[0] for key in keys(objects)] == [scan_name(other)]
 
 
@@ -245,7 +245,7 @@ def test_scan_uploader_continues_after_error_and_removes_stale_copy(store, inter
     monkeypatch.setattr(keeper, "step", look)
     monkeypatch.setattr("steradian.runtime.archive.scan_uploader.POLL_INTERVAL", 0.01)
     keeper.run(over)
-    assert (looks, store.kept(scan_name(scan)) is None) == ([False, False], False)
+    assert (looks, store.find_row(scan_name(scan)) is None) == ([False, False], False)
 
 
 def write(path, plan, points):

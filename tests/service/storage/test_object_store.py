@@ -57,32 +57,32 @@ def test_an_object_without_a_row_is_nothing_until_it_is_swept(store, objects, tm
     assert store.stat(scan_name("s1")) is None
     with pytest.raises(NotFound):
         store.open(scan_name("s1"))
-    assert store.sweep() == 0, "it may wait for its row"
-    assert store.sweep(NOW) == 1
+    assert store.collect_orphans() == 0, "it may wait for its row"
+    assert store.collect_orphans(NOW) == 1
     assert keys(objects) == []
 
 
 def test_announce_of_swept_blob_raises_store_unavailable(store, tmp_path, rows):
     stored = store.put(scan_name("s1"), file_of(tmp_path, b"A-lines"))
-    store.sweep(NOW)
+    store.collect_orphans(NOW)
     with pytest.raises(StoreUnavailable), rows.write() as session:
-        store.announce(session, stored)
+        store.commit(session, stored)
     assert store.stat(scan_name("s1")) is None
 
 
 def test_overwritten_blob_leaves_previous_object_for_sweep(store, objects, tmp_path):
     for content in (b"interrupted", b"whole"):
-        store.keep(scan_name("s1"), file_of(tmp_path, content))
+        store.put_and_commit(scan_name("s1"), file_of(tmp_path, content))
     assert store.open(scan_name("s1")).read_bytes() == b"whole"
     assert len(keys(objects)) == 2
-    assert store.sweep(NOW) == 1
-    assert store.contents(NOW).orphans == []
+    assert store.collect_orphans(NOW) == 1
+    assert store.audit(NOW).orphans == []
     assert store.is_whole(scan_name("s1"))
 
 
 def test_another_host_gets_the_same_bytes_and_the_same_time(store, make_store, tmp_path):
     content = os.urandom(20 * MIB)
-    store.keep(result_name("j1", "volume.h5"), file_of(tmp_path, content))
+    store.put_and_commit(result_name("j1", "volume.h5"), file_of(tmp_path, content))
     other = make_store(tmp_path / "there", store)
     here, there = (each.open(result_name("j1", "volume.h5")) for each in (store, other))
     assert here.read_bytes() == there.read_bytes() == content
@@ -91,7 +91,7 @@ def test_another_host_gets_the_same_bytes_and_the_same_time(store, make_store, t
 
 
 def test_object_with_changed_bytes_is_refused_and_not_cached(store, objects, make_store, tmp_path):
-    store.keep(scan_name("s1"), file_of(tmp_path, b"A-lines"))
+    store.put_and_commit(scan_name("s1"), file_of(tmp_path, b"A-lines"))
     (key,) = keys(objects)
     objects.put(key, b"A-lineS")
     other = make_store(tmp_path / "there", store)
@@ -99,9 +99,9 @@ def test_object_with_changed_bytes_is_refused_and_not_cached(store, objects, mak
         other.open(scan_name("s1"))
     assert not [path for path in (tmp_path / "there" / "cache").glob("*") if path.is_file()]
     assert not store.is_whole(scan_name("s1"))
-    assert store.contents().missing == []
+    assert store.audit().missing == []
     objects.delete(key)
-    assert store.contents().missing == [scan_name("s1")]
+    assert store.audit().missing == [scan_name("s1")]
     with pytest.raises(DamagedFile, match="any more"):
         other.open(scan_name("s1"))
 
@@ -109,7 +109,7 @@ def test_object_with_changed_bytes_is_refused_and_not_cached(store, objects, mak
 def test_blob_cache_stays_within_limit_and_keeps_files_in_use(store, make_store, tmp_path):
     names = [upload_name(f"u{number}") for number in range(30)]
     for name in names:
-        store.keep(name, file_of(tmp_path, os.urandom(MIB // 4)))
+        store.put_and_commit(name, file_of(tmp_path, os.urandom(MIB // 4)))
     other = make_store(tmp_path / "there", store, store_cache_bytes=MIB)
     held = [other.open(name) for name in names[:16]]
     assert all(path.exists() for path in held), "this process has just asked for them"
@@ -122,7 +122,7 @@ def test_blob_cache_stays_within_limit_and_keeps_files_in_use(store, make_store,
 
 
 def test_concurrent_opens_of_blob_share_one_cached_copy(store, make_store, tmp_path):
-    store.keep(scan_name("s1"), file_of(tmp_path, os.urandom(4 * MIB)))
+    store.put_and_commit(scan_name("s1"), file_of(tmp_path, os.urandom(4 * MIB)))
     other, found = make_store(tmp_path / "there", store), []
     threads = [threading.Thread(target=lambda: found.append(other.open(scan_name("s1")))) for _ in range(12)]
     for thread in threads:
@@ -146,7 +146,7 @@ def test_a_large_copy_under_way_holds_up_no_other(tmp_path):
 
 
 def test_a_signed_address_is_readable_by_anybody_in_ranges(store, tmp_path):
-    store.keep(scan_name("s1"), file_of(tmp_path, b"0123456789"))
+    store.put_and_commit(scan_name("s1"), file_of(tmp_path, b"0123456789"))
     answer = httpx.get(store.url(scan_name("s1"), 60), headers={"Range": "bytes=2-5"}, timeout=90)
     assert (answer.status_code, answer.content) == (206, b"2345")
 
@@ -154,7 +154,7 @@ def test_a_signed_address_is_readable_by_anybody_in_ranges(store, tmp_path):
 def test_a_scan_that_was_resumed_is_read_from_its_file_again(store, tmp_path):
     path = tmp_path / "here" / "scans" / "s1.h5"
     path.write_bytes(b"half")
-    store.keep(scan_name("s1"), file_of(tmp_path, b"half"))
+    store.put_and_commit(scan_name("s1"), file_of(tmp_path, b"half"))
     os.utime(path, (1, 1))
     assert store.open(scan_name("s1")) != path
     path.write_bytes(b"more")
@@ -169,7 +169,7 @@ def test_a_service_does_not_start_without_the_store_that_has_its_scans(store, ro
     for use in (belonging.bind_deployment, belonging.check_binding):
         with pytest.raises(InvalidInput, match="STERADIAN_STORE is missing"):
             use(with_store.model_copy(update={"store": None}), rows)
-    store.leave()
+    store.purge()
     belonging.bind_deployment(with_store.model_copy(update={"store": None}), rows)
 
 
@@ -181,7 +181,7 @@ def test_upload_killed_midway_leaves_no_visible_object(store, objects, seaweed, 
         assert sender.wait(250) == -signal.SIGKILL
         assert keys(objects) == []
         assert store.stat(scan_name("s1")) is None
-    store.keep(scan_name("s1"), path)
+    store.put_and_commit(scan_name("s1"), path)
     assert store.is_whole(scan_name("s1"))
     assert len(keys(objects)) == 1
 
@@ -193,7 +193,7 @@ def test_store_and_database_must_belong_together(store, seaweed, rows, postgres,
     about = {"data": tmp_path, "store_endpoint": seaweed.endpoint, "database_url": "postgresql://unused"}
     ours, foreign = S3BlobStore(Settings.create(store=store.place, **about), other), seaweed.bucket()
     assert not ours.check(), "no service has bound that database"
-    store.keep(scan_name("s1"), file_of(tmp_path, b"1"))
+    store.put_and_commit(scan_name("s1"), file_of(tmp_path, b"1"))
     with pytest.raises(InvalidInput, match="the store of this database"):
         ours.bind()
     elsewhere = S3BlobStore(Settings.create(store=foreign, **about), rows)

@@ -142,10 +142,10 @@ def test_a_scan_that_is_followed_from_elsewhere_ends_as_its_full_reconstruction(
 def test_deleted_reconstruction_is_removed_from_store(hosts, scan):
     image = hosts.service.done("/reconstructions", scan_id=scan["id"], parameters=PARAMETERS)
     with hosts.store() as store:
-        assert list(store.names(f"jobs/{image['id']}/"))
+        assert list(store.list_names(f"jobs/{image['id']}/"))
         hosts.service.http.delete(f"/reconstructions/{image['id']}").raise_for_status()
-        until(lambda: not list(store.names(f"jobs/{image['id']}/")))
-        assert store.contents(timedelta(0)).orphans == []
+        until(lambda: not list(store.list_names(f"jobs/{image['id']}/")))
+        assert store.audit(timedelta(0)).orphans == []
 
 
 def test_a_store_that_is_killed_for_a_while_costs_nothing_but_time(hosts, scan, image, seaweed):
@@ -168,7 +168,7 @@ def test_a_store_that_is_killed_for_a_while_costs_nothing_but_time(hosts, scan, 
     assert done["state"] == "succeeded", done["error"]
     assert hosts.volume(done) == hosts.volume(image)
     with hosts.store() as store:
-        assert store.contents(timedelta(0)).missing == []
+        assert store.audit(timedelta(0)).missing == []
 
 
 def test_no_log_and_no_answer_holds_the_store_s_key(hosts, image):
@@ -185,7 +185,7 @@ def test_storage_moves_from_store_to_folder_and_back_unchanged(hosts, scan, imag
     before = [hosts.service.get(path).content for path in paths]
     hosts.stop()
     with hosts.store() as store:
-        logs = [name for name in store.names("jobs/") if "/log" in name]
+        logs = [name for name in store.list_names("jobs/") if "/log" in name]
     assert "objects" in hosts.run("storage", "check", "--contents")
     refused = hosts.run("backup", str(hosts.there / "backup"), code=4)
     assert "storage move folder" in refused
@@ -201,6 +201,6 @@ def test_storage_moves_from_store_to_folder_and_back_unchanged(hosts, scan, imag
     hosts.start()
     assert [hosts.service.get(path).content for path in paths] == before
     with hosts.store() as store:
-        assert [name for name in store.names("jobs/") if "/log" in name] == logs != []
-        assert (store.contents(timedelta(0)).missing, store.contents(timedelta(0)).orphans) == ([], [])
+        assert [name for name in store.list_names("jobs/") if "/log" in name] == logs != []
+        assert (store.audit(timedelta(0)).missing, store.audit(timedelta(0)).orphans) == ([], [])
     assert hosts.service.get(f"/reconstructions/{image['id']}", headers=WAIT).json()["state"] == "succeeded"
