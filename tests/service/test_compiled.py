@@ -121,7 +121,7 @@ def test_jit_cache_write_killed_midway_leaves_no_stale_version(tmp_path: Path) -
 @pytest.mark.long
 def test_is_uncached_is_true_only_for_cacheable_uncompiled_signatures(tmp_path: Path) -> None:
     (tmp_path / "inner.py").write_text(CALLEE.format(2))
-    (tmp_path / "outer.py").write_text(CALLER + "nowhere = compiled(lambda x: x, kept=False)")
+    (tmp_path / "outer.py").write_text(CALLER + "nowhere = jit(lambda x: x, kept=False)")
     program = """
 import numpy as np
 from outer import nowhere, scaled
@@ -136,7 +136,7 @@ scaled(np.zeros(2, np.float32))
 
 @pytest.mark.long
 def test_a_function_for_compiled_ones_only_refuses_a_call_from_python_instead_of_crashing(tmp_path: Path) -> None:
-    callee = CALLEE.replace("@compiled", "@inner").replace("import compiled", "import inner")
+    callee = CALLEE.replace("@jit", "@jit_inline").replace("import jit", "import jit_inline")
     (tmp_path / "inner.py").write_text(callee.format(2))
     (tmp_path / "outer.py").write_text(CALLER)
     program = "from outer import factor, scaled\nprint(scaled(10))\ntry: factor()\nexcept TypeError as e: print(e)"
