@@ -9,6 +9,10 @@ import typer
 
 from steradian.cli.console import console, finish_with_summary, progress_bar
 from steradian.core.exceptions import InvalidInput
+from steradian.reconstructions.exporting import ENDINGS as VOLUME_ENDINGS
+from steradian.reconstructions.exporting import FORMATS as VOLUME_FORMATS
+from steradian.scans.exporting import ENDINGS as SCAN_ENDINGS
+from steradian.scans.exporting import FORMATS as SCAN_FORMATS
 
 
 def export(
@@ -22,8 +26,8 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="Of a volume: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd or png; of a scan: ipasc or sgl. "
-            "Default: as the name ends.",
+            help=f"Format of a volume: {', '.join(VOLUME_FORMATS)}; of a scan: {', '.join(SCAN_FORMATS)}. "
+            "Default: from the ending of DEST.",
         ),
     ] = None,
     frame: Annotated[
@@ -46,34 +50,28 @@ def export(
             export_scan(
                 source,
                 destination,
-                format=chosen,  # type: ignore[arg-type]
+                format=chosen,
                 frame=frame,
                 notes=notes,
                 progress=progress,
             )
         else:
             chosen = format or _by_ending(destination)
-            export_volume(source, destination, format=chosen, progress=progress)  # type: ignore[arg-type]
+            export_volume(source, destination, format=chosen, progress=progress)
     for note in notes:
         console().print(f"note: {note}", markup=False)
     finish_with_summary((f"{source} as {chosen}", destination))
 
 
 def _of_scan(path: Path) -> str:
-    from steradian.scans.exporting import ENDINGS
-
-    found = ENDINGS.get(path.suffix.lower())
-    if found is None:
-        allowed = f"a name that ends in {', '.join(ENDINGS)}; or -f {'|'.join(dict.fromkeys(ENDINGS.values()))}"
+    if (found := SCAN_ENDINGS.get(path.suffix.lower())) is None:
+        allowed = f"a name that ends in {', '.join(SCAN_ENDINGS)}; or -f {'|'.join(SCAN_FORMATS)}"
         raise InvalidInput("destination", path.name, allowed)
     return found
 
 
 def _by_ending(path: Path) -> str:
-    from steradian.reconstructions.exporting import ENDINGS
-
-    found = ENDINGS.get(path.suffix.lower())
-    if found is None:
-        allowed = f"-f {'|'.join(dict.fromkeys(ENDINGS.values()))}, or a name that ends in {', '.join(ENDINGS)}"
-        raise InvalidInput("format", f"missing (the name {path.name} tells none)", allowed)
+    if (found := VOLUME_ENDINGS.get(path.suffix.lower())) is None:
+        allowed = f"-f {'|'.join(VOLUME_FORMATS)}, or a name that ends in {', '.join(VOLUME_ENDINGS)}"
+        raise InvalidInput("format", f"missing (the name {path.name} has no known ending)", allowed)
     return found

@@ -6,7 +6,7 @@ whoever runs them.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
@@ -15,27 +15,23 @@ from steradian.core.units import LENGTH, SOUND_SPEED
 from steradian.core.validation import Value, quantity_field
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.jobs.request_versions import stored
+from steradian.reconstructions.exporting import FORMATS as VOLUME_FORMATS
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.scans.exporting import FORMATS as SCAN_FORMATS
 from steradian.scans.frames import FrameChoice
 
 Identifier: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9]+$")]
 """A resource's identifier; it becomes part of a path."""
 Name: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 Text: TypeAlias = Annotated[str, StringConstraints(max_length=200)]
-Format: TypeAlias = Literal["hdf5", "nifti", "tiff", "ome-zarr", "vtkhdf", "nrrd", "png", "ipasc", "sgl"]
-OF_SCANS = ("ipasc", "sgl")
-"""Formats of scans; all others are for reconstructions."""
-SUFFIXES: dict[str, str] = {
-    "hdf5": ".h5",
-    "nifti": ".nii.gz",
-    "tiff": ".tif",
-    "ome-zarr": ".ome.zarr",
-    "vtkhdf": ".vtkhdf",
-    "nrrd": ".nrrd",
-    "png": ".projections",
-    "ipasc": ".hdf5",
-    "sgl": ".sgl",
+SUFFIXES: Final[dict[str, str]] = {name: entry.suffix for name, entry in VOLUME_FORMATS.items()} | {
+    name: endings[0] for name, endings in SCAN_FORMATS.items()
 }
+"""Endings of exported files by format, of volumes and scans."""
+if TYPE_CHECKING:
+    Format: TypeAlias = str
+else:
+    Format = Literal[tuple(SUFFIXES)]
 EXAMPLES: dict[str, Any] = {
     "sound-speed": {"kind": "sound-speed", "scan_id": "s01jz0000000000000000000000", "first": 1450, "last": 1550},
     "quality": {
@@ -208,16 +204,18 @@ class ExportRequest(JobRequestBase):
     kind: Literal["export"] = "export"
     reconstruction_id: Identifier | None = Field(default=None, description="Identifier of the reconstruction")
     scan_id: Identifier | None = Field(default=None, description="Identifier of the scan, instead")
-    format: Format = Field(description="ipasc and sgl are for scans, all others are for reconstructions")
+    format: Format = Field(
+        description=f"{' and '.join(SCAN_FORMATS)} are for scans, all others are for reconstructions"
+    )
     frame: int | None = Field(default=None, ge=0, description="Which frame goes into an .sgl file, which holds one")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if (self.reconstruction_id is None) == (self.scan_id is None):
             raise InvalidInput("reconstruction_id", self.reconstruction_id, "this one or scan_id, not both")
-        if (self.format in OF_SCANS) != (self.scan_id is not None):
-            allowed = ", ".join(OF_SCANS if self.scan_id else (name for name in SUFFIXES if name not in OF_SCANS))
-            raise InvalidInput("format", self.format, allowed)
+        formats = VOLUME_FORMATS if self.scan_id is None else SCAN_FORMATS
+        if self.format not in formats:
+            raise InvalidInput("format", self.format, ", ".join(formats))
         return self
 
 

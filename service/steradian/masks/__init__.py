@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Final, TypeAlias, get_args
 
 from pydantic import Field
 
@@ -26,10 +26,15 @@ Arrangement: TypeAlias = Annotated[
     EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,
     Field(discriminator="arrangement"),
 ]
-"""Parameters of any arrangement, told apart by ``arrangement``; ``.build()`` makes the mask, ``.expected_count`` says
-beforehand about how many points it will have."""
+"""Parameters of any arrangement, a union with the discriminator ``arrangement``; ``.build()`` returns the mask,
+``.expected_count`` estimates its number of points."""
+ARRANGEMENTS: Final[tuple[str, ...]] = tuple(
+    model.model_fields["arrangement"].default for model in get_args(get_args(Arrangement)[0])
+)
+"""Names of all arrangements."""
 
 __all__ = [
+    "ARRANGEMENTS",
     "Arrangement",
     "Combined",
     "Counted",

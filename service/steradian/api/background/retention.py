@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from steradian.core.atomic_files import remove, remove_drafts, remove_older
 from steradian.core.settings import Settings
-from steradian.jobs.registry import JOB_TYPES, resource_of
+from steradian.jobs.registry import VOLUME_KINDS, resource_of
 from steradian.storage.blobs.interface import BlobStore, upload_name
 from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.capacity.quota import importing_job_id
@@ -113,7 +113,7 @@ def _delete_jobs_before(context: RetentionContext, age: timedelta) -> None:
         redate(session, when, context.clock())
         # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
         # stands behind /reconstructions, then what may depend on it, each by name.
-        images = [name for name, kind in JOB_TYPES.items() if kind.resource == "reconstruction"]
+        images = VOLUME_KINDS
         ordered = query.order_by(JobRow.kind.not_in(images), JobRow.id)
         rows = session.execute(ordered.with_for_update()).all()
         kept = referenced_jobs(session)

@@ -12,10 +12,10 @@ from pydantic import BaseModel, Field
 from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import describe_range
 from steradian.jobs.requests import WorkRequest
-from steradian.masks import Arrangement
+from steradian.masks import ARRANGEMENTS
 
 _TAGS = {
-    "arrangement": ", ".join(kind.model_fields["arrangement"].default for kind in get_args(get_args(Arrangement)[0])),
+    "arrangement": ", ".join(ARRANGEMENTS),
     "kind": ", ".join(model.model_fields["kind"].default for model in get_args(WorkRequest)),
 }
 """The fields that tell the members of a union apart, and their values."""

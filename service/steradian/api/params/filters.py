@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from fastapi import Query, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from pydantic import StringConstraints
 
+from steradian.jobs.registry import JOB_TYPES, VOLUME_KINDS
+from steradian.masks import ARRANGEMENTS
 from steradian.storage.repositories.filters import Label
 from steradian.storage.states import BatchState, ReconstructionState, ScanState
 
@@ -32,17 +34,14 @@ Labels: TypeAlias = Annotated[
         examples=[["phantom=yarn"]],
     ),
 ]
-ArrangementName: TypeAlias = Literal[
-    "equi-steradian",
-    "equiangular",
-    "grid",
-    "hexagonal",
-    "random",
-    "poisson-disc",
-    "combined",
-    "points",
-    "subset",
-]
+if TYPE_CHECKING:
+    ArrangementName: TypeAlias = str
+    _Kind: TypeAlias = str
+    _VolumeKind: TypeAlias = str
+else:
+    ArrangementName = Literal[ARRANGEMENTS]
+    _Kind = Literal[tuple(JOB_TYPES)]
+    _VolumeKind = Literal[VOLUME_KINDS]
 ArrangementFilter: TypeAlias = Annotated[ArrangementName | None, Query(description="Only of this kind")]
 MaskIdFilter: TypeAlias = Annotated[str | None, _one("of this mask", "m0123456789abcdef01234567")]
 ThroughMaskIdFilter: TypeAlias = Annotated[
@@ -51,13 +50,8 @@ ThroughMaskIdFilter: TypeAlias = Annotated[
 PlanIdFilter: TypeAlias = Annotated[str | None, _one("of this plan", "p0123456789abcdef01234567")]
 ScanIdFilter: TypeAlias = Annotated[str | None, _one("of this scan", "s01jz0000000000000000000000")]
 BatchIdFilter: TypeAlias = Annotated[str | None, _one("of this batch", "b01jz0000000000000000000000")]
-JobKind: TypeAlias = Annotated[
-    Literal["reconstruction", "live", "what-if", "sound-speed", "quality", "width", "export", "import"] | None,
-    Query(description="Only this kind"),
-]
-VolumeKind: TypeAlias = Annotated[
-    Literal["reconstruction", "live", "what-if"] | None, Query(description="Only this kind")
-]
+JobKind: TypeAlias = Annotated[_Kind | None, Query(description="Only this kind")]
+VolumeKind: TypeAlias = Annotated[_VolumeKind | None, Query(description="Only this kind")]
 
 
 def parse_labels(labels: list[str] | None) -> list[Label]:

@@ -100,8 +100,8 @@ def check_job(services: ServiceContainer, wanted: WorkRequest) -> ResourceEstima
             return ResourceEstimate(
                 sum(_size(services, upload_name(identifier), "upload", identifier) for identifier in uploads)
             )
-        case _:
-            raise AssertionError(f"no check of {wanted!r}")
+        case _ if isinstance(identifier := getattr(wanted, "scan_id", None), str):
+            _scan_with_data(services, identifier)
     return ResourceEstimate(0)
 
 

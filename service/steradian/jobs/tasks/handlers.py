@@ -11,13 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from steradian.core.atomic_files import atomic_write, remove_older, sync_folder
 from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.core.json_encoding import to_jsonable
 from steradian.jobs import requests
 from steradian.jobs.tasks.context import JobContext
+from steradian.jobs.tasks.job_type import handles
 from steradian.storage.blobs.interface import FolderBlobStore, result_name, scan_name, upload_name
 from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.job_directory import VOLUME
@@ -29,12 +30,14 @@ if TYPE_CHECKING:
     from steradian.storage.db.database import Database
 
 _log = logging.getLogger(__name__)
+LIVE_KIND: Final = "live"
 REFERENCE_TTL = 86_400.0
 """Seconds for which the image of all A-lines is kept for other jobs."""
 REFERENCE_TIMEOUT = 600.0
 """Seconds for which a job waits for the image that another one makes."""
 
 
+@handles(requests.ReconstructionRequest, "reconstruction", resource="reconstruction")
 def reconstruct(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a recording."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
@@ -45,6 +48,7 @@ def reconstruct(work: JobContext, job: requests.ReconstructionRequest) -> dict[s
         return asdict(reconstruct_scan(work.scan_path(job.scan_id), work.folder, job.parameters, **how))
 
 
+@handles(requests.ReconstructionRequest, LIVE_KIND, resource="reconstruction", follows="A-lines")
 def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan while it runs, and in full when it is over."""
     from sqlalchemy.exc import SQLAlchemyError
@@ -85,6 +89,7 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
     return asdict(report)
 
 
+@handles(requests.ReconstructionRequest, "what-if", resource="reconstruction")
 def reconstruct_subset(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
     """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
     from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write
@@ -150,6 +155,7 @@ def _shared_reference_image(work: JobContext, job: requests.ReconstructionReques
         return timed_reconstruction(recording, job.parameters, progress=work.progress)
 
 
+@handles(requests.SoundSpeedRequest)
 def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[str, Any]:
     """Find the speed of sound of a scan."""
     from steradian.reconstructions.studies.sound_speed import scan_sound_speed
@@ -166,6 +172,7 @@ def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[
     return asdict(curve) | {"files": _result_files(work.folder)}
 
 
+@handles(requests.QualityRequest)
 def compare_volumes(work: JobContext, job: requests.QualityRequest) -> dict[str, Any]:
     """Compare a volume with a reference."""
     from steradian.quality import compare
@@ -183,6 +190,7 @@ def compare_volumes(work: JobContext, job: requests.QualityRequest) -> dict[str,
     return {"figures": whole, "files": ["quality.json"]}
 
 
+@handles(requests.WidthRequest)
 def measure_object(work: JobContext, job: requests.WidthRequest) -> dict[str, Any]:
     """Measure the width of an object in a volume, and correct it for the point spread."""
     from steradian.reconstructions.studies.width import measure_width
@@ -204,6 +212,7 @@ def measure_object(work: JobContext, job: requests.WidthRequest) -> dict[str, An
     return whole | {"files": ["width.json"]}
 
 
+@handles(requests.ExportRequest)
 def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
     """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
     wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
@@ -214,7 +223,7 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
         made = export_scan(
             work.scan_path(job.scan_id),
             wanted,
-            format=job.format,  # type: ignore[arg-type]
+            format=job.format,
             frame=job.frame,
             notes=notes,
             progress=work.progress,
@@ -223,7 +232,7 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
     from steradian.reconstructions.exporting import export_volume
 
     volume = work.arrays.open(result_name(job.reconstruction_id or "", VOLUME))
-    made = export_volume(volume, wanted, format=job.format, progress=work.progress)  # type: ignore[arg-type]
+    made = export_volume(volume, wanted, format=job.format, progress=work.progress)
     if made.is_dir():
         work.progress("packing", 0, 1)
         packed = made.with_name(f"{made.name}.zip")
@@ -234,6 +243,7 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
     return {"files": [made.name], "bytes": made.stat().st_size}
 
 
+@handles(requests.ImportRequest)
 def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str, Any]:
     """Make a scan of an upload."""
     from steradian.reconstructions.plan_reader import read_stored_plan

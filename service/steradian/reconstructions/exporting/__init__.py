@@ -6,29 +6,51 @@ metres in HDF5, millimetres in NIfTI, VTKHDF and NRRD, micrometres in TIFF and O
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.reconstructions.exporting.source import VolumeExportSource, open_volume
 
-__all__ = ["ENDINGS", "VolumeFormat", "export_volume", "format_of"]
+__all__ = ["ENDINGS", "FORMATS", "VolumeFormat", "export_volume", "format_of"]
 
-VolumeFormat: TypeAlias = Literal["hdf5", "nifti", "tiff", "ome-zarr", "vtkhdf", "nrrd", "png"]
-ENDINGS: dict[str, VolumeFormat] = {
-    ".nii": "nifti",
-    ".gz": "nifti",
-    ".tif": "tiff",
-    ".tiff": "tiff",
-    ".zarr": "ome-zarr",
-    ".vtkhdf": "vtkhdf",
-    ".nrrd": "nrrd",
-    ".png": "png",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
+
+class FormatEntry(NamedTuple):
+    """Registry entry of an export format.
+
+    Attributes
+    ----------
+    suffix
+        Ending of the name of an exported file.
+    endings
+        Endings of names that stand for the format, without a dot of compression before them.
+    writer
+        Module of this package and its function ``(source, path)``, imported when the format is first written.
+    """
+
+    suffix: str
+    endings: tuple[str, ...]
+    writer: str
+
+
+FORMATS: Final = {
+    "hdf5": FormatEntry(".h5", (".h5", ".hdf5"), "hdf5.write_hdf5"),
+    "nifti": FormatEntry(".nii.gz", (".nii", ".gz"), "nifti.write_nifti"),
+    "tiff": FormatEntry(".tif", (".tif", ".tiff"), "tiff.write_tiff"),
+    "ome-zarr": FormatEntry(".ome.zarr", (".zarr",), "ome_zarr.write_ome_zarr"),
+    "vtkhdf": FormatEntry(".vtkhdf", (".vtkhdf",), "vtkhdf.write_vtkhdf"),
+    "nrrd": FormatEntry(".nrrd", (".nrrd",), "nrrd.write_nrrd"),
+    "png": FormatEntry(".projections", (".png",), "png.write_png"),
 }
+"""Registry of the export formats of volumes, by name."""
+
+if TYPE_CHECKING:
+    VolumeFormat: TypeAlias = str
+else:
+    VolumeFormat = Literal[tuple(FORMATS)]
+ENDINGS: Final[dict[str, str]] = {ending: name for name, entry in FORMATS.items() for ending in entry.endings}
 """Format of a volume by the ending of its name."""
 
 
@@ -64,7 +86,7 @@ def export_volume(
         Where to; a file of that name is replaced once the new one is whole. OME-Zarr makes a folder, and so does PNG
         unless the name ends in ``.png``; a folder is never replaced. NIfTI is compressed if the name ends in ``.gz``.
     format
-        One of ``hdf5``, ``nifti``, ``tiff`` (ImageJ hyperstack), ``ome-zarr``, ``vtkhdf``, ``nrrd``, ``png``.
+        A name in :data:`FORMATS`; ``tiff`` is an ImageJ hyperstack.
     progress, cancelled
         Reported and asked once a slab of some megabytes.
 
@@ -84,44 +106,16 @@ def export_volume(
     Cancelled
         When ``cancelled`` said so; nothing is left behind.
     """
-    if format not in get_args(VolumeFormat):
-        raise InvalidInput("format", format, ", ".join(get_args(VolumeFormat)))
+    if format not in FORMATS:
+        raise InvalidInput("format", format, ", ".join(FORMATS))
     if destination.is_dir():
         raise Conflict(f"{destination} is a folder that exists; choose another name or remove it")
+    from steradian.reconstructions.exporting.source import open_volume
+
+    module, function = FORMATS[format].writer.split(".")
+    write = getattr(import_module(f"{__name__}.{module}"), function)
     with open_volume(volume, progress, cancelled) as source:
         destination.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(destination, keep_ending=True) as beside:
-            _write(source, beside, format)
+            write(source, beside)
     return destination
-
-
-def _write(source: VolumeExportSource, path: Path, format: VolumeFormat) -> None:
-    match format:
-        case "hdf5":
-            from steradian.reconstructions.exporting.hdf5 import write_hdf5
-
-            write_hdf5(source, path)
-        case "nifti":
-            from steradian.reconstructions.exporting.nifti import write_nifti
-
-            write_nifti(source, path, compressed=path.suffix == ".gz")
-        case "tiff":
-            from steradian.reconstructions.exporting.tiff import write_tiff
-
-            write_tiff(source, path)
-        case "ome-zarr":
-            from steradian.reconstructions.exporting.ome_zarr import write_ome_zarr
-
-            write_ome_zarr(source, path)
-        case "vtkhdf":
-            from steradian.reconstructions.exporting.vtkhdf import write_vtkhdf
-
-            write_vtkhdf(source, path)
-        case "nrrd":
-            from steradian.reconstructions.exporting.nrrd import write_nrrd
-
-            write_nrrd(source, path)
-        case "png":
-            from steradian.reconstructions.exporting.png import write_png
-
-            write_png(source, path)

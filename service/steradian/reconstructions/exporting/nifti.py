@@ -17,8 +17,10 @@ LONGEST = 32_767
 DATA_OFFSET = 352
 
 
-def write_nifti(source: VolumeExportSource, path: Path, *, compressed: bool) -> None:
+def write_nifti(source: VolumeExportSource, path: Path) -> None:
     """Write a volume as NIfTI-1 in millimetres, with the affine from voxel to (right, anterior, superior) = (x, y, z).
+
+    The file is compressed if its name ends in ``.gz``.
 
     Raises
     ------
@@ -38,7 +40,7 @@ def write_nifti(source: VolumeExportSource, path: Path, *, compressed: bool) -> 
     header.set_sform(affine, code="scanner")
     header["descrip"] = f"initial pressure, steradian {__version__}".encode()
     header["vox_offset"], header["magic"] = DATA_OFFSET, b"n+1"
-    opened = gzip.open(path, "wb", compresslevel=3) if compressed else path.open("wb")
+    opened = gzip.open(path, "wb", compresslevel=3) if path.suffix == ".gz" else path.open("wb")
     with opened as file:
         file.write(header.binaryblock)
         file.write(bytes(DATA_OFFSET - len(header.binaryblock)))

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.core.progress import CancelCheck, Progress
-from steradian.scans.exporting.ipasc import write_ipasc
-from steradian.scans.exporting.sgl import write_sgl
-from steradian.scans.file import schema
-from steradian.scans.file.locking import open_for_reading
 
-__all__ = ["ENDINGS", "ScanFormat", "export_scan"]
+__all__ = ["ENDINGS", "FORMATS", "ScanFormat", "export_scan"]
 
-ScanFormat = Literal["ipasc", "sgl"]
-ENDINGS: dict[str, ScanFormat] = {".hdf5": "ipasc", ".h5": "ipasc", ".sgl": "sgl"}
-"""Formats by how a name ends."""
+FORMATS: Final = {"ipasc": (".hdf5", ".h5"), "sgl": (".sgl",)}
+"""Export formats of scans with the endings that stand for them; the first is the one of exported files."""
+if TYPE_CHECKING:
+    ScanFormat: TypeAlias = str
+else:
+    ScanFormat = Literal[tuple(FORMATS)]
+ENDINGS: Final[dict[str, str]] = {ending: name for name, endings in FORMATS.items() for ending in endings}
+"""Format of a scan by the ending of its name."""
 
 
 def export_scan(
@@ -58,8 +59,11 @@ def export_scan(
     Cancelled
         When ``cancelled`` said so; nothing is left behind.
     """
-    if format not in get_args(ScanFormat):
-        raise InvalidInput("format", format, " or ".join(get_args(ScanFormat)))
+    if format not in FORMATS:
+        raise InvalidInput("format", format, " or ".join(FORMATS))
+    from steradian.scans.file import schema
+    from steradian.scans.file.locking import open_for_reading
+
     if not scan.is_file():
         raise NotFound("file", str(scan))
     if frame is not None and format != "sgl":
@@ -80,10 +84,14 @@ def export_scan(
                     f"{scan} is not a scan file of schema version {', '.join(map(str, schema.SUPPORTED_VERSIONS))}"
                 )
             if format == "sgl":
+                from steradian.scans.exporting.sgl import write_sgl
+
                 told = write_sgl(file, draft, destination.name, frame, progress, cancelled)
                 if notes is not None:
                     notes += told
             else:
+                from steradian.scans.exporting.ipasc import write_ipasc
+
                 write_ipasc(file, draft, progress, cancelled)
         draft.replace(destination)
     finally:
