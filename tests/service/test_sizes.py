@@ -14,7 +14,6 @@ LONGER = {
     "fabry_perot/conformance/peer",
     "fabry_perot/hardware/composed",
     "fabry_perot/host/scanner",
-    "steradian/api/services",
     "steradian/jobs/worker/runner",
     "steradian/runtime/acquisition",
     "steradian/scans/acquisition/run",

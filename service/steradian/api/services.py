@@ -48,7 +48,6 @@ from steradian.storage.repositories.idempotency import IdempotencyStore
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
-from steradian.storage.repositories.references import lock_references
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.states import is_terminal
@@ -237,16 +236,15 @@ class ServiceContainer:
         disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
-        """Note a job and queue it in the present transaction; one that is noted before the queue is open waits.
+        """Insert a job and queue it in the present transaction; before the queue is open, the job waits in the ledger.
+
+        The caller has locked the references of the request.
 
         Raises
         ------
-        NotFound
-            When something that it names is gone.
         InvalidInput
-            When it requires what no worker has.
+            When no worker satisfies its requirements.
         """
-        lock_references(session, request.payload)
         if not self.settings.await_workers:
             own = dedicated_scanner(session, request.kind, request.payload.get("scan_id"))
             require_satisfiable(session, self.clock(), own, request.requires)

@@ -8,7 +8,8 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from contextlib import aclosing, contextmanager, suppress
-from typing import Annotated, Any, Final, TypeAlias, TypeVar
+from dataclasses import replace
+from typing import Annotated, Any, Final, Protocol, TypeAlias, TypeVar
 from urllib.parse import urlencode
 
 from fastapi import Depends, Header, Query, Request, Response
@@ -161,3 +162,29 @@ def idempotent_response(answer: StoredResponse) -> Response:
         location, body = address(location.removeprefix(before)), json.dumps(shown, ensure_ascii=False)
     headers = {"Location": location} | ({"Idempotency-Replayed": "true"} if answer.replayed else {})
     return Response(body, answer.status, headers, media_type="application/json")
+
+
+class Linked(Protocol):
+    """View of a resource with links."""
+
+    links: dict[str, str]
+
+    def model_dump_json(self) -> str:
+        """Return the view as JSON."""
+
+
+async def final_response(
+    answer: StoredResponse, wait: LongPoll, read: Callable[[str], tuple[Linked, bool]]
+) -> Response:
+    """Return the stored response or, if the client waits, the resource's state at its end or at the end of the wait.
+
+    ``read`` returns the view of the resource with an identifier, and whether it has ended: then a 202 becomes a 201.
+    """
+    if not wait.seconds:
+        return idempotent_response(answer)
+    identifier = answer.location.rpartition("/")[2]
+    with deleted_since(answer):
+        view, is_over = await wait.wait_for(lambda: read(identifier), lambda seen: seen[1])
+        status = 201 if is_over else answer.status
+        answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
+    return idempotent_response(answer)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import APIRouter, Body, Request, Response
 from pydantic import Field
-from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.errors.handlers import NotReady
@@ -22,8 +20,7 @@ from steradian.api.params.dependencies import (
     PageCursor,
     ServicesDep,
     Wait,
-    deleted_since,
-    idempotent_response,
+    final_response,
     set_next_link,
 )
 from steradian.api.params.filters import BatchIdFilter, JobKind, JobStates, ScanIdFilter
@@ -32,16 +29,15 @@ from steradian.api.routers.reconstructions import AttemptsView, JobWish, Priorit
 from steradian.api.schemas.jobs import JobView
 from steradian.api.schemas.resources import Listing
 from steradian.api.services import ServiceContainer
-from steradian.api.use_cases.admission import check_job
+from steradian.api.use_cases.submission import submit_job
 from steradian.core.exceptions import NotFound
 from steradian.jobs.queue.ledger import to_status
-from steradian.jobs.requests import EXAMPLES, WorkRequest, to_job_request
+from steradian.jobs.requests import EXAMPLES, WorkRequest
 from steradian.security.keys import Principal
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import LOG
-from steradian.storage.db.clock import new_id
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
+from steradian.storage.repositories.idempotency import IdempotencyKey
 from steradian.storage.states import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=AuthorizedRoute)
@@ -69,39 +65,20 @@ async def create_job(
 
     Reconstructions, also those through another mask, are queued by POST /reconstructions and POST /batches.
     """
-    return await submit_job(services, who, wanted, key, wait)
+    return await submitted_job_response(services, who, wanted, key, wait)
 
 
-async def submit_job(
-    services: ServiceContainer,
-    who: Principal,
-    wanted: WorkRequest,
-    key: IdempotencyKey | None,
-    wait: Wait,
+async def submitted_job_response(
+    services: ServiceContainer, principal: Principal, request: WorkRequest, key: IdempotencyKey | None, wait: Wait
 ) -> Response:
-    """Validate, store and enqueue a job; long-poll if the client asked for it."""
+    """Submit a job and return its response, after the wait that the client asked for."""
 
-    def make(session: Session) -> StoredResponse:
-        services.require_disk_space(session, cost.disk, f"the {wanted.kind}", measured)
-        about: dict[str, Any] = {"principal": who.name, "promised": cost.disk, "memory": cost.memory}
-        row = services.submit(session, to_job_request(new_id("j"), wanted, **about))
-        session.flush()
-        view = JobView.of(to_status(row))
-        return StoredResponse(202, view.links["self"], view.model_dump_json())
+    def read(identifier: str) -> tuple[JobView, bool]:
+        view = JobView.of(services.ledger.status(identifier))
+        return view, view.is_over
 
-    answer = await run_in_threadpool(services.answers.get, key)
-    if answer is None:
-        cost = await run_in_threadpool(check_job, services, wanted)
-        measured = await run_in_threadpool(services.refresh_disk_usage)
-        answer = await run_in_threadpool(services.answers.run_once, key, make)
-    identifier = answer.location.rpartition("/")[2]
-    if not wait.seconds:
-        return idempotent_response(answer)
-    with deleted_since(answer):
-        view = await _view(services, identifier, wait)
-        status = 201 if view.is_over else 202
-        answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
-    return idempotent_response(answer)
+    answer = await run_in_threadpool(submit_job, services, principal, request, key)
+    return await final_response(answer, wait, read)
 
 
 @router.get("", summary="Jobs of every kind, newest first")

@@ -12,7 +12,7 @@ from steradian.api.http.urls import link
 from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import CurrentPrincipal, OptionalIdempotencyKey, ServicesDep, Wait
 from steradian.api.params.path import RECONSTRUCTION_ID
-from steradian.api.routers.jobs import submit_job
+from steradian.api.routers.jobs import submitted_job_response
 from steradian.api.schemas.jobs import JobView
 from steradian.api.schemas.resources import BASE, Listing
 from steradian.core.validation import Value
@@ -65,7 +65,7 @@ async def create_reconstruction_quality(
     """Queue a comparison; the answer is its job."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
-    return await submit_job(services, who, request, key, wait)
+    return await submitted_job_response(services, who, request, key, wait)
 
 
 @router.get("/{reconstruction_id}/quality", summary="Comparisons of a reconstruction")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
-from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.http.conditional import ReadPreconditionsDep, WritePreconditionsDep, resource_etag
@@ -19,8 +17,7 @@ from steradian.api.params.dependencies import (
     PageCursor,
     ServicesDep,
     Wait,
-    deleted_since,
-    idempotent_response,
+    final_response,
     set_next_link,
 )
 from steradian.api.params.filters import BatchIdFilter, JobStates, ScanIdFilter, ThroughMaskIdFilter, VolumeKind
@@ -28,16 +25,12 @@ from steradian.api.params.path import RECONSTRUCTION_ID
 from steradian.api.schemas.reports import AttemptView
 from steradian.api.schemas.resources import Listing, ReconstructionView
 from steradian.api.services import ServiceContainer
-from steradian.api.use_cases.admission import ResourceEstimate, check_reconstruction, estimate_resources
+from steradian.api.use_cases.submission import submit_reconstruction
 from steradian.core.validation import Value
 from steradian.jobs.model import LOWEST_PRIORITY, JobStatus
-from steradian.jobs.queue.ledger import to_status
-from steradian.jobs.requests import ReconstructionRequest, to_job_request
-from steradian.security.keys import Principal
-from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
+from steradian.jobs.requests import ReconstructionRequest
+from steradian.storage.db.tables import ReconstructionRow
 from steradian.storage.repositories import filters
-from steradian.storage.repositories.idempotency import StoredResponse
-from steradian.storage.repositories.references import lock_references
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
 
@@ -85,27 +78,12 @@ async def create_reconstruction(
     With ``follow`` it begins while the scan runs; with ``through`` it shows what another mask would have seen.
     """
 
-    def make(session: Session) -> StoredResponse:
-        services.require_disk_space(session, cost.disk, "the volume", measured)
-        lock_references(session, wanted.model_dump(mode="json"))
-        row, job = create_rows(services, session, scan, wanted, who, cost)
-        view = ReconstructionView.of(row, to_status(job))
-        return StoredResponse(202, view.links["self"], view.model_dump_json())
+    def read(identifier: str) -> tuple[ReconstructionView, bool]:
+        job = services.ledger.status(identifier)
+        return ReconstructionView.of(services.reconstructions.get(identifier), job), job.is_over
 
-    answer = await run_in_threadpool(services.answers.get, key)
-    if answer is None:
-        scan = await run_in_threadpool(check_reconstruction, services, wanted)
-        cost = await run_in_threadpool(estimate_resources, services, scan, wanted)
-        measured = await run_in_threadpool(services.refresh_disk_usage)
-        answer = await run_in_threadpool(services.answers.run_once, key, make)
-    identifier = answer.location.rpartition("/")[2]
-    if not wait.seconds:
-        return idempotent_response(answer)
-    with deleted_since(answer):
-        row, job = await read_with_wait(services, identifier, wait)
-        view, status = ReconstructionView.of(row, job), 201 if job.is_over else 202
-        answer = replace(answer, status=status, location=view.links["self"], body=view.model_dump_json())
-    return idempotent_response(answer)
+    answer = await run_in_threadpool(submit_reconstruction, services, who, wanted, key)
+    return await final_response(answer, wait, read)
 
 
 @router.get("", summary="Reconstructions, newest first")
@@ -181,20 +159,3 @@ async def read_with_wait(
         return services.reconstructions.get(identifier), services.ledger.status(identifier)
 
     return await wait.wait_for(read, lambda seen: seen[1].is_over)
-
-
-def create_rows(
-    services: ServiceContainer,
-    session: Session,
-    scan: ScanRow,
-    wanted: ReconstructionRequest,
-    who: Principal,
-    cost: ResourceEstimate,
-    batch: BatchRow | None = None,
-) -> tuple[ReconstructionRow, JobRow]:
-    """Insert a reconstruction and its job, in the transaction that locks their dependencies."""
-    row = services.reconstructions.add(session, scan, wanted.parameters.model_dump(mode="json"), batch)
-    about: dict[str, Any] = {"principal": who.name, "batch_id": row.batch_id, "promised": cost.disk}
-    job = services.submit(session, to_job_request(row.id, wanted, memory=cost.memory, **about))
-    session.flush()
-    return row, job
