@@ -6,6 +6,9 @@ loaded when it is first used.
 
 from __future__ import annotations
 
+from steradian._display_loaders import display_loaders as _display_loaders
+from steradian._version import __version__ as __version__
+
 TYPE_CHECKING = False  # not typing's: whoever starts the command line waits for what is read here
 if TYPE_CHECKING:
     from steradian import quality
@@ -25,8 +28,6 @@ if TYPE_CHECKING:
     from steradian.reconstructions.scan import Scan
     from steradian.reconstructions.studies.width import measure_width
     from steradian.scans.frames import FrameChoice
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "FrameChoice": "steradian.scans.frames",
@@ -83,3 +84,13 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted([*__all__, "open"])
+
+
+def _load_displays() -> None:
+    """Import the modules that implement :mod:`steradian.drawing.display`."""
+    import steradian.masks.figures
+    import steradian.plans.figures
+    import steradian.reconstructions.display  # noqa: F401
+
+
+_display_loaders.append(_load_displays)

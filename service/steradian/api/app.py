@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.api.errors import handlers as problems
 from steradian.api.errors import pages as problem_pages
 from steradian.api.http.urls import Prefixed, address

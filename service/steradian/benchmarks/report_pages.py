@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from steradian import __version__
+from steradian._version import __version__
 
 
 def with_environment(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.cli import (
     backup,
     benchmark,

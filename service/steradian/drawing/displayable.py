@@ -6,25 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from steradian.core.validation import Value
+from steradian.drawing import display
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 class DisplayableValue(Value):
-    """A mask or a plan: the same as another one when its identifier is, and known by a line and pictures."""
+    """Base class of masks and plans: equality by identifier, text, plot and files."""
 
     if TYPE_CHECKING:
 
         @property
         def id(self) -> str:
             """Identifier of the content."""
-
-        def _draw(self, axes: Axes) -> object: ...
-
-        def _draw_figure(self, path: Path) -> object: ...
-
-        def _write(self, path: Path) -> object: ...
 
     def __str__(self) -> str:
         return repr(self)
@@ -48,14 +43,10 @@ class DisplayableValue(Value):
         axes
             A matplotlib plot to draw into; None: a new one. :meth:`save` draws a whole page.
         """
-        from steradian.drawing.notebook import resolve_axes
-
-        axes = resolve_axes(axes)
-        self._draw(axes)
-        return axes
+        return display.plot(self, axes)
 
     def save(self, path: str | Path) -> None:
-        """Write it into a file, or a page of pictures of it, as the ending of its name says.
+        """Write the value or a page of its pictures into a file, in the format of the name's ending.
 
         ``.json`` keeps everything, of a mask ``.csv`` and ``.npy`` positions and weights; ``.png``, ``.pdf`` and
         ``.svg`` are pictures.
@@ -65,10 +56,4 @@ class DisplayableValue(Value):
         InvalidInput
             When the ending is another one.
         """
-        from steradian.drawing.mpl_figure import PICTURES
-
-        path = Path(path)
-        if path.suffix.lower() in PICTURES:
-            self._draw_figure(path)
-        else:
-            self._write(path)
+        display.save(self, Path(path))

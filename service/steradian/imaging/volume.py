@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
+from steradian.drawing import display
 
 if TYPE_CHECKING:
     import xarray
@@ -121,7 +121,7 @@ class Volume:
         return [(name, self.coordinates(name)) for name in self.names]
 
     def _repr_html_(self) -> str:
-        return str(_shown().render_html(self))
+        return display.to_html(self)
 
     def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
         """Show the maximum-intensity projection along one axis; of an image from a line of sensors, the image.
@@ -138,8 +138,7 @@ class Volume:
         InvalidInput
             If the image has no such axis.
         """
-        plot: Plot = _shown().plot_volume(self, axis, axes)
-        return plot
+        return display.plot(self, axes, axis=axis)
 
     def to_xarray(self) -> xarray.DataArray:
         """Return the image as an array with names: dimensions x, y and z, or x and z, with their places in metres.
@@ -179,9 +178,4 @@ class Volume:
         Conflict
             When there is a folder of that name.
         """
-        _shown().save_volume(self, Path(path))
-
-
-def _shown() -> Any:
-    """Return the module that draws and stores volumes, imported by name because it lies above the numerics."""
-    return importlib.import_module("steradian.reconstructions.display")
+        display.save(self, Path(path))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from steradian.drawing import display
 from steradian.drawing.plot_spec import (
     Annotation,
     Colours,
@@ -24,11 +25,13 @@ from steradian.drawing.plot_spec import (
 from steradian.drawing.style import BACKGROUND, FOREGROUND, PLACE, PLAIN, PRESSURE, SECONDARY, SHARE
 from steradian.drawing.ticks import Axis
 from steradian.masks.limited_view import limited_view
+from steradian.masks.mask import Mask
 from steradian.masks.metrics import evaluate_mask, nearest_neighbour_spacing, spacing_map
 from steradian.masks.point_spread import PointSpread, point_spread
+from steradian.masks.writing import write_mask
 
 if TYPE_CHECKING:
-    from steradian.masks.mask import Mask
+    from matplotlib.axes import Axes
 
 MM = 1e3
 WIDTH, SHAPE = 1320, 0.84
@@ -68,19 +71,27 @@ def mask_figure(
     simulated = with_point_spread and len(mask.points_of_interest) > 0
     last = _spread_plot(point_spread(mask)) if simulated else _shares_plot(mask)
     columns = [[points_plot(mask), _view_plot(mask, deepest)], [_spacing_plot(mask), last]]
-    return Page(title_of(mask), columns, (1, 1), width, SHAPE)
+    return Page(mask.title, columns, (1, 1), width, SHAPE)
 
 
-def title_of(mask: Mask) -> str:
-    """Describe a mask in a line: arrangement, points, aperture, point of interest."""
-    name = str(mask.arrangement.get("arrangement", "mask")).capitalize()
-    parts = [f"{name} mask, {mask.count:,} points over {MM * mask.aperture:.4g} mm"]
-    points = mask.points_of_interest
-    if len(points) == 1:
-        parts.append(f"point of interest {MM * points[0, 2]:.4g} mm deep")
-    elif len(points):
-        parts.append(f"{len(points)} points of interest")
-    return ", ".join(parts)
+@display.plot.register(Mask)
+def _plot_mask(mask: Mask, axes: Axes | None = None) -> Axes:
+    from steradian.drawing.mpl_renderer import draw_into_axes
+    from steradian.drawing.notebook import resolve_axes
+
+    axes = resolve_axes(axes)
+    draw_into_axes(points_plot(mask), axes)
+    return axes
+
+
+@display.save.register(Mask)
+def _save_mask(mask: Mask, path: Path) -> None:
+    from steradian.drawing.mpl_figure import PICTURES
+
+    if path.suffix.lower() in PICTURES:
+        draw_mask(mask, path)
+    else:
+        write_mask(mask, path)
 
 
 def points_plot(mask: Mask) -> Plot:

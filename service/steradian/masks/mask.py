@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -18,7 +17,7 @@ from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.validation import MAX_AREA_RATIO
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 AREA_TOLERANCE = 1e-9
 """Relative deviation of Σ weights from the outline's area that is still rounding."""
@@ -165,27 +164,21 @@ class Mask(DisplayableValue):
             return np.array([[*point["offset"], point["depth"]] for point in several], dtype=np.float64)
         return np.empty((0, 3)) if self.depth is None else np.array([[*self.offset, self.depth]])
 
+    @property
+    def title(self) -> str:
+        """Arrangement, number of points, aperture and point of interest in a line."""
+        name = str(self.arrangement.get("arrangement", "mask")).capitalize()
+        parts = [f"{name} mask, {self.count:,} points over {1e3 * self.aperture:.4g} mm"]
+        points = self.points_of_interest
+        if len(points) == 1:
+            parts.append(f"point of interest {1e3 * points[0, 2]:.4g} mm deep")
+        elif len(points):
+            parts.append(f"{len(points)} points of interest")
+        return ", ".join(parts)
+
     def __repr__(self) -> str:
-        from steradian.masks.figures import title_of
-
-        name, _, rest = title_of(self).partition(" mask, ")
+        name, _, rest = self.title.partition(" mask, ")
         return f"<Mask: {name.lower()}, {rest}>"
-
-    def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.mpl_renderer import draw_into_axes
-        from steradian.masks.figures import points_plot
-
-        draw_into_axes(points_plot(self), axes)
-
-    def _draw_figure(self, path: Path) -> None:
-        from steradian.masks.figures import draw_mask
-
-        draw_mask(self, path)
-
-    def _write(self, path: Path) -> None:
-        from steradian.masks.writing import write_mask
-
-        write_mask(self, path)
 
 
 def check_shape(positions: NDArray[np.float64]) -> None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from steradian.core.exceptions import InvalidInput
+from steradian.drawing import display
 from steradian.drawing.plot_spec import (
     Bars,
     ColouredPath,
@@ -21,14 +23,40 @@ from steradian.drawing.plot_spec import (
 )
 from steradian.drawing.style import ACCENT, PLAIN, TIME
 from steradian.drawing.ticks import Axis, LogAxis, NamedRows
+from steradian.plans.files import write_json
+from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import PlanCost, preview
 
 if TYPE_CHECKING:
-    from steradian.plans.plan import ScanPlan
+    from matplotlib.axes import Axes
 
 MM = 1e3
 WIDTH, SHAPE = 1320, 0.55
 """Width of the page in pixels, and its height over it."""
+
+
+@display.plot.register(ScanPlan)
+def _plot_plan(plan: ScanPlan, axes: Axes | None = None) -> Axes:
+    from steradian.drawing.mpl_renderer import draw_into_axes
+    from steradian.drawing.notebook import resolve_axes
+
+    axes = resolve_axes(axes)
+    draw_into_axes(path_plot(plan), axes)
+    return axes
+
+
+@display.save.register(ScanPlan)
+def _save_plan(plan: ScanPlan, path: Path) -> None:
+    from steradian.drawing.mpl_figure import PICTURES
+
+    ending = path.suffix.lower()
+    if ending in PICTURES:
+        draw_plan(plan, path)
+    elif ending == ".json":
+        write_json(plan, path)
+    else:
+        allowed = ".json; or .png, .pdf or .svg for a picture"
+        raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", allowed)
 
 
 def draw_plan(plan: ScanPlan, path: Path, cost: PlanCost | None = None, *, width: int = WIDTH) -> None:

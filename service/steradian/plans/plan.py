@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,6 @@ from steradian.plans.progressive import progressive
 from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
 from steradian.plans.timing import MotionTiming
 from steradian.plans.wavelength_bands import TunedOrder, hold_wavelength, order_by_bands
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
@@ -242,22 +238,3 @@ class ScanPlan(DisplayableValue):
         return (
             f"<ScanPlan: {self.mask.count:,} points{beams}{frames} at {self.pulse_rate:g} Hz, {record}, order {order}>"
         )
-
-    def _draw(self, axes: Axes) -> None:
-        from steradian.drawing.mpl_renderer import draw_into_axes
-        from steradian.plans.figures import path_plot
-
-        draw_into_axes(path_plot(self), axes)
-
-    def _draw_figure(self, path: Path) -> None:
-        from steradian.plans.figures import draw_plan
-
-        draw_plan(self, path)
-
-    def _write(self, path: Path) -> None:
-        from steradian.plans.files import write_json
-
-        if (ending := path.suffix.lower()) != ".json":
-            allowed = ".json; or .png, .pdf or .svg for a picture"
-            raise InvalidInput("file", f"{path.name} ({ending or 'no ending'})", allowed)
-        write_json(self, path)

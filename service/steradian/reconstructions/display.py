@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from steradian.drawing import display
 from steradian.drawing.mpl_figure import colour_bar, style_axes
 from steradian.drawing.notebook import WIDTH, html_card, resolve_axes
 from steradian.imaging import Display, Volume
@@ -18,21 +19,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@display.to_html.register(Volume)
 def render_html(volume: Volume) -> str:
     """Return a line and the projection along z, for a notebook."""
     axis: Axis = "z" if volume.dimensions == 3 else "y"
     return html_card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
 
 
-def plot_volume(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
+@display.plot.register(Volume)
+def plot_volume(volume: Volume, axes: Axes | None = None, axis: Axis = "z") -> Axes:
     """Draw a projection into a matplotlib plot; see :meth:`steradian.Volume.plot`."""
     if volume.dimensions == 2:
         axis = "y"
     else:
         volume.coordinates(axis)  # refuses any other
     across, up = PLANE_LABELS[axis]
-    display, image = Display(), project(volume)[axis]
-    lowest, highest, ending = display_range(image, display)
+    options, image = Display(), project(volume)[axis]
+    lowest, highest, ending = display_range(image, options)
     (left, right), (first, last) = extent_mm(volume, across), extent_mm(volume, up)
     ends = (first, last) if up == "y" else (last, first)  # depth points down
     axes = resolve_axes(axes)
@@ -40,7 +43,7 @@ def plot_volume(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
         image.T if up == "y" else image.T[::-1],
         origin="lower",
         extent=(left, right, *ends),
-        cmap=display.colour_map,
+        cmap=options.colour_map,
         vmin=lowest,
         vmax=highest,
     )
@@ -53,6 +56,7 @@ def plot_volume(volume: Volume, axis: Axis, axes: Axes | None) -> Axes:
     return axes
 
 
+@display.save.register(Volume)
 def save_volume(volume: Volume, path: Path) -> None:
     """Write a volume as its name's ending says; see :meth:`steradian.Volume.save`."""
     wanted = format_of(path)

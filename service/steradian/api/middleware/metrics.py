@@ -10,7 +10,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.metrics_core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.api.services import ServiceContainer
 from steradian.jobs.queue.estimates import backlog
 from steradian.jobs.queue.matching import count_unsatisfiable, present_workers

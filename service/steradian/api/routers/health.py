@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.api.params.dependencies import ServicesDep
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput

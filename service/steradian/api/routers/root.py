@@ -7,7 +7,7 @@ from typing import Literal
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.api.errors.catalog import ROOT
 from steradian.api.http.array_response import CSV, JSON, NPY, RAW
 from steradian.api.http.urls import address, link

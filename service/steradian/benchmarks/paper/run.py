@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.benchmarks.paper.page import page, put_into_readme
 from steradian.benchmarks.paper.sections import SectionContext, sections
 from steradian.core.exceptions import Cancelled

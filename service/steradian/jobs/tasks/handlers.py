@@ -131,7 +131,7 @@ def _shared_reference_image(work: JobContext, job: requests.ReconstructionReques
     """Return the image of all A-lines; a sweep's first job makes it, the others wait for it and read it."""
     import filelock
 
-    from steradian import __version__
+    from steradian._version import __version__
     from steradian.reconstructions.studies.what_if import TimedImage, timed_reconstruction
     from steradian.reconstructions.volumes.file import read_volume, write_volume
 

@@ -8,7 +8,7 @@ from typing import IO, cast
 
 import numpy as np
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.exporting.libraries import import_optional
 from steradian.reconstructions.exporting.source import VolumeExportSource

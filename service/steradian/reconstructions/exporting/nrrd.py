@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.reconstructions.exporting.source import VolumeExportSource
 
 KINDS = {"f4": "float", "f8": "double"}

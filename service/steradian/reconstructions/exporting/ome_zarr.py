@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.reconstructions.exporting.libraries import import_optional
 from steradian.reconstructions.exporting.source import VolumeExportSource
 

@@ -25,7 +25,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.imaging import Volume, VoxelAxes

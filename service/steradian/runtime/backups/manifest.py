@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Self
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.core.atomic_files import write_durably
 from steradian.core.exceptions import Cancelled, DamagedFile
 from steradian.core.progress import CancelCheck, Progress

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian import __version__
+from steradian._version import __version__
 from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Conflict, DiskFull
 from steradian.plans import ScanPlan

@@ -1,0 +1,46 @@
+"""Single-dispatch functions that display and save values.
+
+The modules that implement them lie above the values; :data:`display_loaders` has functions that import them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+from steradian._display_loaders import display_loaders
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+
+@singledispatch
+def plot(value: object, axes: Axes | None = None, **options: Any) -> Axes:
+    """Plot a value into matplotlib axes; None: new ones. Raises TypeError for values without a plot."""
+    axes = _implementation(plot, value)(value, axes, **options)
+    return axes
+
+
+@singledispatch
+def save(value: object, path: Path) -> None:
+    """Write a value or its picture into a file, in the format of its ending; raises TypeError as :func:`plot`."""
+    _implementation(save, value)(value, path)
+
+
+@singledispatch
+def to_html(value: object) -> str:
+    """Return a value as HTML for notebooks; raises TypeError as :func:`plot`."""
+    html: str = _implementation(to_html, value)(value)
+    return html
+
+
+def _implementation(function: Any, value: object) -> Callable[..., Any]:
+    while display_loaders:
+        display_loaders.pop()()
+    found: Callable[..., Any] = function.dispatch(type(value))
+    if found is function.dispatch(object):
+        raise TypeError(f"a {type(value).__name__} has no implementation of {function.__name__}")
+    return found
