@@ -14,6 +14,7 @@ from driver_mutants import MUTANTS
 
 from fabry_perot.conformance import SCENARIOS, ConformanceHost, as_junit, run
 from fabry_perot.device import operations
+from fabry_perot.errors import PlanInvalid
 from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Operation, Result
 
@@ -98,6 +99,11 @@ def test_a_silent_line_fails_every_scenario_and_ends():
     line = Silent()
     found = run(ConformanceHost(line, line.clock), only=["hello_nonce", "credit"])
     assert [each.failure for each in found] == ["HELLO of version 2 is not answered"] * 2
+
+
+def test_conformance_with_unknown_name_is_refused_and_names_the_known_ones():
+    with pytest.raises(PlanInvalid, match=r"only is hello_nonse; allowed: .*hello_nonce"):
+        run(None, only=["credit", "hello_nonse"])
 
 
 def test_conformance_command_prints_table_writes_junit_and_sets_exit_code(tmp_path):

@@ -9,7 +9,7 @@ from xml.etree import ElementTree  # it is written only
 
 from fabry_perot.conformance.peer import ConformanceHost, Failed
 from fabry_perot.conformance.registry import SCENARIOS, ConformanceFunction, ConformanceTest
-from fabry_perot.errors import LinkLost
+from fabry_perot.errors import LinkLost, PlanInvalid
 from fabry_perot.wire.constants import AbortLevel
 
 ABSENCE_TIMEOUT = 0.15
@@ -55,10 +55,18 @@ def run(
         Names; by default all.
     told
         Called after each.
+
+    Raises
+    ------
+    PlanInvalid
+        When ``only`` has a name that no scenario has.
     """
+    names = [scenario.run.__name__ for scenario in SCENARIOS]
+    if unknown := [name for name in only if name not in names]:
+        raise PlanInvalid("only", ", ".join(unknown), ", ".join(names))
     outcomes = []
-    for scenario in SCENARIOS:
-        if not only or scenario.run.__name__ in only:
+    for name, scenario in zip(names, SCENARIOS, strict=True):
+        if not only or name in only:
             outcomes.append(_run(scenario, peer, fire, ask))
             told(outcomes[-1])
     return outcomes
