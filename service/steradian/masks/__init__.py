@@ -13,14 +13,13 @@ from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equ
 from steradian.masks.equiangular import Equiangular, equiangular_mask
 from steradian.masks.grid import Grid, grid_mask
 from steradian.masks.hexagonal import Hexagonal, hexagonal_interval, hexagonal_mask
-from steradian.masks.io import read_mask
+from steradian.masks.io import read_mask, write_mask
 from steradian.masks.mask import Mask
 from steradian.masks.points import Points, custom_mask
 from steradian.masks.random_masks import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
 from steradian.masks.weights import Weighting, voronoi_areas, with_weights
-from steradian.masks.writing import write_mask
 
 Arrangement: TypeAlias = Annotated[
     EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,

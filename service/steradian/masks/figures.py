@@ -24,11 +24,11 @@ from steradian.drawing.plot_spec import (
 )
 from steradian.drawing.style import BACKGROUND, FOREGROUND, PLACE, PLAIN, PRESSURE, SECONDARY, SHARE
 from steradian.drawing.ticks import Axis
+from steradian.masks.io import write_mask
 from steradian.masks.limited_view import limited_view
 from steradian.masks.mask import Mask
 from steradian.masks.metrics import evaluate_mask, nearest_neighbour_spacing, spacing_map
 from steradian.masks.point_spread import PointSpread, point_spread
-from steradian.masks.writing import write_mask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
