@@ -16,7 +16,7 @@ import urllib.request
 import numpy as np
 from scipy import fft
 
-from steradian import ReconstructionPlan
+from steradian import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
 from steradian.quality import correlation
 
 PITCH, INTERVAL, SPEED = 60e-6, 8e-9, 1500.0
@@ -37,9 +37,8 @@ def main(side: int = 128, samples: int = 512) -> None:
     positions = np.column_stack([x.ravel(), y.ravel()])
     traces = _ball(positions, samples)
     as_kwave = np.ascontiguousarray(traces.reshape(side, side, samples).transpose(2, 0, 1)).astype(np.float64)
-    plan = ReconstructionPlan(
-        positions, samples=samples, sampling_interval=INTERVAL, sound_speed=SPEED, aperture=side * PITCH, modes=side
-    )
+    geometry = AcquisitionGeometry(positions, samples, dt=INTERVAL, sound_speed=SPEED, aperture=side * PITCH)
+    plan = ReconstructionPlan(geometry, ImageGrid(side), compute=Compute(device="cpu"))
     array = np.zeros((side, side, samples), np.float32)
     bare = _measure(lambda: fft.irfftn(fft.rfftn(array, workers=-1), array.shape, workers=-1))
     ours = _measure(lambda: plan.run(traces))

@@ -12,17 +12,17 @@ from steradian.phantoms import pressure, rasterise, yarn
 
 # %%
 mask = steradian.equi_steradian_mask(aperture=10e-3, depth=3e-3, count=800)
-record = {"sampling_interval": 16e-9, "sound_speed": 1500.0}
 balls = yarn(1, centre=(0.0, 0.0, 3e-3), radius=2.5e-3)
-traces = pressure(balls, mask.positions, samples=400, **record)
+traces = pressure(balls, mask.positions, samples=400, sampling_interval=16e-9, sound_speed=1500.0)
+acquisition = steradian.Acquisition(traces, mask, dt=16e-9, sound_speed=1500.0)
 
 # %% [markdown]
 # Both ways with the same voxels. Of a dataset every operation is done to each image.
 
 # %%
-how = record | {"aperture": mask.aperture, "modes": 96, "depth_range": (1.5e-3, 4.5e-3)}
-direct = steradian.reconstruct(traces, mask, **how)
-iterative = steradian.reconstruct(traces, mask, method="iterative", **how)
+voxels = steradian.ImageGrid(modes=96, depth=(1.5e-3, 4.5e-3))
+direct = steradian.reconstruct(acquisition, voxels)
+iterative = steradian.reconstruct(acquisition, voxels, steradian.Iterative())
 truth = rasterise(balls, direct)
 images = xarray.Dataset({"truth": truth.to_xarray(), "direct": direct.to_xarray(), "iterative": iterative.to_xarray()})
 

@@ -11,9 +11,10 @@ from steradian.phantoms import pressure, vessels
 
 # %%
 mask = steradian.equi_steradian_mask(aperture=10e-3, depth=3e-3, count=1600)
-record = {"sampling_interval": 16e-9, "sound_speed": 1500.0}
-traces = pressure(vessels(3, centre=(0.0, 0.0, 3e-3), radius=2.5e-3), mask.positions, samples=400, **record)
-volume = steradian.reconstruct(traces, mask, aperture=mask.aperture, modes=128, depth_range=(1.5e-3, 4.5e-3), **record)
+balls = vessels(3, centre=(0.0, 0.0, 3e-3), radius=2.5e-3)
+traces = pressure(balls, mask.positions, samples=400, sampling_interval=16e-9, sound_speed=1500.0)
+acquisition = steradian.Acquisition(traces, mask, dt=16e-9, sound_speed=1500.0)
+volume = steradian.reconstruct(acquisition, steradian.ImageGrid(modes=128, depth=(1.5e-3, 4.5e-3)))
 
 # %% [markdown]
 # In PyVista a volume is a grid whose first axis runs fastest. In millimetres, with the depth downwards.

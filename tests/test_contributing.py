@@ -61,12 +61,13 @@ assert said == [("counting", 1, 1)]
 """
 ENGINES = """
 import numpy as np
-from steradian.imaging import ReconstructionPlan
+from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
 from steradian.imaging.engines import run_inverse
 
 random = np.random.default_rng(1)
 positions, traces = (random.random((20, 2)) - 0.5) * 0.01, random.normal(size=(20, 64))
-plan = ReconstructionPlan(positions, samples=64, sampling_interval=8e-9, sound_speed=1500.0, aperture=0.01, modes=8)
+geometry = AcquisitionGeometry(positions, 64, dt=8e-9, sound_speed=1500.0, aperture=0.01)
+plan = ReconstructionPlan(geometry, ImageGrid(8), compute=Compute(device="cpu"))
 engine = CountingEngine(plan.tables)
 image = run_inverse(engine, traces)
 assert engine.made == 1

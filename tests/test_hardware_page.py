@@ -101,9 +101,11 @@ def test_the_volume_shows_the_object(walked, pressure):
     mask = steradian.open(folder / "mask.json")
     rms = 10 ** (-40 / 20) * peak_pressure(shapes.by_name("yarn"), 1500.0)
     noise = np.random.default_rng(0).normal(0, rms, true.shape)
-    common = {"sampling_interval": interval, "sound_speed": 1500.0, "aperture": mask.aperture}
-    common |= {"modes": volume.values.shape[0], "depth_range": (9.2e-4, 6.2e-3)}
-    ideal, noisy = (steradian.reconstruct(traces, mask, **common) for traces in (true, true + noise))
+    grid = steradian.ImageGrid(volume.values.shape[0], depth=(9.2e-4, 6.2e-3))
+    ideal, noisy = (
+        steradian.reconstruct(steradian.Acquisition(traces, mask, dt=interval, sound_speed=1500.0), grid)
+        for traces in (true, true + noise)
+    )
     z = np.asarray(volume.axes.z)
     found = np.stack([np.interp(ideal.axes.z, z, column) for column in volume.values.reshape(-1, len(z))])
     alike, at_best = (np.corrcoef(each.ravel(), ideal.values.ravel())[0, 1] for each in (found, noisy.values))

@@ -13,7 +13,9 @@ METHODS = ("get", "put", "post", "patch", "delete")
 LIBRARY = {
     "Masks": "equi_steradian_mask equiangular_mask grid_mask hexagonal_mask custom_mask Mask compare_masks",
     "Plans and scans": "ScanPlan Scan open",
-    "Reconstruction": "reconstruct ReconstructionPlan Iterative FrameChoice Volume measure_width quality",
+    "Reconstruction": "reconstruct Acquisition AcquisitionGeometry ImageGrid Compute ReconstructionPlan ForwardOperator"
+    " FrameChoice Volume measure_width quality",
+    "Reconstruction methods": "Nufft Ner LinearKappa NearestKappa Gridded Iterative",
     "Errors": "SteradianError InvalidInput",
 }
 """The public names, as a reader looks for them."""

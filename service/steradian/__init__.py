@@ -14,7 +14,22 @@ if TYPE_CHECKING:
     from steradian import quality
     from steradian.comparisons import compare_masks
     from steradian.core.exceptions import InvalidInput, SteradianError
-    from steradian.imaging import Iterative, ReconstructionPlan, Volume, reconstruct
+    from steradian.imaging import (
+        Acquisition,
+        AcquisitionGeometry,
+        Compute,
+        Gridded,
+        ImageGrid,
+        Iterative,
+        LinearKappa,
+        NearestKappa,
+        Ner,
+        Nufft,
+        ReconstructionPlan,
+        Volume,
+        reconstruct,
+    )
+    from steradian.imaging.operators import ForwardOperator
     from steradian.io import open as open
     from steradian.masks import (
         Mask,
@@ -30,10 +45,20 @@ if TYPE_CHECKING:
     from steradian.scans.frames import FrameChoice
 
 _HOMES = {
+    "Acquisition": "steradian.imaging",
+    "AcquisitionGeometry": "steradian.imaging",
+    "Compute": "steradian.imaging",
+    "ForwardOperator": "steradian.imaging.operators",
     "FrameChoice": "steradian.scans.frames",
+    "Gridded": "steradian.imaging",
+    "ImageGrid": "steradian.imaging",
     "InvalidInput": "steradian.core.exceptions",
     "Iterative": "steradian.imaging",
+    "LinearKappa": "steradian.imaging",
     "Mask": "steradian.masks",
+    "NearestKappa": "steradian.imaging",
+    "Ner": "steradian.imaging",
+    "Nufft": "steradian.imaging",
     "ReconstructionPlan": "steradian.imaging",
     "Scan": "steradian.reconstructions.scan",
     "ScanPlan": "steradian.plans",
@@ -51,10 +76,20 @@ _HOMES = {
 }
 
 __all__ = [
+    "Acquisition",
+    "AcquisitionGeometry",
+    "Compute",
+    "ForwardOperator",
     "FrameChoice",
+    "Gridded",
+    "ImageGrid",
     "InvalidInput",
     "Iterative",
+    "LinearKappa",
     "Mask",
+    "NearestKappa",
+    "Ner",
+    "Nufft",
     "ReconstructionPlan",
     "Scan",
     "ScanPlan",

@@ -10,7 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.progress import Progress
-from steradian.imaging import direct_spectrum, kaiser_bessel, reconstruct, spectrum_of
+from steradian.imaging import (
+    Acquisition,
+    Compute,
+    DirectMethod,
+    ImageGrid,
+    LinearKappa,
+    NearestKappa,
+    Nufft,
+    direct_spectrum,
+    kaiser_bessel,
+    reconstruct,
+    spectrum_of,
+)
 
 Row: TypeAlias = dict[str, Any]
 _SIDE, _INTERVAL = 0.01, 8e-9
@@ -34,16 +46,17 @@ def accuracy(*, points: int = 300, progress: Progress | None = None) -> list[Row
     """
     settings: list[Row] = []
     for modes, samples in (((64, 64), 256), ((45, 51), 255), ((512,), 512)):
+        size = {"modes": modes, "samples": samples}
         for tolerance in (1e-3, 1e-4, 1e-5, 1e-6):
-            settings.append({"modes": modes, "samples": samples, "sensors": "anywhere", "tolerance": tolerance})
+            settings.append({**size, "sensors": "anywhere", "method": Nufft(tolerance=tolerance)})
         for tolerance in (1e-4, 1e-6):
-            settings.append({"modes": modes, "samples": samples, "sensors": "grid", "tolerance": tolerance})
-        for method in ("linear", "nearest"):
-            settings.append({"modes": modes, "samples": samples, "sensors": "grid", "method": method})
+            settings.append({**size, "sensors": "grid", "method": Nufft(tolerance=tolerance)})
+        for method in (LinearKappa(), NearestKappa()):
+            settings.append({**size, "sensors": "grid", "method": method})
     paper = {"modes": (64, 64), "samples": 256, "sensors": "anywhere"}
-    settings.append({**paper, "tolerance": 1e-4, "window": "semicircle"})
-    settings.append({**paper, "tolerance": 1e-4, "window": kaiser_bessel(6, 2.0)})
-    settings.append({**paper, "tolerance": 1e-10, "window": kaiser_bessel(6, 2.0), "dtype": "float64"})
+    settings.append({**paper, "method": Nufft(window="semicircle")})
+    settings.append({**paper, "method": Nufft(window=kaiser_bessel(6, 2.0))})
+    settings.append({**paper, "method": Nufft(tolerance=1e-10, window=kaiser_bessel(6, 2.0)), "dtype": "float64"})
     rows = []
     for i, setting in enumerate(settings):
         if progress is not None:
@@ -92,17 +105,21 @@ def _case(modes: tuple[int, ...], samples: int, sensors: str, points: int) -> _C
     return _Case(traces, positions, common, j, depth, direct_spectrum(traces, positions, j, depth, **common))
 
 
-def _row(*, modes: tuple[int, ...], samples: int, sensors: str, points: int, **options: Any) -> Row:
+def _row(
+    *, modes: tuple[int, ...], samples: int, sensors: str, points: int, method: DirectMethod, dtype: str | None = None
+) -> Row:
     case = _case(modes, samples, sensors, points)
-    volume = reconstruct(case.traces, case.positions, **case.common, **options)
+    timing = {"dt": case.common["sampling_interval"], "sound_speed": case.common["sound_speed"]}
+    acquisition = Acquisition(case.traces, case.positions, aperture=_SIDE, **timing)
+    volume = reconstruct(acquisition, ImageGrid(modes), method, compute=Compute(device="cpu", dtype=dtype))
     found = spectrum_of(volume.values, case.j, case.depth)
-    window = options.get("window", "kaiser-bessel")
+    window, direct = method.window, isinstance(method, Nufft)
     return {
         "sensors": sensors,
         "modes": "×".join(map(str, modes)),
         "samples": samples,
-        "method": options.get("method", "ner" if sensors == "grid" else "nedner"),
-        "tolerance": options.get("tolerance"),
+        "method": method.name if sensors != "grid" or not direct else "ner",
+        "tolerance": method.tolerance if direct else None,
         "window": window if isinstance(window, str) else f"K={window.width // 2}, c={window.oversampling:g}",
         "dtype": volume.values.dtype.name,
         "error": float(np.linalg.norm(found - case.exact) / np.linalg.norm(case.exact)),

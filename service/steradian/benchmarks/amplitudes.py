@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steradian import phantoms
 from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Acquisition, ImageGrid, reconstruct
 from steradian.imaging.geometry.polygons import Outline, contains
 from steradian.masks import (
     Mask,
@@ -98,16 +98,8 @@ def _dense(outline: Outline) -> NDArray[np.float64]:
 def _amplitude(balls: phantoms.Balls, positions: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
     """Factor by which the true volume fits the image best, by least squares."""
     traces = phantoms.pressure(balls, positions, samples=SAMPLES, sampling_interval=INTERVAL, sound_speed=SPEED)
-    volume: Volume = reconstruct(
-        traces,
-        positions,
-        weights=weights,
-        sampling_interval=INTERVAL,
-        sound_speed=SPEED,
-        aperture=SIDE,
-        modes=MODES,
-        depth_range=SHOWN,
-    )
+    acquisition = Acquisition(traces, positions, dt=INTERVAL, sound_speed=SPEED, aperture=SIDE, weights=weights)
+    volume = reconstruct(acquisition, ImageGrid(MODES, depth=SHOWN))
     truth = phantoms.rasterise(balls, volume).values.astype(np.float64)
     return float(np.vdot(truth, volume.values) / np.vdot(truth, truth))
 

@@ -16,7 +16,7 @@ from steradian import phantoms, quality
 from steradian.benchmarks.hardware_time import simulated_scan_seconds
 from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Acquisition, ImageGrid, Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask, multi_beam_mask
 from steradian.masks.beams import read_beams
@@ -112,16 +112,8 @@ def _image(balls: phantoms.Balls, mask: Mask, seed: int) -> Volume:
     traces = Conditioning(band=BAND).apply(
         phantoms.add_noise(clean, NOISE, seed=seed), where, sampling_interval=INTERVAL, aperture=APERTURE
     )
-    return reconstruct(
-        traces,
-        where,
-        sampling_interval=INTERVAL,
-        sound_speed=SPEED,
-        aperture=APERTURE,
-        modes=MODES,
-        weights=mask.weights,
-        depth_range=SHOWN,
-    )
+    acquisition = Acquisition(traces, where, dt=INTERVAL, sound_speed=SPEED, aperture=APERTURE, weights=mask.weights)
+    return reconstruct(acquisition, ImageGrid(MODES, depth=SHOWN))
 
 
 def table(rows: list[Row]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +13,15 @@ from numpy.typing import NDArray
 from steradian.benchmarks.gpu_reference_libraries import cufinufft_row, patminton_row
 from steradian.benchmarks.speed_cases import INTERVAL, SPEED, YARN
 from steradian.core.progress import Progress
-from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, spectrum_of
+from steradian.imaging import (
+    AcquisitionGeometry,
+    Compute,
+    ImageGrid,
+    ReconstructionPlan,
+    Volume,
+    direct_spectrum,
+    spectrum_of,
+)
 from steradian.imaging.engines.cuda.backend import Backend, device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.imaging.operators import ForwardOperator
@@ -24,6 +33,7 @@ LIMIT, FASTER, FIT_SECONDS = 2.0, 15.0, 2.0
 may take."""
 _POINTS = 24  # of the spectrum, that are compared with direct sums
 _PROCESSORS = 2
+GPU, CPU = Compute(device="gpu"), Compute(device="cpu", threads=_PROCESSORS)
 
 
 def gpu(*, quick: bool = False, repeats: int = 20, only: str = "", progress: Progress | None = None) -> list[Row]:
@@ -118,18 +128,21 @@ def median(backend: Backend, work: Callable[[], object], repeats: int) -> float:
     return float(np.median(taken[2:]))
 
 
+def _geometry(
+    positions: NDArray[np.float64], samples: int, weights: NDArray[np.float64] | None = None
+) -> AcquisitionGeometry:
+    return AcquisitionGeometry(positions, samples, dt=INTERVAL, sound_speed=SPEED, aperture=YARN, weights=weights)
+
+
 def _traces(count: int, samples: int) -> NDArray[np.float32]:
     return np.random.default_rng(1).standard_normal((count, samples), dtype=np.float32)
 
 
 def _direct(backend: Backend, modes: int, samples: int, count: int, repeats: int, *, anywhere: bool = False) -> Row:
     positions, weights = sensors(count, anywhere=anywhere)
-    common: dict[str, Any] = {
-        "samples": samples, "sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": YARN, "modes": modes,
-        "weights": weights,
-    }  # fmt: skip
+    geometry, grid = _geometry(positions, samples, weights), ImageGrid(modes)
     traces = _traces(len(positions), samples)
-    plan = ReconstructionPlan(positions, device="gpu", **common)
+    plan = ReconstructionPlan(geometry, grid, compute=GPU)
     there, image = backend.array(traces), backend.array(np.zeros(plan.geometry.shape, np.float32))
     row: Row = {"sensors": len(positions), "shape": "×".join(map(str, plan.geometry.shape))}
     row["gpu_s"] = median(backend, lambda: _made(plan, there), repeats)
@@ -150,7 +163,7 @@ def _direct(backend: Backend, modes: int, samples: int, count: int, repeats: int
         weights=plan.geometry.weights,
     )  # fmt: skip
     row["error"] = float(np.linalg.norm(spectrum_of(found.values, j, l) - exact) / np.linalg.norm(exact))
-    here = ReconstructionPlan(positions, threads=_PROCESSORS, **common)
+    here = ReconstructionPlan(geometry, grid, compute=CPU)
     volume = here.run(traces)
     assert isinstance(volume, Volume)  # noqa: S101
     row["difference"] = _time_steps(found.values, volume.values)
@@ -180,14 +193,8 @@ def _some(plan: ReconstructionPlan) -> tuple[NDArray[np.int64], NDArray[np.int64
 def _model(backend: Backend, modes: int, samples: int, count: int, repeats: int, way: str) -> Row:
     """Time a product with the model, of a medium that repeats: its volume is the image's."""
     positions, _ = sensors(count)
-    common: dict[str, Any] = {
-        "samples": samples, "sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": YARN, "modes": modes,
-        "lateral_padding": 1.0,
-    }  # fmt: skip
-    there, here = (
-        ForwardOperator(positions, device="gpu", **common),
-        ForwardOperator(positions, threads=_PROCESSORS, **common),
-    )
+    geometry, grid = _geometry(positions, samples), ImageGrid(modes, lateral_padding=1.0)
+    there, here = (ForwardOperator(geometry, grid, compute=each) for each in (GPU, CPU))
     shape = there.volume_shape if way == "forward" else there.trace_shape
     given = np.random.default_rng(1).standard_normal(shape, dtype=np.float32)
     engine = there.engine
@@ -216,10 +223,7 @@ def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int
     """
     xp, fft = backend.xp, backend.fft
     positions, weights = sensors(count)
-    plan = ReconstructionPlan(
-        positions, samples=samples, sampling_interval=INTERVAL, sound_speed=SPEED, aperture=YARN, modes=modes,
-        weights=weights, device="gpu",
-    )  # fmt: skip
+    plan = ReconstructionPlan(_geometry(positions, samples, weights), ImageGrid(modes), compute=GPU)
     engine = plan.engine
     assert isinstance(engine, CudaEngine)  # noqa: S101
     there = backend.array(_traces(len(positions), samples))
@@ -242,31 +246,29 @@ def _fit(quick: bool) -> Row:
     """Fit the paper's yarn by thresholding, on either: time and correlation with the truth."""
     from steradian import phantoms, quality
     from steradian.benchmarks.paper.iterative_data import SMALL, Scenario
-    from steradian.imaging.iterative.solve import reconstruct_iteratively
+    from steradian.imaging import reconstruct
 
     scene = SMALL if quick else Scenario()
     mask = equi_steradian_mask(scene.aperture, scene.depth, 20 if quick else scene.points, weighting="analytic")
     balls, traces = scene.record(mask.positions, 0)
-    common = scene.common() | ({"modes": 6, "lateral_padding": 1.0} if quick else {})
+    acquisition, grid = scene.acquisition(traces, mask.positions), scene.grid
+    grid = replace(grid, modes=6, lateral_padding=1.0) if quick else grid
     row: Row = {"sensors": mask.count}
-    for name, device_ in (("fit", "gpu"), ("cpu", "cpu")):
+    for name, compute in (("fit", GPU), ("cpu", CPU)):
         taken = []
         for _ in range(1 if quick else 3):
             begin = time.perf_counter()
-            result = reconstruct_iteratively(
-                traces, mask.positions, options=scene.options, device=device_,  # type: ignore[arg-type]
-                threads=_PROCESSORS, **common,
-            )  # fmt: skip
+            volume = reconstruct(acquisition, grid, scene.options, compute=compute)
             taken.append(time.perf_counter() - begin)
             if name == "cpu":
                 break
-        axes = result.volume.axes
-        assert axes.y is not None  # noqa: S101
+        axes, info = volume.axes, volume.info
+        assert axes.y is not None and info is not None  # noqa: S101, PT018
         truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
         row[f"{name}_s"] = min(taken)
-        row[f"{name}_products"] = result.products
-        row[f"{name}_correlation"] = quality.correlation(result.volume.values, truth)
-        row["shape"] = "×".join(map(str, result.volume.values.shape))
+        row[f"{name}_products"] = info.products
+        row[f"{name}_correlation"] = quality.correlation(volume.values, truth)
+        row["shape"] = "×".join(map(str, volume.values.shape))
     row["faster"] = row["cpu_s"] / row["fit_s"]
     return row
 

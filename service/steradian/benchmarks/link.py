@@ -278,14 +278,13 @@ def _reconstructions(count: int) -> Iterator[None]:
 
 def _load() -> None:
     """Entry point of a load process: reconstruct until killed."""
-    from steradian.imaging import ReconstructionPlan
+    from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
 
     axis = (np.arange(41) - 20) * 300e-6
     positions = np.column_stack([grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij")])
     traces = np.random.default_rng(0).standard_normal((len(positions), 512)).astype(np.float32)
-    plan = ReconstructionPlan(
-        positions, samples=512, sampling_interval=8e-9, sound_speed=1500.0, aperture=12.3e-3, modes=123, threads=1
-    )
+    geometry = AcquisitionGeometry(positions, 512, dt=8e-9, sound_speed=1500.0, aperture=12.3e-3)
+    plan = ReconstructionPlan(geometry, ImageGrid(123), compute=Compute(device="cpu", threads=1))
     plan.run(traces)
     sys.stdout.write("busy\n")
     sys.stdout.flush()

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.speed_cases import INTERVAL, SPEED, YARN
 from steradian.core.progress import Progress
-from steradian.imaging import Volume
-from steradian.imaging._reconstruct import reconstruct_with
+from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.quality import above_threshold, correlation
 from steradian.reconstructions.live.follow import LiveReconstruction, Resolution, draw
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
+from steradian.reconstructions.pipeline.resolve import resolve_setup
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
@@ -141,9 +140,9 @@ def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
 def _from_scratch(scan: Path, view: LiveReconstruction, parameters: ReconstructionParameters) -> Volume:
     """Reconstruct all of a scan file at the view's resolution."""
     recording = read_scan(scan)
-    chosen = view.preview.parameters(to_imaging_parameters(recording, parameters))
+    geometry, grid, method, compute = view.preview.apply(resolve_setup(recording, parameters))
     traces = np.multiply(recording.traces, np.asarray(recording.scale)[:, None], dtype=np.float32)
-    return reconstruct_with(chosen, view.preview.decimate(traces), recording.positions)
+    return reconstruct(geometry.acquisition(view.preview.decimate(traces)), grid, method, compute=compute)
 
 
 def _distance(a: Volume, b: Volume) -> float:

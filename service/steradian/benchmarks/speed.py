@@ -12,11 +12,20 @@ from numpy.typing import NDArray
 from steradian.benchmarks.baselines import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
 from steradian.benchmarks.speed_cases import INTERVAL, SPEED, Case, speed_cases
 from steradian.core.progress import Progress
-from steradian.imaging import ReconstructionPlan, Volume, direct_spectrum, reconstruct
+from steradian.imaging import (
+    AcquisitionGeometry,
+    Compute,
+    ImageGrid,
+    ReconstructionPlan,
+    Volume,
+    direct_spectrum,
+    reconstruct,
+)
 from steradian.imaging.compute.thread_pool import available_threads
 
 Row: TypeAlias = dict[str, Any]
 _POINTS = 24  # of the spectrum, that are compared with direct sums
+CPU = Compute(device="cpu")
 
 
 def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = None) -> list[Row]:
@@ -74,19 +83,21 @@ class _Timed:
     def __init__(self, case: Case) -> None:
         self.case = case
         self.positions, weights = case.positions()
-        self.options: dict[str, Any] = {
-            "sampling_interval": INTERVAL,
-            "sound_speed": SPEED,
-            "aperture": case.aperture,
-            "modes": case.modes,
-            "weights": weights,
-            **dict(case.options),
-        }
+        self.grid = ImageGrid(case.modes, depth=case.depth)
+        geometry = AcquisitionGeometry(
+            self.positions,
+            case.samples,
+            dt=INTERVAL,
+            sound_speed=SPEED,
+            aperture=case.aperture,
+            weights=weights,
+        )
         begin = time.perf_counter()
-        self.plan = ReconstructionPlan(self.positions, samples=case.samples, **self.options)
+        self.plan = ReconstructionPlan(geometry, self.grid, case.method, compute=CPU)
         self.planned = time.perf_counter() - begin
         shape = len(self.positions), case.samples
         self.traces = np.random.default_rng(1).standard_normal(shape, dtype=np.float32)
+        self.acquisition = geometry.acquisition(self.traces)
         self.runs: list[Timing] = []
         self.calls: list[Timing] = []
         self.stages: list[dict[str, float]] = []
@@ -95,7 +106,7 @@ class _Timed:
         """Time a run, and a call with everything."""
         clock = _Stages()
         self.runs.append(timed(lambda: self.plan.run(self.traces, progress=clock)))
-        self.calls.append(timed(lambda: reconstruct(self.traces, self.positions, **self.options)))
+        self.calls.append(timed(lambda: reconstruct(self.acquisition, self.grid, self.case.method, compute=CPU)))
         self.stages.append(clock.seconds())
 
 

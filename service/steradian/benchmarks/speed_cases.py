@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.imaging import DirectMethod, LinearKappa, Nufft
 from steradian.masks import equi_steradian_mask
 
 YARN = 13.56e-3  # m, side of the paper's yarn scan: 226 × 60 µm
@@ -31,8 +32,10 @@ class Case:
         Of the reconstruction.
     aperture
         In metres.
-    options
-        Further parameters of the plan.
+    method
+        Direct method.
+    depth
+        First and last depth in metres; None: all of the record.
     limit, one_shot_limit
         Ratios to the yardstick, of a run and of a call with its plan, that must not be exceeded; None: for information.
     part_limit
@@ -45,7 +48,8 @@ class Case:
     modes: int
     samples: int = 1024
     aperture: float = YARN
-    options: tuple[tuple[str, Any], ...] = ()
+    method: DirectMethod = Nufft()
+    depth: tuple[float, float] | None = None
     limit: float | None = None
     one_shot_limit: float | None = None
     part_limit: float | None = None
@@ -68,16 +72,15 @@ class Case:
 
 def speed_cases(*, quick: bool = False) -> list[Case]:
     """Return the settings of the speed benchmark; ``quick`` takes a sixty-fourth of the volume of each."""
-    linear = (("method", "linear"),)
-    below, depths = (("highest_frequency", 20e6),), (("depth_range", (1e-3, 4e-3)),)
+    below, depth = Nufft(max_frequency=20e6), (1e-3, 4e-3)
     full = [
         Case("yarn, equi-steradian", "equi-steradian", 1600, 226, limit=0.55, one_shot_limit=0.75),
         Case("yarn, equi-steradian, a record of 1,021", "equi-steradian", 1600, 226, samples=1021, part_limit=1.3),
-        Case("yarn, equi-steradian, below 20 MHz", "equi-steradian", 1600, 226, options=below, part_limit=0.45),
-        Case("yarn, equi-steradian, depths 1 to 4 mm", "equi-steradian", 1600, 226, options=depths),
+        Case("yarn, equi-steradian, below 20 MHz", "equi-steradian", 1600, 226, method=below, part_limit=0.45),
+        Case("yarn, equi-steradian, depths 1 to 4 mm", "equi-steradian", 1600, 226, depth=depth),
         Case("yarn, as many anywhere", "anywhere", 51076, 226, limit=0.9),
         Case("yarn, all on the grid", "grid", 226, 226, limit=0.7),
-        Case("yarn, all on the grid, linear", "grid", 226, 226, options=linear),
+        Case("yarn, all on the grid, linear", "grid", 226, 226, method=LinearKappa()),
         Case("sizes without large factors", "equi-steradian", 1600, 256, limit=0.55, one_shot_limit=0.75),
         Case("line, 1024 sensors", "line", 1024, 1024),
         Case("line, 256 sensors anywhere", "line-anywhere", 256, 1024),
@@ -91,9 +94,7 @@ def speed_cases(*, quick: bool = False) -> list[Case]:
     for case in full:
         count = case.count // 4 if case.sensors in ("grid", "line") else case.count // 16
         count = max(count, 100) if case.sensors == "equi-steradian" else count
-        options = tuple(
-            (name, (value[0] / 4, value[1] / 4)) if name == "depth_range" else (name, value)
-            for name, value in case.options
-        )
-        small.append(Case(case.name, case.sensors, count, case.modes // 4, case.samples // 4, case.aperture, options))
+        part = None if case.depth is None else (case.depth[0] / 4, case.depth[1] / 4)
+        modes, samples = case.modes // 4, case.samples // 4
+        small.append(Case(case.name, case.sensors, count, modes, samples, case.aperture, case.method, part))
     return small

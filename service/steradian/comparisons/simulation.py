@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging import Iterative, Volume, reconstruct
+from steradian.imaging import (
+    Acquisition,
+    AcquisitionGeometry,
+    Compute,
+    ImageGrid,
+    Iterative,
+    Nufft,
+    Volume,
+    reconstruct,
+)
 from steradian.masks import Mask
 from steradian.phantoms import Balls, add_noise, pressure, rasterise
 from steradian.quality import correlation, disc
@@ -20,6 +29,7 @@ from steradian.quality import correlation, disc
 Method = Literal["direct", "iterative"]
 METHODS: tuple[Method, ...] = ("direct", "iterative")
 VOXEL = 60e-6
+CPU = Compute(device="cpu")
 MARGIN = 3.0
 """Depths are reconstructed so many s beyond the object's outermost balls."""
 
@@ -132,17 +142,20 @@ class Simulation:
         for method in METHODS if self.iterations else METHODS[:1]:
             if cancelled and cancelled():
                 raise Cancelled("the comparison was stopped")
-            image = reconstruct(
+            acquisition = Acquisition(
                 traces,
                 mask.positions,
-                sampling_interval=self.dt,
+                dt=self.dt,
                 sound_speed=self.sound_speed,
                 aperture=mask.aperture,
-                modes=modes,
-                weights=None if method == "iterative" else mask.weights,
-                depth_range=self.depths,
-                method="iterative" if method == "iterative" else "nedner",
-                iterative=Iterative(iterations=self.iterations) if method == "iterative" else None,
+                weights=mask.weights,
+            )
+            chosen = Iterative(iterations=self.iterations) if method == "iterative" else Nufft()
+            image = reconstruct(
+                acquisition,
+                ImageGrid(modes, depth=self.depths),
+                chosen,
+                compute=CPU,
                 progress=_named(progress, method),
                 cancelled=cancelled,
             )
@@ -181,16 +194,10 @@ class Simulation:
         if isinstance(self.thing, Volume):
             from steradian.imaging.operators import ForwardOperator
 
-            model = ForwardOperator(
-                mask.positions,
-                samples=samples,
-                aperture=mask.aperture,
-                modes=modes,
-                depth_range=self.depths,
-                lateral_padding=2.0,
-                sampling_interval=self.dt,
-                sound_speed=self.sound_speed,
+            geometry = AcquisitionGeometry(
+                mask.positions, samples, dt=self.dt, sound_speed=self.sound_speed, aperture=mask.aperture
             )
+            model = ForwardOperator(geometry, ImageGrid(modes, depth=self.depths, lateral_padding=2.0), compute=CPU)
             clean = np.asarray(model.forward(np.asarray(self.thing.values, np.float32), cancelled=cancelled))
         else:
             clean = pressure(

@@ -47,6 +47,20 @@ class QuantityRange:
             raise InvalidInput(field, value, str(self))
         return number
 
+    def check_integer(self, field: str, value: object) -> int:
+        """Return ``value`` as a whole number, given as an integer or a float.
+
+        Raises
+        ------
+        InvalidInput
+            If it is not a whole number, or out of range.
+        """
+        allowed = f"a whole number from {self.low:,.0f} to {self.high:,.0f}"
+        number = as_finite_float(field, value, allowed)
+        if number != int(number) or number not in self:
+            raise InvalidInput(field, value, allowed)
+        return int(number)
+
 
 LENGTH = QuantityRange(0, 1, "m", above=True)
 """Sides of apertures, distances between sensors, depths of points of interest."""
@@ -54,6 +68,21 @@ SAMPLING_INTERVAL = QuantityRange(1e-10, 1e-5, "s")
 SOUND_SPEED = QuantityRange(300, 6000, "m/s")
 TIME_ZERO = QuantityRange(-5e-4, 5e-4, "s")
 """From the laser pulse to the first sample: sound from three quarters of a metre of water needs no longer."""
+
+
+TOLERANCE = QuantityRange(1e-12, 0.1, "relative")
+"""Relative l2 error of the transforms."""
+MODES = QuantityRange(2, 4096, "modes")
+"""Lateral modes per axis."""
+UPSAMPLING = QuantityRange(1, 16, "times")
+"""Image points per mode."""
+PADDING = QuantityRange(1, 16, "times")
+"""Factors by which record and aperture are extended with zeros."""
+GAIN = QuantityRange(1, 10_000, "times")
+"""Largest amplification of a film correction."""
+SAMPLES = QuantityRange(4, 1 << 24, "samples")
+"""Samples of an A-line that a reconstruction takes."""
+THREADS = QuantityRange(1, 1024, "threads")
 
 
 def as_finite_float(field: str, value: Any, allowed: str) -> float:

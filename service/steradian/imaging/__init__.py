@@ -1,26 +1,51 @@
 """Planar photoacoustic Fourier reconstruction from arbitrary sensor positions.
 
-Traces (M, N_t) and positions (M, 2) in; a :class:`Volume` indexed [x, y, z] out. Numba is imported by the first run.
+An :class:`Acquisition` (A-lines (M, N_t), sensors (M, 2), timing), an :class:`ImageGrid` and a method give a
+:class:`Volume` indexed [x, y, z]. Numba is imported by the first run.
 """
 
-from steradian.imaging._reconstruct import reconstruct
+from steradian.imaging._reconstruct import Method, reconstruct
+from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
 from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter, MeasuredFilm
 from steradian.imaging.geometry.sensor_areas import voronoi_weights
-from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.iterative_options import Iterative, IterativeOptions
+from steradian.imaging.options import (
+    Compute,
+    DirectMethod,
+    Gridded,
+    ImageGrid,
+    LinearKappa,
+    NearestKappa,
+    Ner,
+    Nufft,
+)
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.reference import direct_spectrum, spectrum_of
 from steradian.imaging.signal.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.transforms.windows import Window, kaiser_bessel
-from steradian.imaging.volume import Volume, VoxelAxes
+from steradian.imaging.volume import ReconstructionInfo, Volume, VoxelAxes
 
 __all__ = [
+    "Acquisition",
+    "AcquisitionGeometry",
+    "Compute",
     "Conditioning",
+    "DirectMethod",
     "Display",
     "ElasticFilm",
     "FilmResponse",
+    "Gridded",
+    "ImageGrid",
     "InverseFilter",
     "Iterative",
+    "IterativeOptions",
+    "LinearKappa",
     "MeasuredFilm",
+    "Method",
+    "NearestKappa",
+    "Ner",
+    "Nufft",
+    "ReconstructionInfo",
     "ReconstructionPlan",
     "Volume",
     "VoxelAxes",

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
+from steradian.core.units import GAIN
 
 ComplexArray = NDArray[np.complex128]
 RealTable = NDArray[np.float64]
@@ -193,15 +194,14 @@ class InverseFilter:
     response
         Of the film.
     max_gain
-        Largest amplification, from 1.
+        Largest amplification, from 1 to 10,000.
     """
 
     response: FilmResponse
     max_gain: float = MAX_GAIN
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.max_gain) and self.max_gain >= 1):
-            raise InvalidInput("max_gain", self.max_gain, "a factor from 1")
+        object.__setattr__(self, "max_gain", GAIN.check("max_gain", self.max_gain))
 
     def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
         """As :meth:`FilmResponse.evaluate`, of the filter."""

@@ -152,7 +152,7 @@ class IncrementalReconstruction:
         plan, watch = self.plan, ProgressMonitor(progress, cancelled)
         values = plan.engine.to_image(plan.engine.to_depth(self._sum, watch, kept=True), watch)
         values *= values.dtype.type(1.0 / part_of_sum)
-        return Volume(values, plan.geometry.axes(), plan.geometry.spacing, plan.geometry.sound_speed)
+        return plan.as_volume(values)
 
     def _wanted(self) -> NDArray[np.float64]:
         """Factors of h, (M,), for the sensors so far."""

@@ -1,25 +1,28 @@
-"""Options of iterative reconstruction: regularisation and stopping rules."""
+"""Iterative method: regularisation, stopping rules and the model's tolerance."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from steradian.core.exceptions import InvalidInput
+from steradian.core.units import TOLERANCE
+from steradian.imaging.film_response import MAX_GAIN, InverseFilter
+from steradian.imaging.options import check_correction
 
 Regularisation: TypeAlias = Literal["thresholding", "total-variation", "sparsity", "tikhonov", "none"]
 
 
 @dataclass(frozen=True, slots=True)
-class Iterative:
+class IterativeOptions:
     """Options of the iterative method: regularisation and stopping rules.
 
     Parameters
     ----------
     regularisation
-        "thresholding" (:mod:`.thresholding`), several times faster than the others and nearer to objects that leave
+        "thresholding" (:mod:`.iterative.ista`), several times faster than the others and nearer to objects that leave
         most voxels empty; "total-variation", a little nearer to smooth ones that fill the volume; "sparsity" (sum of
         absolute values), "tikhonov" (½ sum of squares) or "none".
     strength
@@ -77,3 +80,41 @@ class Iterative:
         return {"total-variation": 0.01, "sparsity": 0.02, "tikhonov": 0.1, "none": 0.0, "thresholding": 3.0}[
             self.regularisation
         ]
+
+
+@dataclass(frozen=True, slots=True)
+class Iterative(IterativeOptions):
+    """Iterative reconstruction: the image that fits the A-lines best among those that a regulariser prefers.
+
+    Weights play no part. Sound from outside ``ImageGrid.depth`` is not in the model, so the range must contain all
+    sources. Algorithm: :mod:`steradian.imaging.iterative.solve`.
+
+    Parameters
+    ----------
+    regularisation, strength, non_negative, iterations, change, discrepancy, noise, highest_frequency, refits
+        As in :class:`IterativeOptions`.
+    tolerance
+        Relative error of the forward model against its direct sums.
+    correction
+        The film's response, which the model contains; ``max_gain`` plays no part and must be the default. None: an
+        ideal sensor.
+
+    Raises
+    ------
+    InvalidInput
+        If a value is out of range.
+    """
+
+    name: ClassVar[str] = "iterative"
+    """Name of the method in reports, files and the HTTP API."""
+
+    tolerance: float = 1e-4
+    correction: InverseFilter | None = None
+
+    def __post_init__(self) -> None:
+        IterativeOptions.__post_init__(self)
+        object.__setattr__(self, "tolerance", TOLERANCE.check("tolerance", self.tolerance))
+        check_correction(self.correction)
+        if self.correction is not None and self.correction.max_gain != MAX_GAIN:
+            allowed = f"{MAX_GAIN:g} with the method iterative, which uses no other"
+            raise InvalidInput("correction.max_gain", self.correction.max_gain, allowed)

@@ -2,53 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal, Self, get_args
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
+from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor, run_inverse
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
-from steradian.imaging.film_response import InverseFilter
-from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, geometry
-from steradian.imaging.parameters import Device, DirectMethod, Method, Parameters
-from steradian.imaging.tables import TransformTables, inverse_tables
-from steradian.imaging.transforms.windows import Shape, Window
-from steradian.imaging.validation import Sensors
-from steradian.imaging.volume import Volume
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
+from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, require_direct
+from steradian.imaging.tables import inverse_tables
+from steradian.imaging.volume import ReconstructionInfo, Volume
 
 
 class ReconstructionPlan:
-    """Everything that depends on the sensors' geometry alone; :meth:`run` reconstructs traces with it.
+    """Precomputed tables of a direct reconstruction for one geometry; :meth:`run` applies them to A-lines.
 
-    Parameters as in :func:`steradian.imaging._reconstruct`, and ``samples``, the number of samples N_t of a trace.
+    Parameters
+    ----------
+    geometry
+        Sensors and timing.
+    grid
+        Voxels of the image.
+    method
+        Direct method; its ``max_frequency`` is a number or None, because a plan has no A-lines to find the signal in.
+    compute
+        Execution options.
 
     Attributes
     ----------
-    parameters
-        What was chosen.
-    tables, chosen, engine
-        What is computed, which engine was chosen for it, and that (:mod:`steradian.imaging.engines`).
-    geometry
-        The checked geometry, with ``shape``, ``spacing`` and ``axes()`` of the image to come.
-    method
-        As asked for, or "ner" where the sensors were found on a grid.
-    dtype
-        Working precision.
-    threads
-        Threads a run uses (fewer than asked for if their scratch space would exceed half of the image).
-    output_bytes, memory_bytes
-        Size of the image, and bound of what a run of one set of traces allocates, image included, traces not. (Traces
-        that are not C-contiguous, or of an integer type other than int16 and int32, are copied first.)
+    acquisition, grid, options, compute
+        The arguments.
+    tables, chosen
+        Tables and engine selection (:mod:`steradian.imaging.engines`).
 
     Raises
     ------
@@ -58,62 +53,33 @@ class ReconstructionPlan:
 
     def __init__(
         self,
-        positions: ArrayLike | Sensors,
+        geometry: AcquisitionGeometry,
+        grid: ImageGrid,
+        method: DirectMethod = Nufft(),
         *,
-        samples: int,
-        sampling_interval: float,
-        sound_speed: float,
-        aperture: float | Sequence[float] | None = None,
-        modes: int | Sequence[int],
-        weights: ArrayLike | Literal["voronoi"] | None = None,
-        upsampling: int = 1,
-        depth_range: tuple[float, float] | None = None,
-        method: DirectMethod = "nedner",
-        tolerance: float = 1e-4,
-        window: Shape | Window = "kaiser-bessel",
-        time_zero: float = 0.0,
-        time_padding: float = 1.0,
-        lateral_padding: float = 1.0,
-        wrap: bool = False,
-        highest_frequency: float | None = None,
-        depth_step: float | None = None,
-        correction: InverseFilter | None = None,
-        dtype: DTypeLike | None = None,
-        memory_limit: int | None = None,
-        threads: int | None = None,
-        device: Device = "cpu",
-        device_memory: int | None = None,
+        compute: Compute = Compute(),
     ) -> None:
-        self.parameters = Parameters(
-            sampling_interval=sampling_interval, sound_speed=sound_speed, aperture=aperture, modes=modes,
-            weights=weights, upsampling=upsampling, depth_range=depth_range, method=method, tolerance=tolerance,
-            window=window, time_zero=time_zero, time_padding=time_padding, lateral_padding=lateral_padding, wrap=wrap,
-            highest_frequency=highest_frequency, depth_step=depth_step, correction=correction, dtype=dtype,
-            memory_limit=memory_limit, threads=threads, device=device, device_memory=device_memory,
-        )  # fmt: skip
-        self.tables, self.chosen = _build(positions, samples, self.parameters)
-
-    @classmethod
-    def from_parameters(cls, positions: ArrayLike | Sensors, samples: int, parameters: Parameters) -> Self:
-        """Create a plan from parameters as one value."""
-        plan = cls.__new__(cls)
-        plan.parameters = parameters
-        plan.tables, plan.chosen = _build(positions, samples, parameters)
-        return plan
+        require_direct(method, "; Iterative is for reconstruct()")
+        self.acquisition, self.grid, self.options, self.compute = geometry, grid, method, compute
+        dtype = compute.precision(method.tolerance)
+        shape = resolve_geometry(geometry, grid, method.max_frequency)
+        memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
+        self.tables = inverse_tables(shape, method, dtype)
+        self.chosen = EngineSelector(self.tables, compute)
 
     @property
     def engine(self) -> AnyEngine:
-        """Name of the engine in use."""
+        """Engine in use."""
         return self.chosen.engine
 
     @property
     def geometry(self) -> ReconstructionGeometry:
-        """The checked geometry."""
+        """Validated geometry, with ``shape``, ``spacing`` and ``axes()`` of the image to come."""
         return self.tables.geometry
 
     @property
-    def method(self) -> Method:
-        """The method used."""
+    def method(self) -> str:
+        """Name of the method used: "ner" instead of "nedner" if the sensors are on a grid."""
         return self.tables.method
 
     @property
@@ -123,17 +89,21 @@ class ReconstructionPlan:
 
     @property
     def threads(self) -> int:
-        """Threads a run uses."""
+        """Threads of a run; fewer than requested if their scratch space would exceed half of the image."""
         return self.engine.room.threads
 
     @property
     def output_bytes(self) -> int:
-        """Size of the image."""
+        """Size of the image in bytes."""
         return self.engine.room.output_bytes
 
     @property
     def memory_bytes(self) -> int:
-        """Upper bound of the memory that a run allocates."""
+        """Upper bound of the memory in bytes that a run of one set of A-lines allocates, image included.
+
+        Traces are not included. Those that are not C-contiguous, or of an integer type other than int16 and int32, are
+        copied first.
+        """
         return self.engine.room.memory_bytes
 
     def run(
@@ -181,14 +151,18 @@ class ReconstructionPlan:
         scale = as_finite_float("scale", scale, "a finite factor")
         images = len(data) if data.ndim == 3 else 1
         needed = self.memory_bytes + max(0, images - 1) * self.engine.room.kept_bytes
-        memory.check_memory(needed, self.parameters.memory_limit, g.shape, images)
+        memory.check_memory(needed, self.compute.memory_limit, g.shape, images)
         watch = ProgressMonitor(progress, cancelled)
         if data.ndim == 3:
             return [self._one(frame, scale, watch, is_gpu_array(traces)) for frame in data]
         return self._one(data, scale, watch, is_gpu_array(traces))
 
+    def __call__(self, traces: ArrayLike) -> Volume | list[Volume]:
+        """Reconstruct as :meth:`run` with its defaults."""
+        return self.run(traces)
+
     def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
-        """Return A-lines (K, N_t) with the samples that the engine takes: fewer where ``highest_frequency`` allows.
+        """Return A-lines (K, N_t) with the samples that the engine takes: fewer if ``max_frequency`` allows.
 
         Raises
         ------
@@ -213,13 +187,13 @@ class ReconstructionPlan:
                 traces = traces.astype(np.int32 if small else np.float64)
             return run_inverse(engine, traces, watch, scale=scale)
 
-        g = self.geometry
-        return Volume(self.chosen.run_with_fallback(work, keep=keep), g.axes(), g.spacing, g.sound_speed)
+        values = self.chosen.run_with_fallback(work, keep=keep)
+        return self.as_volume(values)
 
-
-def _build(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> tuple[TransformTables, EngineSelector]:
-    checks.check_choice("method", chosen.method, get_args(DirectMethod), "; iterative is for reconstruct()")
-    found = geometry(positions, samples, chosen)
-    memory.check_memory(min_bytes(found, chosen.precision), chosen.memory_limit, found.shape)
-    tables = inverse_tables(found, chosen)
-    return tables, EngineSelector(tables, chosen)
+    def as_volume(self, values: Any) -> Volume:
+        """Return an image [x, (y,) z] of this plan with its coordinates and the record of its computation."""
+        g, used = self.geometry, self.chosen
+        info = ReconstructionInfo(
+            self.method, used.device, tuple(used.notes), g.highest_frequency, memory_bytes=self.memory_bytes
+        )
+        return Volume(values, g.axes(), g.spacing, g.sound_speed, info)

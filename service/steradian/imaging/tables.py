@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.film_response import FilmResponse, tabulate
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
-from steradian.imaging.parameters import Method, Parameters, Precision
+from steradian.imaging.options import DirectMethod, Precision
 from steradian.imaging.transforms.decimation import Decimation, plan_decimation
 from steradian.imaging.transforms.grid_sizes import lateral_grid
 from steradian.imaging.transforms.lateral import LateralTransform, detect_grid, linearly_gridded, non_uniform, on_grid
@@ -25,6 +24,7 @@ from steradian.imaging.transforms.time_to_depth import (
     nearest_or_linear,
     window_interpolation,
 )
+from steradian.imaging.transforms.windows import Shape, Window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class TransformTables:
     geometry
         Sensors, image and times.
     method
-        As asked for, or "ner" where the sensors were found on a grid.
+        Name of the method used: "ner" instead of "nedner" if the sensors are on a grid.
     dtype
         Working precision.
     lateral
@@ -50,7 +50,7 @@ class TransformTables:
     """
 
     geometry: ReconstructionGeometry
-    method: Method
+    method: str
     dtype: Precision
     lateral: LateralTransform
     time: TimeInterpolation
@@ -77,15 +77,24 @@ class TransformTables:
         return (pairs[0], pairs[1]) if len(pairs) == 2 else ((0, 1), pairs[0])
 
 
-def inverse_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> TransformTables:
+def inverse_tables(geometry: ReconstructionGeometry, options: DirectMethod, dtype: Precision) -> TransformTables:
     """Tables of the inversion (paper, equation 7).
+
+    Parameters
+    ----------
+    geometry
+        Sensors, image and times.
+    options
+        Direct method.
+    dtype
+        Working precision.
 
     Raises
     ------
     InvalidInput
         If the method is "ner" and the sensors are on no grid.
     """
-    method, tolerance, window = chosen.method, chosen.tolerance, chosen.window
+    method, tolerance, window = options.name, options.tolerance, options.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
     grid = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry))
@@ -109,17 +118,25 @@ def inverse_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> Tran
         if fewer is not None:
             samples, record = fewer.samples, geometry.record / fewer.every
         time = window_interpolation(samples, record, window, share, 0.05 * tolerance)
-    used: Method = "ner" if method == "nedner" and grid is not None else method
-    rule = _kappa_map(geometry, time, geometry.band, "rising", chosen.correction, fewer)
-    return TransformTables(geometry, used, chosen.precision, lateral, time, rule, fewer)
+    used = "ner" if method == "nedner" and grid is not None else method
+    rule = _kappa_map(geometry, time, geometry.band, "rising", options.correction, fewer)
+    return TransformTables(geometry, used, dtype, lateral, time, rule, fewer)
 
 
-def forward_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> TransformTables:
+def forward_tables(
+    geometry: ReconstructionGeometry,
+    dtype: Precision,
+    *,
+    tolerance: float,
+    window: Shape | Window,
+    max_frequency: float | None,
+    response: FilmResponse | None,
+) -> TransformTables:
     """Tables of the wave equation's solution and its transpose (:mod:`steradian.imaging.operators`).
 
-    Sensors' weights play no part, and the lateral spectrum is never one that repeats.
+    Sensors' weights play no part, and the lateral spectrum is never one that repeats. Parameters as in
+    :class:`steradian.ForwardOperator`.
     """
-    tolerance, window = chosen.tolerance, chosen.window
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
     grid, ones = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
     if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
@@ -129,12 +146,10 @@ def forward_tables(geometry: ReconstructionGeometry, chosen: Parameters) -> Tran
         lateral = non_uniform(places, ones, modes, found, sizes)
     time = window_interpolation(geometry.samples, geometry.record, window, share, 0.05 * tolerance)
     band = 0.5 * geometry.record
-    if chosen.highest_frequency is not None:
-        allowed = 'a frequency above 0 Hz, or None; "signal" is for reconstruct()'
-        highest = as_finite_float("highest_frequency", chosen.highest_frequency, allowed)
-        band = min(band, highest * geometry.sampling_interval * geometry.record)
-    rule = _kappa_map(geometry, time, band, "both", chosen.correction and _Conjugated(chosen.correction.response))
-    return TransformTables(geometry, "nedner", chosen.precision, lateral, time, rule)
+    if max_frequency is not None:
+        band = min(band, max_frequency * geometry.sampling_interval * geometry.record)
+    rule = _kappa_map(geometry, time, band, "both", None if response is None else _Conjugated(response))
+    return TransformTables(geometry, "nedner", dtype, lateral, time, rule)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH, as_finite_float
+from steradian.core.units import LENGTH, THREADS, as_finite_float
 from steradian.imaging.compute import thread_pool as workers
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -21,7 +21,6 @@ ROUNDING = 2.0**-23
 """Relative rounding of positions that once were float32; sensors that far beyond the aperture are on its edge."""
 MAX_EXPONENT = {"float32": 80, "float64": 960}
 """Exponent of two from which sums of so large samples may overflow."""
-MAX_SAMPLES, MAX_THREADS = 1 << 24, 1024
 MIN_APERTURE = 1e-6
 """Metres: far below the wavelength of any sound that a film hears."""
 MIN_AREA_RATIO, MAX_AREA_RATIO = 1e-7, 4.0
@@ -70,15 +69,6 @@ def check_integer(field: str, value: object, low: int, high: int | None = None) 
     return int(number)
 
 
-def check_range(field: str, value: object, low: float, high: float, what: str) -> float:
-    """Return a number if it lies from ``low`` to ``high``; ``what`` is its name in the error."""
-    allowed = f"{what} from {low:g} to {high:g}"
-    number = as_finite_float(field, value, allowed)
-    if not low <= number <= high:
-        raise InvalidInput(field, value, allowed)
-    return number
-
-
 def check_choice(field: str, value: object, allowed: Iterable[str], more: str = "") -> None:
     """Refuse anything but one of the names."""
     names = tuple(allowed)
@@ -96,14 +86,22 @@ def per_axis(field: str, value: Any, count: int) -> tuple[object, ...]:
     return values
 
 
-def depths(depth_range: Any, end: float) -> tuple[float, float]:
+def depth_pair(depth: Any, allowed: str = "two depths in metres, rising, from 0") -> tuple[float, float]:
+    """Return first and last depth in metres, two rising numbers."""
+    if np.shape(depth) != (2,):
+        raise InvalidInput("depth", depth, allowed)
+    low, high = (as_finite_float("depth", each, allowed) for each in depth)
+    if low > high:
+        raise InvalidInput("depth", depth, allowed)
+    return low, high
+
+
+def depths(depth: tuple[float, float], end: float) -> tuple[float, float]:
     """Return first and last depth in metres, two rising numbers from 0 to ``end``."""
     allowed = f"two depths in metres, rising, within 0 … {end:.6g}"
-    if np.shape(depth_range) != (2,):
-        raise InvalidInput("depth_range", depth_range, allowed)
-    low, high = (as_finite_float("depth_range", depth, allowed) for depth in depth_range)
+    low, high = depth_pair(depth, allowed)
     if not -1e-9 * end <= low <= high <= end * (1 + 1e-9):
-        raise InvalidInput("depth_range", depth_range, allowed)
+        raise InvalidInput("depth", depth, allowed)
     return low, high
 
 
@@ -115,10 +113,8 @@ def apertures(value: object, axes: int) -> tuple[float, ...]:
     return sides
 
 
-def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:
-    """Return the working precision: the requested one, or the one that the tolerance requires."""
-    if dtype is None:
-        return "float32" if tolerance >= MIN_FLOAT32_TOLERANCE else "float64"
+def precision_name(dtype: DTypeLike) -> Literal["float32", "float64"]:
+    """Return the name of a working precision."""
     try:
         name = np.dtype(dtype).name
     except TypeError:
@@ -127,30 +123,38 @@ def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["flo
         return "float64"
     if name != "float32":
         raise InvalidInput("dtype", dtype, "float32, float64 or None")
-    if tolerance < MIN_FLOAT32_TOLERANCE:
-        raise InvalidInput("dtype", name, f"float64 or None for a tolerance below {MIN_FLOAT32_TOLERANCE:g}")
     return "float32"
+
+
+def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["float32", "float64"]:
+    """Return the working precision: the requested one, or the one that the tolerance requires."""
+    if dtype is None:
+        return "float32" if tolerance >= MIN_FLOAT32_TOLERANCE else "float64"
+    name = precision_name(dtype)
+    if name == "float32" and tolerance < MIN_FLOAT32_TOLERANCE:
+        raise InvalidInput("dtype", name, f"float64 or None for a tolerance below {MIN_FLOAT32_TOLERANCE:g}")
+    return name
 
 
 def thread_count(threads: object) -> int:
     """Return how many threads to use at most."""
-    return workers.available_threads() if threads is None else check_integer("threads", threads, 1, MAX_THREADS)
+    return workers.available_threads() if threads is None else THREADS.check_integer("threads", threads)
 
 
 def check_positions(positions: ArrayLike) -> Floats:
     """Return positions (M, d−1) in metres, finite and no further from the middle than an aperture reaches."""
-    x = as_float64("positions", positions, "shape (M, 2), or (M,) in 2-D, in metres; M ≥ 1")
+    x = as_float64("sensors", positions, "shape (M, 2), or (M,) in 2-D, in metres; M ≥ 1")
     shape = x.shape
     x = x[:, None] if x.ndim == 1 else x
     if x.ndim != 2 or x.shape[1] not in (1, 2) or len(x) == 0:
-        raise InvalidInput("positions", f"an array of shape {shape}", "shape (M, 2), or (M,) in 2-D; M ≥ 1")
+        raise InvalidInput("sensors", f"an array of shape {shape}", "shape (M, 2), or (M,) in 2-D; M ≥ 1")
     bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
     if bad.size:
-        raise InvalidInput("positions", f"not finite at sensor {bad[0]}", "finite numbers in metres")
+        raise InvalidInput("sensors", f"not finite at sensor {bad[0]}", "finite numbers in metres")
     worst = int(np.abs(x).max(axis=1).argmax())
     if np.abs(x[worst]).max() > LENGTH.high / 2:
         point = ", ".join(f"{value:g}" for value in x[worst])
-        raise InvalidInput(f"positions[{worst}]", f"({point})", f"±{LENGTH.high / 2:g} m about the middle, in metres")
+        raise InvalidInput(f"sensors[{worst}]", f"({point})", f"±{LENGTH.high / 2:g} m about the middle, in metres")
     return x
 
 

@@ -37,6 +37,47 @@ class VoxelAxes:
     z: NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class ReconstructionInfo:
+    """Record of a finished reconstruction: method, device, band and, for an iterative one, its convergence.
+
+    Parameters
+    ----------
+    method
+        Name of the method used: "nedner", "ner", "linear", "nearest", "interpolated" or "iterative".
+    device
+        "cpu", or the name of the GPU.
+    notes
+        Reasons why the device is not the requested one, or computed in pieces.
+    max_frequency
+        Upper end in Hz of the band that was used; None: the Nyquist frequency.
+    iterations
+        Iterations done; 0 for a direct method.
+    stop_reason
+        Criterion that ended the iterations: "discrepancy", "change", "misfit" (a step reduced it too little) or
+        "iterations"; "" for a direct method.
+    residuals
+        Misfit ‖A f − g‖/‖g‖ at the start of each iteration, and with thresholding at the end; () for a direct method.
+    products
+        Products with A and with Aᵀ, or direct reconstructions, in all: the unit of an iterative method's cost.
+    decimation
+        Samples of the traces that one sample of an iterative method's model represents.
+    memory_bytes
+        Upper bound of the memory that was allocated, image included.
+    """
+
+    method: str
+    device: str = "cpu"
+    notes: tuple[str, ...] = ()
+    max_frequency: float | None = None
+    iterations: int = 0
+    stop_reason: Literal["discrepancy", "change", "misfit", "iterations", ""] = ""
+    residuals: tuple[float, ...] = ()
+    products: int = 0
+    decimation: int = 1
+    memory_bytes: int = 0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Volume:
     """A reconstructed image of initial pressure.
@@ -51,12 +92,15 @@ class Volume:
         Voxel size in metres, one number an axis of ``values`` in the same order.
     sound_speed
         Speed of sound in m/s that it was reconstructed with; None where it was not reconstructed.
+    info
+        Method, device, band and convergence of the reconstruction; None for volumes from other sources, files included.
     """
 
     values: RealArray
     axes: VoxelAxes
     spacing: tuple[float, ...]
     sound_speed: float | None = None
+    info: ReconstructionInfo | None = None
 
     @property
     def dimensions(self) -> int:

@@ -123,20 +123,19 @@ def _image(
     sampling_interval: float,
 ) -> _Image:
     """Reconstruct ten widths around the ball and cut through it."""
-    from steradian.imaging import reconstruct
+    from steradian.imaging import Acquisition, Compute, ImageGrid, Nufft, reconstruct
 
     modes = max(16, min(MOST_MODES, round(3 * mask.aperture / width)))
-    volume = reconstruct(
+    acquisition = Acquisition(
         traces,
         mask.positions,
-        sampling_interval=sampling_interval,
+        dt=sampling_interval,
         sound_speed=sound_speed,
         aperture=mask.aperture,
-        modes=modes,
         weights=mask.weights,
-        depth_range=(max(0.0, point[2] - 10 * width), point[2] + 10 * width),
-        tolerance=1e-3,
     )
+    grid = ImageGrid(modes, depth=(max(0.0, point[2] - 10 * width), point[2] + 10 * width))
+    volume = reconstruct(acquisition, grid, Nufft(tolerance=1e-3), compute=Compute(device="cpu"))
     values = np.asarray(volume.values, dtype=np.float64)
     if not mask.is_line:
         values = values[:, int(np.abs(volume.coordinates("y") - point[1]).argmin())]

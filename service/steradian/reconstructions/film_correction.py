@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from steradian.core.units import GAIN
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.film_response import ElasticFilm, InverseFilter
 from steradian.masks.film_attenuation import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE
@@ -24,7 +25,7 @@ class Film(Value):
         "simulated: what the film of the simulated scanner took away, as the scan says, nothing where it was ideal",
     )
     max_gain: float = quantity_field(
-        "times", "Largest amplification of a wave, and of the noise", ge=1, le=1000, default=10
+        "times", "Largest amplification of a wave, and of the noise", **GAIN.limits, default=10
     )
     thickness: float = quantity_field("m", "Distance of the mirrors", gt=0, le=1e-3, default=38e-6)
     speeds: tuple[float, float] = Field(

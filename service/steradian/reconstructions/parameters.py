@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.schema_descriptions import Explained
-from steradian.core.units import SOUND_SPEED
+from steradian.core.units import LENGTH, MODES, PADDING, SOUND_SPEED, TOLERANCE, UPSAMPLING
 from steradian.core.validation import Value, quantity_field
-from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.iterative_options import IterativeOptions
 from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.film_correction import Film
 from steradian.reconstructions.shot_normalisation import ShotTreatment
@@ -39,11 +39,12 @@ class ReconstructionParameters(Value):
     modes: int | None = quantity_field(
         "modes",
         "Lateral modes per axis; none: voxels of 60 µm, or of an imported pitch below that or above 0.5 mm",
-        ge=2,
-        le=4096,
+        **MODES.limits,
         default=None,
     )
-    upsampling: int = quantity_field("times", "Sinc interpolation of the finished image", ge=1, le=8, default=1)
+    upsampling: int = quantity_field(
+        "times", "Sinc interpolation of the finished image", **UPSAMPLING.limits, default=1
+    )
     depth_range: tuple[float | None, float | None] | None = Field(
         default=None,
         description="First and last depth wanted, in metres; none: from 0, or where the record begins if that is later "
@@ -57,18 +58,17 @@ class ReconstructionParameters(Value):
     sound_speed: float | None = quantity_field(
         "m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits
     )
-    tolerance: float = quantity_field("relative", "l2 error of the transforms", ge=1e-9, le=1e-2, default=1e-4)
+    tolerance: float = quantity_field("relative", "l2 error of the transforms", **TOLERANCE.limits, default=1e-4)
     window: Literal["kaiser-bessel", "semicircle"] = Field(
         default="kaiser-bessel", description="Shape of the interpolation window"
     )
     time_padding: float = quantity_field(
-        "times", "Zeros after the record against wrap-around", ge=1, le=16, default=1.0
+        "times", "Zeros after the record against wrap-around", **PADDING.limits, default=1.0
     )
     lateral_padding: float | None = quantity_field(
         "times",
         "Zeros around the aperture against sources outside it; none: 1, and as much as it needs for iterative",
-        ge=1,
-        le=16,
+        **PADDING.limits,
         default=None,
     )
     highest_frequency: float | Literal["signal"] | None = Field(
@@ -80,16 +80,15 @@ class ReconstructionParameters(Value):
     depth_step: float | None = quantity_field(
         "m",
         "Distance of slices, at most; none: that of samples, with a highest frequency as far apart as it allows",
-        gt=0,
-        le=1,
+        **LENGTH.limits,
         default=None,
     )
     device: Literal["auto", "cpu", "gpu"] = Field(
         default="auto",
         description="auto: the worker's GPU, if it has one with memory enough; the result is the same",
     )
-    iterative: Annotated[Iterative, Explained(Iterative, highest_frequency="Hz")] = Field(
-        default=Iterative(), description="Regulariser and stopping rule of the method iterative"
+    iterative: Annotated[IterativeOptions, Explained(IterativeOptions, highest_frequency="Hz")] = Field(
+        default=IterativeOptions(), description="Regulariser and stopping rule of the method iterative"
     )
     film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
     shots: ShotTreatment = Field(default=ShotTreatment(), description="Shot normalisation")
@@ -110,7 +109,7 @@ class ReconstructionParameters(Value):
             raise InvalidInput("highest_frequency", highest, "none with the method iterative; iterative has one")
         if self.method == "iterative" and self.depth_step is not None:
             raise InvalidInput("depth_step", self.depth_step, "none with the method iterative")
-        if self.method != "iterative" and self.iterative != Iterative():
+        if self.method != "iterative" and self.iterative != IterativeOptions():
             raise InvalidInput("iterative", "given", f"nothing with the method {self.method}: of iterative alone")
         if self.depth_range is not None:
             first, last = self.depth_range

@@ -113,12 +113,13 @@ def warm_up_all(half: str = "") -> None:
     """Run each kernel of a scan's reconstruction once, in its precision; one half of the kernels first."""
     import numpy as np
 
-    from steradian.imaging import ReconstructionPlan
+    from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
     from steradian.imaging.engines.numba.engine import NumbaEngine
     from steradian.reconstructions.volumes.downsample import downsample
 
     positions = np.random.default_rng(0).uniform(-1e-3, 1e-3, (4, 2))  # on no grid
-    plan = ReconstructionPlan(positions, samples=40, sampling_interval=8e-9, sound_speed=1500.0, aperture=2e-3, modes=8)
+    geometry = AcquisitionGeometry(positions, 40, dt=8e-9, sound_speed=1500.0, aperture=2e-3)
+    plan = ReconstructionPlan(geometry, ImageGrid(8), compute=Compute(device="cpu"))
     engine = NumbaEngine(plan.tables, threads=1)
     over_time, over_depth = (np.zeros(size, np.float32) for size in (engine.room.source_size, engine.room.target_size))
     if half != SECOND_HALF:

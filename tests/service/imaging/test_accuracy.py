@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.imaging import Volume, direct_spectrum, kaiser_bessel, reconstruct, spectrum_of
+from steradian.imaging import Volume, direct_spectrum, kaiser_bessel, spectrum_of
+from support.flat import flat_reconstruct
 
 SPEED = 1500.0
 
@@ -52,7 +53,7 @@ def error(
     ahead = max(0, int(np.ceil(late)))
     if ahead:
         options["depth_range"] = (0.0, SPEED * interval * (samples + ahead - 1))
-    volume = reconstruct(traces, positions, **common, **options)
+    volume = flat_reconstruct(traces, positions, **common, **options)
     assert isinstance(volume, Volume)
     traces = np.pad(traces, ((0, 0), (ahead, 0)))
     samples, common["time_zero"] = samples + ahead, (late - ahead) * interval

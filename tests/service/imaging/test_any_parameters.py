@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Iterative, Window, reconstruct
+from steradian.imaging import Iterative, Window
+from support.flat import flat_reconstruct
 
 SIDE = st.floats(1e-4, 0.1)
 MODES = st.integers(2, 20)
@@ -62,7 +63,11 @@ FITTED = {  # narrower, for most of them to be fitted
     "aperture": st.floats(2e-3, 2e-2),
 }
 LEFT_OUT = ("method", "window", "time_padding", "highest_frequency", "depth_step", "dtype", "depth_range")
-KNOWN = {*NEEDED, *OPTIONAL, *FIT, "positions", "traces", "memory_limit", "width", "oversampling", "iterative"}
+LIBRARY = {"sampling_interval": "dt", "depth_range": "depth", "time_zero": "t0"}
+"""Names of parameters in the library, by those that tests have."""
+KNOWN = {LIBRARY.get(name, name) for name in (*NEEDED, *OPTIONAL, *FIT)} | {
+    "max_frequency", "sensors", "samples", "traces", "memory_limit", "width", "oversampling",
+}  # fmt: skip
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
@@ -90,7 +95,7 @@ def test_any_finite_parameters_are_refused_by_name_or_give_a_finite_image(
         if window is not None:
             shape, width, oversampling, beta = window
             options["window"] = Window(shape, width, oversampling, 1000 * beta)
-        image = reconstruct(traces, places * np.min(chosen["aperture"]), **options)
+        image = flat_reconstruct(traces, places * np.min(chosen["aperture"]), **options)
     except InvalidInput as error:
         refused = error.field.partition("[")[0]
     else:
@@ -115,7 +120,7 @@ def test_any_finite_parameters_of_a_fit_are_refused_by_name_or_give_a_finite_ima
     places = (random.random((6, 1 + seed % 2)) - 0.5) * np.min(chosen["aperture"])
     options = {"memory_limit": 1 << 25, "method": "iterative", **chosen, **odd}
     try:
-        image = reconstruct(random.standard_normal((6, 60)), places, iterative=Iterative(**fit), **options)
+        image = flat_reconstruct(random.standard_normal((6, 60)), places, iterative=Iterative(**fit), **options)
     except InvalidInput as error:
         refused = error.field.partition("[")[0]
     else:

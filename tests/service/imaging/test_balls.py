@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from steradian.imaging import reconstruct
+from support.flat import flat_reconstruct
 
 SPEED, INTERVAL, SIDE = 1500.0, 20e-9, 6.4e-3
 CENTRES = np.array([[0.0, 0.0, 1.2e-3], [1.1e-3, -0.5e-3, 1.5e-3], [-0.8e-3, 0.9e-3, 0.9e-3]])
@@ -41,7 +41,7 @@ def scattered(count: int) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["gridded", "scattered"])
 def test_balls_come_back_at_their_place_with_their_amplitude(kind: str) -> None:
     positions = lattice(64) if kind == "gridded" else scattered(64)
-    volume = reconstruct(
+    volume = flat_reconstruct(
         sound(positions, 160),
         positions,
         sampling_interval=INTERVAL,
@@ -68,9 +68,9 @@ def test_balls_come_back_at_their_place_with_their_amplitude(kind: str) -> None:
 def test_a_delayed_recording_gives_the_same_image_with_its_time_zero() -> None:
     positions = lattice(32)
     common = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE, "modes": 32, "time_padding": 2.0}
-    plain = reconstruct(sound(positions, 160), positions, **common).values[:, :, 15:75]
+    plain = flat_reconstruct(sound(positions, 160), positions, **common).values[:, :, 15:75]
     delay = 3.5 * INTERVAL
-    late = reconstruct(sound(positions, 160, delay), positions, time_zero=delay, **common).values[:, :, 15:75]
+    late = flat_reconstruct(sound(positions, 160, delay), positions, time_zero=delay, **common).values[:, :, 15:75]
     assert np.linalg.norm(late - plain) < 0.02 * np.linalg.norm(plain)
 
 
@@ -78,8 +78,8 @@ def test_depth_range_is_a_part_of_the_full_image() -> None:
     positions = scattered(24)
     traces = sound(positions, 150)
     common = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE, "modes": (24, 26)}
-    full = reconstruct(traces, positions, **common)
-    part = reconstruct(traces, positions, depth_range=(0.6e-3, 2.1e-3), **common)
+    full = flat_reconstruct(traces, positions, **common)
+    part = flat_reconstruct(traces, positions, depth_range=(0.6e-3, 2.1e-3), **common)
     first = int(np.argmin(np.abs(full.axes.z - part.axes.z[0])))
     assert part.axes.z[0] == pytest.approx(0.6e-3)
     assert part.axes.z[-1] == pytest.approx(2.1e-3)
@@ -92,8 +92,8 @@ def test_upsampling_is_the_sinc_interpolation_of_the_image(modes: tuple[int, int
     positions = scattered(24)
     traces = sound(positions, 100)
     common = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE, "modes": modes}
-    plain = reconstruct(traces, positions, **common)
-    fine = reconstruct(traces, positions, upsampling=3, **common)
+    plain = flat_reconstruct(traces, positions, **common)
+    fine = flat_reconstruct(traces, positions, upsampling=3, **common)
     from scipy.signal import resample
 
     expected = resample(resample(plain.values, 3 * modes[0], axis=0), 3 * modes[1], axis=1)
@@ -108,8 +108,8 @@ def test_lateral_padding_preserves_grid_and_reduces_wraparound() -> None:
     r = np.linalg.norm(np.pad(positions, ((0, 0), (0, 1))) - source, axis=1)[:, None]
     traces = (r - ct) / (2 * r) * np.exp(-((r - ct) ** 2) / (2 * WIDTH**2))
     common = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE, "modes": 32}
-    plain = reconstruct(traces, positions, **common)
-    padded = reconstruct(traces, positions, lateral_padding=2.0, **common)
+    plain = flat_reconstruct(traces, positions, **common)
+    padded = flat_reconstruct(traces, positions, lateral_padding=2.0, **common)
     assert padded.values.shape == plain.values.shape
     np.testing.assert_allclose(padded.axes.x, plain.axes.x)
     opposite = plain.axes.x < -0.45 * SIDE
@@ -124,7 +124,7 @@ def test_a_line_of_sensors_gives_a_plane_image() -> None:
     t = np.arange(150) * INTERVAL * SPEED
     r = np.hypot(x - centre[0], centre[1])[:, None]
     traces = -(t - r) * np.exp(-((t - r) ** 2) / (2 * WIDTH**2)) / WIDTH / np.sqrt(r)
-    volume = reconstruct(traces, x, sampling_interval=INTERVAL, sound_speed=SPEED, aperture=SIDE, modes=128)
+    volume = flat_reconstruct(traces, x, sampling_interval=INTERVAL, sound_speed=SPEED, aperture=SIDE, modes=128)
     assert volume.values.shape == (128, 150)
     i, n = np.unravel_index(np.abs(volume.values).argmax(), volume.values.shape)
     assert volume.axes.x[i] == pytest.approx(centre[0], abs=1.01 * SIDE / 128)

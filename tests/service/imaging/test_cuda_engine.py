@@ -12,7 +12,6 @@ from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import (
     ElasticFilm,
     InverseFilter,
-    ReconstructionPlan,
     direct_spectrum,
     kaiser_bessel,
     spectrum_of,
@@ -20,6 +19,7 @@ from steradian.imaging import (
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.operators import ForwardOperator
+from support.flat import flat_operator, flat_plan
 
 SIDE = 1e-3
 RNG = np.random.default_rng(0)
@@ -60,7 +60,7 @@ SETTINGS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_both_engines_make_the_same_image(setting: str, cuda: Make) -> None:
     positions, options = SETTINGS[setting]
-    plan = ReconstructionPlan(positions, **{**COMMON, **options})
+    plan = flat_plan(positions, **{**COMMON, **options})
     engine = cuda(plan.tables)
     traces = plan.decimate(RNG.standard_normal((len(positions), plan.geometry.samples)))
     expected = run_inverse(ReferenceEngine(plan.tables), traces)
@@ -82,7 +82,7 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str, cu
 
 def _model(positions: np.ndarray, options: dict[str, Any]) -> ForwardOperator:
     chosen = {name: value for name, value in options.items() if name != "time_padding"}
-    return ForwardOperator(positions, response=ElasticFilm(), **{**COMMON, "samples": 12, **chosen})
+    return flat_operator(positions, response=ElasticFilm(), **{**COMMON, "samples": 12, **chosen})
 
 
 def test_the_adjoint_is_one(cuda: Make) -> None:
@@ -96,7 +96,7 @@ def test_the_adjoint_is_one(cuda: Make) -> None:
 
 
 def test_the_image_has_the_spectrum_of_the_direct_sums(cuda: Make) -> None:
-    plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32", "tolerance": 1e-4})
+    plan = flat_plan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32", "tolerance": 1e-4})
     traces = RNG.standard_normal((9, 18)).astype(np.float32)
     engine = cuda(plan.tables)
     image = engine.host(run_inverse(engine, traces))
@@ -116,7 +116,7 @@ def test_the_image_has_the_spectrum_of_the_direct_sums(cuda: Make) -> None:
 @pytest.mark.parametrize("setting", ["anywhere", "padded", "grid, upsampled, some depths", "coarser grid"])
 def test_in_pieces_it_is_the_same_image(setting: str, cuda: Make) -> None:
     positions, options = SETTINGS[setting]
-    plan = ReconstructionPlan(positions, **{**COMMON, **options})
+    plan = flat_plan(positions, **{**COMMON, **options})
     traces = RNG.standard_normal((len(positions), plan.geometry.samples))
     whole = cuda(plan.tables)
     pieces = cuda(plan.tables, device_memory=_least(plan.tables, cuda))
@@ -148,14 +148,14 @@ def _least(tables: Any, cuda: Make) -> int:
 
 
 def test_it_is_the_same_bits_every_time(cuda: Make) -> None:
-    plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
+    plan = flat_plan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
     engine, traces = cuda(plan.tables), RNG.standard_normal((9, 18)).astype(np.float32)
     first, again = (engine.host(run_inverse(engine, traces)) for _ in range(2))
     np.testing.assert_array_equal(first, again)
 
 
 def test_lateral_accumulates_sensor_subsets(cuda: Make) -> None:
-    plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **COMMON)
+    plan = flat_plan(ANYWHERE, modes=(6, 5), **COMMON)
     engine, traces = cuda(plan.tables), RNG.standard_normal((9, 18))
     some = engine.lateral(traces[:4], sensors=np.arange(4))
     both = engine.lateral(traces[4:], sensors=np.arange(4, 9), onto=some)
@@ -167,7 +167,7 @@ def test_lateral_accumulates_sensor_subsets(cuda: Make) -> None:
 
 
 def test_it_decimates_as_the_processor_does(cuda: Make) -> None:
-    plan = ReconstructionPlan(ANYWHERE, **{**COMMON, **SETTINGS["a band"][1]})
+    plan = flat_plan(ANYWHERE, **{**COMMON, **SETTINGS["a band"][1]})
     assert plan.tables.decimation is not None
     traces = RNG.standard_normal((9, 130))
     engine = cuda(plan.tables)
@@ -177,7 +177,7 @@ def test_it_decimates_as_the_processor_does(cuda: Make) -> None:
 
 
 def test_unsupported_operation_cancellation_and_bad_values_raise(cuda: Make) -> None:
-    plan = ReconstructionPlan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
+    plan = flat_plan(ANYWHERE, modes=(6, 5), **{**COMMON, "dtype": "float32"})
     engine = cuda(plan.tables)
     with pytest.raises(NotImplementedError):
         engine.to_image_adjoint(np.zeros(plan.geometry.shape))

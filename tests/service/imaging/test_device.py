@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Iterative, ReconstructionPlan, reconstruct
+from steradian.imaging import Iterative
 from steradian.imaging.engines.cuda import backend
-from steradian.imaging.operators import ForwardOperator
+from support.flat import flat_operator, flat_plan, flat_reconstruct
 from support.remote import Remote
 
 SIDE = 1e-3
@@ -35,37 +35,39 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 @without_gpu
 def test_gpu_device_without_gpu_is_refused_with_reason() -> None:
     with pytest.raises(InvalidInput, match=r"device is gpu; allowed: cpu or auto here \(.*(not installed|no CUDA)"):
-        ReconstructionPlan(POSITIONS, samples=18, device="gpu", **COMMON)
+        flat_plan(POSITIONS, samples=18, device="gpu", **COMMON)
 
 
 @without_gpu
 def test_auto_is_the_processor_where_there_is_no_gpu() -> None:
-    plan = ReconstructionPlan(POSITIONS, samples=18, device="auto", **COMMON)
+    plan = flat_plan(POSITIONS, samples=18, device="auto", **COMMON)
     assert (plan.chosen.device, plan.chosen.notes) == ("cpu", [])
 
 
 @pytest.mark.long
 def test_the_extra_is_not_imported_by_the_processor() -> None:
     code = (
-        "import sys, numpy as np; from steradian import reconstruct; "
-        "reconstruct(np.ones((2, 16)), np.zeros((2, 2)), sampling_interval=8e-9, sound_speed=1500.0, aperture=1e-3, "
-        "modes=4, weights=np.full(2, 1e-7)); assert not {'cupy', 'numba.cuda', 'numba_cuda'} & set(sys.modules)"
+        "import sys, numpy as np; from steradian import Acquisition, Compute, ImageGrid, reconstruct; "
+        "recorded = {'dt': 8e-9, 'sound_speed': 1500.0, 'aperture': 1e-3, 'weights': np.full(2, 1e-7)}; "
+        "acquisition = Acquisition(np.ones((2, 16)), np.zeros((2, 2)), **recorded); "
+        "reconstruct(acquisition, ImageGrid(4), compute=Compute(device='cpu')); "
+        "assert not {'cupy', 'numba.cuda', 'numba_cuda'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_invalid_device_or_traces_are_refused() -> None:
     with pytest.raises(InvalidInput, match="device is tpu; allowed: auto, cpu, gpu"):
-        ReconstructionPlan(POSITIONS, samples=18, device="tpu", **COMMON)  # type: ignore[arg-type]
+        flat_plan(POSITIONS, samples=18, device="tpu", **COMMON)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match="an array in memory, or the device gpu"):
-        ReconstructionPlan(POSITIONS, samples=18, **COMMON).run(Remote(TRACES))  # type: ignore[arg-type]
+        flat_plan(POSITIONS, samples=18, **COMMON).run(Remote(TRACES))  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("simulated")
 @pytest.mark.parametrize("device", ["auto", "gpu"])
 def test_the_gpu_makes_the_processor_s_image(device: Any) -> None:
-    expected = reconstruct(TRACES, POSITIONS, **COMMON)
-    plan = ReconstructionPlan(POSITIONS, samples=18, device=device, **COMMON)
+    expected = flat_reconstruct(TRACES, POSITIONS, **COMMON)
+    plan = flat_plan(POSITIONS, samples=18, device=device, **COMMON)
     assert plan.chosen.device != "cpu"
     found: Any = plan.run(TRACES)
     assert isinstance(found.values, np.ndarray)
@@ -76,7 +78,7 @@ def test_the_gpu_makes_the_processor_s_image(device: Any) -> None:
 
 @pytest.mark.usefixtures("simulated")
 def test_the_gpu_s_model_is_the_processor_s() -> None:
-    here, there = (ForwardOperator(POSITIONS, samples=12, device=device, **COMMON) for device in ("cpu", "gpu"))  # type: ignore[arg-type]
+    here, there = (flat_operator(POSITIONS, samples=12, device=device, **COMMON) for device in ("cpu", "gpu"))  # type: ignore[arg-type]
     volume = RNG.standard_normal(here.volume_shape)
     expected = here.forward(volume)
     assert np.linalg.norm(there.forward(volume) - expected) <= 1e-9 * np.linalg.norm(expected)
@@ -88,7 +90,7 @@ def test_the_gpu_s_model_is_the_processor_s() -> None:
 def test_gpu_iterative_fit_matches_cpu() -> None:
     options = Iterative(iterations=1, refits=1, discrepancy=None, highest_frequency=2e7)
     here, there = (
-        reconstruct(
+        flat_reconstruct(
             TRACES, POSITIONS, method="iterative", iterative=options, lateral_padding=1.0, device=device, **COMMON
         ).values
         for device in ("cpu", "gpu")
@@ -98,10 +100,10 @@ def test_gpu_iterative_fit_matches_cpu() -> None:
 
 @pytest.mark.usefixtures("simulated")
 def test_the_gpu_s_memory_may_be_limited() -> None:
-    expected = reconstruct(TRACES, POSITIONS, **COMMON)
+    expected = flat_reconstruct(TRACES, POSITIONS, **COMMON)
     with pytest.raises(InvalidInput, match=r"device_memory is 1000; allowed: at least \d+ bytes for an image of 6 × 5"):
-        reconstruct(TRACES, POSITIONS, device="gpu", device_memory=1000, **COMMON)
-    plan = ReconstructionPlan(POSITIONS, samples=18, device="auto", device_memory=1000, **COMMON)
+        flat_reconstruct(TRACES, POSITIONS, device="gpu", device_memory=1000, **COMMON)
+    plan = flat_plan(POSITIONS, samples=18, device="auto", device_memory=1000, **COMMON)
     assert plan.chosen.device == "cpu"
     assert "the GPU's memory being too small" in plan.chosen.notes[0]
     found: Any = plan.run(TRACES)
@@ -113,7 +115,7 @@ def test_the_gpu_s_memory_may_be_limited() -> None:
 def test_a_full_gpu_goes_back_to_pieces_and_to_the_processor(
     failures: int, device: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plan = ReconstructionPlan(POSITIONS, samples=18, device="auto", **COMMON)
+    plan = flat_plan(POSITIONS, samples=18, device="auto", **COMMON)
     kind = type(plan.engine.backend)  # type: ignore[union-attr]
     launch, left = kind.launch, iter(range(failures))
 
@@ -125,7 +127,7 @@ def test_a_full_gpu_goes_back_to_pieces_and_to_the_processor(
     monkeypatch.setattr(kind, "launch", full_at_first)
     monkeypatch.setattr(kind, "is_out_of_memory", lambda _, error: isinstance(error, MemoryError))
     found: Any = plan.run(TRACES)
-    expected = reconstruct(TRACES, POSITIONS, **COMMON).values
+    expected = flat_reconstruct(TRACES, POSITIONS, **COMMON).values
     assert np.linalg.norm(found.values - expected) <= 1e-9 * np.linalg.norm(expected)
     assert "the GPU's memory was full" in plan.chosen.notes[0]
     assert (plan.chosen.device == "cpu") == (device == "cpu")

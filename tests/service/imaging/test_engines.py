@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Cancelled
-from steradian.imaging import ElasticFilm, InverseFilter, ReconstructionPlan, kaiser_bessel
+from steradian.imaging import ElasticFilm, InverseFilter, kaiser_bessel
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.numba.constants import CACHE_LINE_BYTES
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.memory_plan import aligned_empty
-from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
+from support.flat import flat_operator, flat_plan
 
 SIDE = 0.01
 RNG = np.random.default_rng(0)
@@ -56,7 +56,7 @@ SETTINGS: dict[str, tuple[np.ndarray, dict[str, Any]]] = {
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_both_engines_make_the_same_image(setting: str) -> None:
     positions, options = SETTINGS[setting]
-    plan = ReconstructionPlan(positions, **{"samples": 101, "aperture": SIDE, **COMMON, **options})
+    plan = flat_plan(positions, **{"samples": 101, "aperture": SIDE, **COMMON, **options})
     traces = RNG.standard_normal((len(positions), plan.geometry.samples))
     expected = run_inverse(ReferenceEngine(plan.tables), traces)
     found = plan.run(traces).values  # type: ignore[union-attr]
@@ -67,7 +67,7 @@ def test_both_engines_make_the_same_image(setting: str) -> None:
 @pytest.mark.parametrize("setting", ["anywhere", "rows that are filled up", "odd", "grid", "line"])
 def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) -> None:
     positions, options = (_grid(24), {"modes": 24}) if setting == "grid" else SETTINGS[setting]
-    model = ForwardOperator(
+    model = flat_operator(
         positions,
         response=ElasticFilm(),
         **{"samples": 64, "aperture": SIDE, "depth_range": (1e-4, 7e-4), **COMMON, **options},
@@ -82,7 +82,7 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str) ->
 
 
 def test_lateral_accumulates_sensor_subsets() -> None:
-    plan = ReconstructionPlan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
+    plan = flat_plan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
     traces = RNG.standard_normal((60, 101))
     for engine in (plan.engine, ReferenceEngine(plan.tables)):
         both = engine.lateral(
@@ -99,7 +99,7 @@ def test_lateral_accumulates_sensor_subsets() -> None:
 def test_at_full_size_they_agree_within_the_tolerance() -> None:
     """The paper's: 1,605 sensors, 226 × 226 modes, 1,024 samples, in the usual precision."""
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
-    plan = ReconstructionPlan(mask, samples=1024, sampling_interval=8e-9, sound_speed=1480.0, modes=226)
+    plan = flat_plan(mask, samples=1024, sampling_interval=8e-9, sound_speed=1480.0, modes=226)
     traces = np.random.default_rng(1).standard_normal((mask.count, 1024), dtype=np.float32)
     found = plan.run(traces).values  # type: ignore[union-attr]
     expected = run_inverse(ReferenceEngine(plan.tables), traces)
@@ -108,7 +108,7 @@ def test_at_full_size_they_agree_within_the_tolerance() -> None:
 
 
 def test_an_inversion_has_no_transpose_and_work_is_cancelled() -> None:
-    plan = ReconstructionPlan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
+    plan = flat_plan(ANYWHERE, samples=101, aperture=SIDE, modes=24, **COMMON)
     engine: NumbaEngine = plan.engine
     with pytest.raises(NotImplementedError):
         engine.to_image_adjoint(np.zeros(plan.geometry.shape))

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from steradian import phantoms, quality
-from steradian.imaging import ReconstructionPlan, Volume, reconstruct
+from steradian.imaging import Volume
 from steradian.imaging.engines import run_forward, run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.cuda.backend import device
 from steradian.imaging.engines.cuda.engine import CudaEngine
-from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
+from support.flat import flat_operator, flat_plan, flat_reconstruct
 
 pytestmark = [pytest.mark.gpu, pytest.mark.timeout(600)]
 APERTURE, DEPTH, SPEED, INTERVAL = 13.56e-3, 3.6e-3, 1480.0, 8e-9
@@ -40,7 +40,7 @@ def _traces(samples: int) -> np.ndarray:
 def test_at_full_size_it_agrees_with_the_processor(modes: int, samples: int) -> None:
     images = []
     for where in ("cpu", "gpu"):
-        plan = ReconstructionPlan(MASK, samples=samples, modes=modes, device=where, **COMMON)  # type: ignore[arg-type]
+        plan = flat_plan(MASK, samples=samples, modes=modes, device=where, **COMMON)  # type: ignore[arg-type]
         found = plan.run(_traces(samples))
         assert isinstance(found, Volume)
         images.append(found.values)
@@ -51,7 +51,7 @@ def test_at_full_size_it_agrees_with_the_processor(modes: int, samples: int) -> 
 
 def test_at_full_size_it_agrees_with_the_array_engine() -> None:
     """In double precision, on the same tables, computed by CuPy in whole arrays."""
-    plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="gpu", **COMMON)
+    plan = flat_plan(MASK, samples=1024, modes=226, device="gpu", **COMMON)
     engine = plan.engine
     assert isinstance(engine, CudaEngine)
     expected = run_inverse(ReferenceEngine(plan.tables, xp=engine.backend.xp, dtype="float64"), _traces(1024))
@@ -61,7 +61,7 @@ def test_at_full_size_it_agrees_with_the_array_engine() -> None:
 
 
 def test_it_is_the_same_bits_every_time_at_full_size() -> None:
-    plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="gpu", **COMMON)
+    plan = flat_plan(MASK, samples=1024, modes=226, device="gpu", **COMMON)
     first, again = (plan.run(_traces(1024)) for _ in range(2))
     assert isinstance(first, Volume)
     assert isinstance(again, Volume)
@@ -69,7 +69,7 @@ def test_it_is_the_same_bits_every_time_at_full_size() -> None:
 
 
 def test_the_model_s_adjoint_is_one_at_full_size() -> None:
-    model = ForwardOperator(MASK, samples=512, modes=226, lateral_padding=1.2, device="gpu", dtype="float64", **COMMON)
+    model = flat_operator(MASK, samples=512, modes=226, lateral_padding=1.2, device="gpu", dtype="float64", **COMMON)
     engine = model.engine
     assert isinstance(engine, CudaEngine)
     rng = engine.backend.xp.random.default_rng(2)
@@ -83,7 +83,7 @@ def test_the_model_s_adjoint_is_one_at_full_size() -> None:
 def test_a_volume_larger_than_the_memory_allowed_goes_in_pieces() -> None:
     images = []
     for limit in (None, 150_000_000):
-        plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="gpu", device_memory=limit, **COMMON)
+        plan = flat_plan(MASK, samples=1024, modes=226, device="gpu", device_memory=limit, **COMMON)
         assert plan.engine.room.fits_in_one_pass == (limit is None)  # type: ignore[union-attr]
         found = plan.run(_traces(1024))
         assert isinstance(found, Volume)
@@ -93,7 +93,7 @@ def test_a_volume_larger_than_the_memory_allowed_goes_in_pieces() -> None:
 
 def test_a_full_device_goes_back_to_pieces(memory: Any) -> None:
     pool = memory.xp.get_default_memory_pool()
-    plan = ReconstructionPlan(MASK, samples=1024, modes=226, device="auto", **COMMON)
+    plan = flat_plan(MASK, samples=1024, modes=226, device="auto", **COMMON)
     assert plan.engine.room.fits_in_one_pass  # type: ignore[union-attr]
     expected = plan.run(_traces(1024))
     memory.release()
@@ -110,13 +110,13 @@ def test_a_full_device_goes_back_to_pieces(memory: Any) -> None:
 
 def test_arrays_of_the_device_stay_there(memory: Any) -> None:
     xp, traces = memory.xp, _traces(256)
-    plan = ReconstructionPlan(MASK, samples=256, modes=64, device="gpu", **COMMON)
+    plan = flat_plan(MASK, samples=256, modes=64, device="gpu", **COMMON)
     expected = plan.run(traces)
     found: Any = plan.run(xp.asarray(traces))
     assert isinstance(expected, Volume)
     assert isinstance(found.values, xp.ndarray)
     np.testing.assert_array_equal(found.values.get(), expected.values)
-    model = ForwardOperator(MASK, samples=256, modes=64, lateral_padding=1.0, device="gpu", **COMMON)
+    model = flat_operator(MASK, samples=256, modes=64, lateral_padding=1.0, device="gpu", **COMMON)
     assert isinstance(model.forward(xp.zeros(model.volume_shape, np.float32)), xp.ndarray)
     integers: Any = plan.run(xp.asarray((1000 * traces).astype(np.int16)), scale=1e-3)
     assert np.linalg.norm(integers.values.get() - expected.values) <= 1e-2 * np.linalg.norm(expected.values)
@@ -125,7 +125,7 @@ def test_arrays_of_the_device_stay_there(memory: Any) -> None:
 def test_tensors_of_pytorch_come_by_dlpack(memory: Any) -> None:
     torch = importlib.import_module("torch")
     traces = _traces(256)
-    plan = ReconstructionPlan(MASK, samples=256, modes=64, device="gpu", **COMMON)
+    plan = flat_plan(MASK, samples=256, modes=64, device="gpu", **COMMON)
     expected = plan.run(traces)
     assert isinstance(expected, Volume)
     for where in ("cuda", "cpu"):
@@ -141,7 +141,7 @@ def test_the_fit_is_as_good_as_the_processor_s() -> None:
     traces = phantoms.add_noise(clean, 30.0, convention="peak", seed=0)
     found = []
     for where in ("cpu", "gpu"):
-        volume = reconstruct(
+        volume = flat_reconstruct(
             traces, MASK.positions, aperture=APERTURE, modes=226, method="iterative", depth_range=(1.2e-3, 6e-3),
             device=where, **COMMON,  # type: ignore[arg-type]
         )  # fmt: skip

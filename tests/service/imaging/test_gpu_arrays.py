@@ -14,6 +14,7 @@ from steradian.imaging.iterative.fista import Fista
 from steradian.imaging.iterative.ista import IterativeSoftThresholding
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.signal.bandwidth import sinc_upsample
+from support.flat import flat_operator, flat_plan
 from support.remote import Remote
 
 SIDE = 1e-3
@@ -45,10 +46,10 @@ class Elsewhere:
 
 def _problem() -> tuple[ForwardOperator, ReconstructionPlan, np.ndarray]:
     positions = (RNG.random((30, 2)) - 0.5) * SIDE
-    model = ForwardOperator(positions, **COMMON)
+    model = flat_operator(positions, **COMMON)
     truth = np.zeros(model.volume_shape, np.float32)
     truth[4:7, 5:8, 10:13] = 1.0
-    return model, ReconstructionPlan(positions, **COMMON), model.forward(truth)
+    return model, flat_plan(positions, **COMMON), model.forward(truth)
 
 
 @pytest.mark.parametrize("regularisation", ["thresholding", "total-variation", "sparsity", "tikhonov"])

@@ -10,6 +10,7 @@ import pytest
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import ReconstructionPlan, Volume
 from steradian.imaging.incremental import IncrementalReconstruction
+from support.flat import flat_plan
 
 SIDE = 0.01
 AXIS = (np.arange(16) - 8) * SIDE / 16
@@ -39,7 +40,7 @@ def _distance(image: Volume, reference: Volume) -> float:
 def _reference(
     plan: ReconstructionPlan, chosen: np.ndarray, weights: np.ndarray, traces: np.ndarray, **more: Any
 ) -> Volume:
-    found = ReconstructionPlan(plan.geometry.positions[chosen], weights=weights[chosen], **more).run(traces[chosen])
+    found = flat_plan(plan.geometry.positions[chosen], weights=weights[chosen], **more).run(traces[chosen])
     assert isinstance(found, Volume)
     return found
 
@@ -53,7 +54,7 @@ def test_after_each_batch_it_is_the_image_of_a_plan_made_for_the_sensors_so_far(
     traces, weights = random.standard_normal((count, 70)).astype(np.float32), 0.1 + random.random(count)
     weights *= SIDE ** (1 if "line" in kind else 2) / weights.sum()
     options = COMMON | {"modes": 32 if "line" in kind else 16}
-    plan = ReconstructionPlan(positions, weights=weights, **options)
+    plan = flat_plan(positions, weights=weights, **options)
     growing = IncrementalReconstruction(plan, fitted=fitted)
     for batch in np.array_split(random.permutation(count), 5):
         growing.add(batch, traces[batch])
@@ -69,7 +70,7 @@ def test_a_thousand_single_alines_lose_no_accuracy() -> None:
     random = np.random.default_rng(6)
     positions = (random.random((1000, 2)) - 0.5) * SIDE
     traces = random.standard_normal((1000, 70)).astype(np.float32)
-    plan = ReconstructionPlan(positions, modes=16, **COMMON)
+    plan = flat_plan(positions, modes=16, **COMMON)
     growing = IncrementalReconstruction(plan)
     for sensor in range(1000):
         growing.add([sensor], traces[sensor : sensor + 1])
@@ -78,7 +79,7 @@ def test_a_thousand_single_alines_lose_no_accuracy() -> None:
 
 def test_where_half_the_points_of_one_side_are_missing_the_others_there_stand_for_them() -> None:
     positions = _positions("grid")
-    plan = ReconstructionPlan(positions, modes=16, **COMMON)
+    plan = flat_plan(positions, modes=16, **COMMON)
     growing = IncrementalReconstruction(plan)
     left = positions[:, 0] < 0
     thinned = left & (np.arange(256) % 2 == 0)
@@ -93,7 +94,7 @@ def test_where_half_the_points_of_one_side_are_missing_the_others_there_stand_fo
 
 def test_partial_strip_weights_stay_bounded_at_edge() -> None:
     positions = _positions("grid")
-    growing = IncrementalReconstruction(ReconstructionPlan(positions, modes=16, **COMMON))
+    growing = IncrementalReconstruction(flat_plan(positions, modes=16, **COMMON))
     strip = np.flatnonzero(positions[:, 0] < AXIS[3])
     growing.add(strip, np.ones((len(strip), 70), np.float32))
     weights = growing.weights[strip]
@@ -104,7 +105,7 @@ def test_partial_strip_weights_stay_bounded_at_edge() -> None:
 def test_clear_forgets_everything() -> None:
     positions = _positions("anywhere")
     traces = np.random.default_rng(7).standard_normal((90, 70)).astype(np.float32)
-    plan = ReconstructionPlan(positions, modes=16, **COMMON)
+    plan = flat_plan(positions, modes=16, **COMMON)
     growing = IncrementalReconstruction(plan)
     growing.add(np.arange(40), traces[:40] + 1)
     growing.clear()
@@ -116,7 +117,7 @@ def test_clear_forgets_everything() -> None:
 def test_integers_and_a_limited_depth_are_taken_like_by_a_plan() -> None:
     positions = _positions("coarse grid")
     counts = np.random.default_rng(8).integers(-100, 100, (64, 70)).astype(np.int16)
-    plan = ReconstructionPlan(positions, modes=16, depth_range=(1e-4, 5e-4), upsampling=2, **COMMON)
+    plan = flat_plan(positions, modes=16, depth_range=(1e-4, 5e-4), upsampling=2, **COMMON)
     growing = IncrementalReconstruction(plan)
     growing.add(np.arange(64), counts)
     assert _distance(growing.volume(), plan.run(counts)) < 2e-5  # type: ignore[arg-type]
@@ -127,7 +128,7 @@ def test_integers_and_a_limited_depth_are_taken_like_by_a_plan() -> None:
     [([0, 0], 2, "sensors"), ([5], 1, "sensors"), ([90], 1, "sensors"), ([-1], 1, "sensors"), ([1, 2], 1, "traces")],
 )
 def test_invalid_add_is_refused_and_keeps_volume(sensors: list[int], rows: int, field: str) -> None:
-    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(flat_plan(_positions("anywhere"), modes=16, **COMMON))
     growing.add([5], np.ones((1, 70)))
     before = growing.volume().values
     with pytest.raises(InvalidInput) as refused:
@@ -141,14 +142,14 @@ def test_invalid_add_is_refused_and_keeps_volume(sensors: list[int], rows: int, 
 
 
 def test_there_is_no_image_of_nothing_and_none_of_a_method_that_is_no_sum() -> None:
-    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(flat_plan(_positions("anywhere"), modes=16, **COMMON))
     with pytest.raises(InvalidInput, match="at least one A-line"):
         growing.volume()
     with pytest.raises(InvalidInput, match="grows"):
-        IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, method="interpolated", **COMMON))
+        IncrementalReconstruction(flat_plan(_positions("anywhere"), modes=16, method="interpolated", **COMMON))
 
 
 def test_it_can_be_cancelled() -> None:
-    growing = IncrementalReconstruction(ReconstructionPlan(_positions("anywhere"), modes=16, **COMMON))
+    growing = IncrementalReconstruction(flat_plan(_positions("anywhere"), modes=16, **COMMON))
     with pytest.raises(Cancelled):
         growing.add([0], np.ones((1, 70)), cancelled=lambda: True)

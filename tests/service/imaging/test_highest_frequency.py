@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Iterative, ReconstructionPlan, Volume, direct_spectrum, reconstruct, spectrum_of
+from steradian.imaging import Iterative, Volume, direct_spectrum, spectrum_of
 from steradian.imaging.engines import run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.transforms.decimation import plan_decimation
 from steradian.masks import equi_steradian_mask
+from support.flat import flat_plan, flat_reconstruct
 
 SIDE, INTERVAL, SPEED = 0.01, 8e-9, 1500.0
 COMMON: dict[str, Any] = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE}
@@ -26,7 +27,7 @@ def _grid(count: int) -> np.ndarray:
 
 
 def _image(positions: np.ndarray, traces: np.ndarray, **options: Any) -> Volume:
-    volume = ReconstructionPlan(positions, samples=traces.shape[1], **COMMON, **options).run(traces)
+    volume = flat_plan(positions, samples=traces.shape[1], **COMMON, **options).run(traces)
     assert isinstance(volume, Volume)
     return volume
 
@@ -49,7 +50,7 @@ def test_band_limited_spectrum_matches_direct_sums(
     rng = np.random.default_rng(0)
     positions = _grid(12) if places == "grid" else (rng.random((60, len(modes))) - 0.5) * SIDE
     traces = rng.standard_normal((len(positions), samples))
-    plan = ReconstructionPlan(positions, samples=samples, modes=modes, highest_frequency=highest, **COMMON, **options)
+    plan = flat_plan(positions, samples=samples, modes=modes, highest_frequency=highest, **COMMON, **options)
     record = plan.geometry.record
     end = (0.0, (record - 1) * INTERVAL * SPEED)
     image = _image(positions, traces, modes=modes, highest_frequency=highest, depth_range=end, **options).values
@@ -106,7 +107,7 @@ def test_the_other_methods_leave_out_the_same(method: str) -> None:
         found
         * (whole.shape[-1] - 1)
         * 2
-        / ReconstructionPlan(positions, samples=128, highest_frequency=20e6, **COMMON, **options).geometry.depth_points
+        / flat_plan(positions, samples=128, highest_frequency=20e6, **COMMON, **options).geometry.depth_points
     )
     assert np.linalg.norm(found - expected) <= 2e-4 * np.linalg.norm(expected)
 
@@ -114,7 +115,7 @@ def test_the_other_methods_leave_out_the_same(method: str) -> None:
 def test_both_engines_agree_and_an_image_that_grows_is_the_same() -> None:
     rng = np.random.default_rng(3)
     positions, traces = (rng.random((60, 2)) - 0.5) * SIDE, rng.standard_normal((60, 200)).astype(np.float32)
-    plan = ReconstructionPlan(positions, samples=200, modes=24, highest_frequency=20e6, **COMMON)
+    plan = flat_plan(positions, samples=200, modes=24, highest_frequency=20e6, **COMMON)
     found = plan.run(traces)
     assert isinstance(found, Volume)
     expected = run_inverse(ReferenceEngine(plan.tables), plan.decimate(traces))
@@ -129,9 +130,7 @@ def test_both_engines_agree_and_an_image_that_grows_is_the_same() -> None:
 @pytest.mark.timeout(900)
 def test_at_full_size_it_is_the_array_engines() -> None:
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
-    plan = ReconstructionPlan(
-        mask, samples=1024, sampling_interval=8e-9, sound_speed=1480.0, modes=226, highest_frequency=20e6
-    )
+    plan = flat_plan(mask, samples=1024, sampling_interval=8e-9, sound_speed=1480.0, modes=226, highest_frequency=20e6)
     traces = np.random.default_rng(1).standard_normal((mask.count, 1024), dtype=np.float32)
     found = plan.run(traces).values  # type: ignore[union-attr]
     expected = run_inverse(ReferenceEngine(plan.tables), plan.decimate(traces))
@@ -141,7 +140,7 @@ def test_at_full_size_it_is_the_array_engines() -> None:
 def test_it_takes_its_share_of_samples_slices_and_memory() -> None:
     mask = equi_steradian_mask(13.56e-3, 3.6e-3, 400)
     options: dict[str, Any] = {"samples": 1024, "sampling_interval": 8e-9, "sound_speed": 1500.0, "modes": 96}
-    whole, part = (ReconstructionPlan(mask, highest_frequency=f, **options) for f in (None, 20e6))
+    whole, part = (flat_plan(mask, highest_frequency=f, **options) for f in (None, 20e6))
     assert part.tables.time.samples < 0.43 * 1024
     assert part.output_bytes < 0.37 * whole.output_bytes
     assert part.memory_bytes < 0.85 * whole.memory_bytes
@@ -161,7 +160,7 @@ def test_the_signals_end_is_found() -> None:
     spectrum = np.fft.rfft(rng.standard_normal((60, 512)))
     spectrum[:, np.fft.rfftfreq(512, INTERVAL) > 12e6] = 0
     traces = np.fft.irfft(spectrum, 512) * np.hanning(512) + 0.002 * rng.standard_normal((60, 512))
-    found = reconstruct(traces, positions, modes=24, highest_frequency="signal", **COMMON)
+    found = flat_reconstruct(traces, positions, modes=24, highest_frequency="signal", **COMMON)
     known = _image(positions, traces, modes=24, highest_frequency=12.5e6)
     whole = _image(positions, traces, modes=24)
     assert known.values.shape[-1] <= found.values.shape[-1] < 0.3 * 512
@@ -183,24 +182,23 @@ def test_the_signals_end_is_found() -> None:
     ],
 )
 def test_limits_that_are_none_are_refused(field: str, value: Any) -> None:
-    with pytest.raises(InvalidInput, match=field):
-        ReconstructionPlan(np.zeros((1, 2)), samples=128, modes=8, **COMMON, **{field: value})
+    with pytest.raises(InvalidInput, match=field.replace("highest", "max")):
+        flat_plan(np.zeros((1, 2)), samples=128, modes=8, **COMMON, **{field: value})
 
 
 def test_another_word_the_method_iterative_and_samples_that_are_no_numbers_are_refused() -> None:
     traces = np.zeros((2, 128))
     at: dict[str, Any] = {"positions": np.array([[0.0, 0.0], [1e-3, 0.0]]), "modes": 8, **COMMON}
-    with pytest.raises(InvalidInput, match=r'highest_frequency is loud; allowed: .*"signal"'):
-        reconstruct(traces, highest_frequency="loud", **at)  # type: ignore[arg-type]
-    for option in ({"highest_frequency": 20e6}, {"depth_step": 2e-5}):
-        with pytest.raises(InvalidInput, match=next(iter(option))):
-            reconstruct(traces, method="iterative", iterative=Iterative(), **option, **at)
+    with pytest.raises(InvalidInput, match=r'max_frequency is loud; allowed: .*"signal"'):
+        flat_reconstruct(traces, highest_frequency="loud", **at)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match="depth_step"):
+        flat_reconstruct(traces, method="iterative", iterative=Iterative(), depth_step=2e-5, **at)
     for none in (traces[:0], traces[:, :0]):
         with pytest.raises(InvalidInput, match="traces"):
-            reconstruct(none, highest_frequency="signal", **at)
+            flat_reconstruct(none, highest_frequency="signal", **at)
     traces[1, 17] = np.nan
     with pytest.raises(InvalidInput, match="nan at row 1, column 17"):
-        reconstruct(traces, highest_frequency=20e6, **at)
+        flat_reconstruct(traces, highest_frequency=20e6, **at)
 
 
 def test_decimated_transform_meets_accuracy() -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure, yarn
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.imaging import Iterative, reconstruct
-from steradian.imaging.iterative.solve import reconstruct_iteratively
+from steradian.imaging import Iterative
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
+from support.flat import flat_fit, flat_reconstruct
 
 SIDE, DEPTH, SPEED, INTERVAL, SAMPLES = 5.04e-3, 1.4e-3, 1500.0, 10e-9, 420
 COMMON: dict[str, Any] = {
@@ -38,22 +38,20 @@ def scene(seed: int) -> tuple[Any, Balls, np.ndarray]:
 @pytest.mark.long
 def test_from_few_sensors_the_volume_s_correlation_rises_by_a_tenth_and_the_projection_s_does_not_fall() -> None:
     mask, balls, traces = scene(0)
-    direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
-    found = reconstruct_iteratively(
-        traces, mask.positions, options=Iterative("total-variation", iterations=15), **COMMON
-    )
+    direct = flat_reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
+    found = flat_fit(traces, mask.positions, options=Iterative("total-variation", iterations=15), **COMMON)
     axes = direct.axes
     assert axes.y is not None
     truth = initial_pressure(balls, axes.x, axes.y, axes.z)
-    assert found.volume.values.shape == direct.values.shape
-    np.testing.assert_allclose(found.volume.axes.z, axes.z)
-    np.testing.assert_allclose(found.volume.axes.x, axes.x)
-    assert found.volume.values.min() >= 0
-    assert correlation(found.volume.values, truth) > correlation(direct.values, truth) + 0.10
-    assert correlation(found.volume.mip(), truth.max(axis=2)) >= correlation(direct.mip(), truth.max(axis=2))
-    assert found.thinning > 1
-    assert len(found.residuals) == found.iterations
-    assert found.products == 1 + 2 * 6 + 2 * (found.iterations - 1)
+    assert found.values.shape == direct.values.shape
+    np.testing.assert_allclose(found.axes.z, axes.z)
+    np.testing.assert_allclose(found.axes.x, axes.x)
+    assert found.values.min() >= 0
+    assert correlation(found.values, truth) > correlation(direct.values, truth) + 0.10
+    assert correlation(found.mip(), truth.max(axis=2)) >= correlation(direct.mip(), truth.max(axis=2))
+    assert found.info.decimation > 1
+    assert len(found.info.residuals) == found.info.iterations
+    assert found.info.products == 1 + 2 * 6 + 2 * (found.info.iterations - 1)
 
 
 def ball_on_a_line() -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +69,7 @@ def test_every_regulariser_finds_the_object_in_a_plane(kind: Any) -> None:
     where, traces = ball_on_a_line()
     for non_negative in (True, False):
         options = Iterative(regularisation=kind, non_negative=non_negative, iterations=25)
-        volume = reconstruct(traces, where, method="iterative", iterative=options, **LINE)
+        volume = flat_reconstruct(traces, where, method="iterative", iterative=options, **LINE)
         peak = np.unravel_index(volume.values.argmax(), volume.values.shape)
         assert volume.axes.x[peak[0]] == pytest.approx(0.3e-3, abs=0.1e-3)
         assert volume.axes.z[peak[1]] == pytest.approx(1.2e-3, abs=0.1e-3)
@@ -82,36 +80,32 @@ def test_iteration_stops_at_discrepancy_change_or_iteration_limit() -> None:
     where, traces = ball_on_a_line()
     noisy = traces + np.random.default_rng(0).normal(0, 0.02, traces.shape).astype(np.float32)
     plain: dict[str, Any] = {"regularisation": "none", "iterations": 200, "change": 0.0}
-    at_noise = reconstruct_iteratively(noisy, where, options=Iterative(**plain), **LINE)
-    assert at_noise.stopped == "discrepancy"
-    assert at_noise.iterations < 200
-    told = reconstruct_iteratively(noisy, where, options=Iterative(**plain, noise=0.2), **LINE)
-    assert told.stopped == "discrepancy"
-    assert told.iterations < at_noise.iterations
+    at_noise = flat_fit(noisy, where, options=Iterative(**plain), **LINE)
+    assert at_noise.info.stop_reason == "discrepancy"
+    assert at_noise.info.iterations < 200
+    told = flat_fit(noisy, where, options=Iterative(**plain, noise=0.2), **LINE)
+    assert told.info.stop_reason == "discrepancy"
+    assert told.info.iterations < at_noise.info.iterations
     rest = Iterative(regularisation="tikhonov", iterations=500, discrepancy=None)
-    assert reconstruct_iteratively(noisy, where, options=rest, **LINE).stopped == "change"
-    few = reconstruct_iteratively(
-        noisy, where, options=Iterative("total-variation", iterations=3, discrepancy=None), **LINE
-    )
-    assert (few.stopped, few.iterations) == ("iterations", 3)
-    assert list(few.residuals) == sorted(few.residuals, reverse=True)
+    assert flat_fit(noisy, where, options=rest, **LINE).info.stop_reason == "change"
+    few = flat_fit(noisy, where, options=Iterative("total-variation", iterations=3, discrepancy=None), **LINE)
+    assert (few.info.stop_reason, few.info.iterations) == ("iterations", 3)
+    assert list(few.info.residuals) == sorted(few.info.residuals, reverse=True)
 
 
 def test_a_scale_multiplies_the_image_and_the_depth_range_cuts_it() -> None:
     where, traces = ball_on_a_line()
-    plain = reconstruct_iteratively(traces, where, options=Iterative("total-variation", iterations=5), **LINE).volume
-    scaled = reconstruct_iteratively(
-        traces, where, options=Iterative("total-variation", iterations=5), scale=4.0, **LINE
-    ).volume
+    plain = flat_fit(traces, where, options=Iterative("total-variation", iterations=5), **LINE)
+    scaled = flat_fit(traces, where, options=Iterative("total-variation", iterations=5), scale=4.0, **LINE)
     np.testing.assert_allclose(scaled.values, 4 * plain.values, atol=1e-3 * scaled.values.max())
-    part = reconstruct_iteratively(
+    part = flat_fit(
         traces,
         where,
         options=Iterative("total-variation", iterations=5),
         depth_range=(0.5e-3, 2e-3),
         upsampling=2,
         **LINE,
-    ).volume
+    )
     assert part.values.shape == (128, len(part.axes.z))
     assert part.axes.z[0] >= 0.5e-3
     assert part.axes.z[-1] <= 2e-3
@@ -121,7 +115,7 @@ def test_a_scale_multiplies_the_image_and_the_depth_range_cuts_it() -> None:
 def test_it_reports_cancels_and_refuses() -> None:
     where, traces = ball_on_a_line()
     told: list[tuple[str, int, int]] = []
-    reconstruct_iteratively(
+    flat_fit(
         traces,
         where,
         options=Iterative("total-variation", iterations=4, discrepancy=None),
@@ -132,9 +126,9 @@ def test_it_reports_cancels_and_refuses() -> None:
     assert told[-1][0].startswith("iterations, misfit ")
     assert told[-1][1:] == (4, 4)
     with pytest.raises(Cancelled):
-        reconstruct_iteratively(traces, where, cancelled=lambda: True, **LINE)
+        flat_fit(traces, where, cancelled=lambda: True, **LINE)
     with pytest.raises(InvalidInput, match="memory_limit"):
-        reconstruct_iteratively(traces, where, memory_limit=1000, **LINE)
+        flat_fit(traces, where, memory_limit=1000, **LINE)
     for bad in ({"regularisation": "hope"}, {"iterations": 0}, {"change": 1.0}, {"strength": -1.0}):
         with pytest.raises(InvalidInput, match=next(iter(bad))):
             Iterative(**bad)  # type: ignore[arg-type]
@@ -149,12 +143,12 @@ def test_a_run_stays_within_the_memory_it_states() -> None:
             "upsampling": upsampling,
             **COMMON,
         }
-        reconstruct_iteratively(traces, mask.positions, **arguments)  # compiles, which takes memory of its own
+        flat_fit(traces, mask.positions, **arguments)  # compiles, which takes memory of its own
         tracemalloc.start()
-        found = reconstruct_iteratively(traces, mask.positions, **arguments)
+        found = flat_fit(traces, mask.positions, **arguments)
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        assert 0.5 * found.memory_bytes < peak <= found.memory_bytes
+        assert 0.5 * found.info.memory_bytes < peak <= found.info.memory_bytes
 
 
 def test_the_band_of_noisy_traces_and_their_noise_are_found() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian import reconstruct
 from steradian.quality import correlation
+from support.flat import flat_reconstruct
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -25,7 +25,7 @@ class Tree:
         """Pearson correlation with the truth in a disc around the point of interest."""
         columns = self.data[choice]
         traces = self.data["traces"][np.searchsorted(self.data["sensors"], columns)]
-        volume = reconstruct(
+        volume = flat_reconstruct(
             traces,
             (columns - 512) * self.dx,
             sampling_interval=self.dt,
@@ -76,7 +76,7 @@ def test_every_method_reconstructs_the_yarn(method, least):
         pressure, pitch = file["p"], float(file["dx"])
         line = (np.arange(64) - 32) * pitch
         x, y = np.meshgrid(line, line, indexing="ij")
-        volume = reconstruct(
+        volume = flat_reconstruct(
             pressure.reshape(len(pressure), -1).T,
             np.column_stack([x.ravel(), y.ravel()]),
             sampling_interval=float(file["dt"]),

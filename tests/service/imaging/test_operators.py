@@ -11,8 +11,8 @@ from scipy.sparse.linalg import LinearOperator, lsqr
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.imaging import reconstruct
 from steradian.imaging.operators import ForwardOperator
+from support.flat import flat_operator, flat_reconstruct
 
 RNG = np.random.default_rng(0)
 SETTING: dict[str, Any] = {
@@ -71,7 +71,7 @@ def direct(operator: ForwardOperator, volume: np.ndarray, response: Any = None) 
 def test_both_products_agree_and_are_the_direct_sums(
     modes: tuple[int, ...], aperture: tuple[float, ...], on_grid: bool, padding: float
 ) -> None:
-    operator = ForwardOperator(
+    operator = flat_operator(
         sensors(modes, aperture, on_grid), aperture=aperture, modes=modes, lateral_padding=padding, tolerance=1e-8,
         dtype="float64", **SETTING,
     )  # fmt: skip
@@ -83,7 +83,7 @@ def test_both_products_agree_and_are_the_direct_sums(
 
 
 def test_in_single_precision_the_products_agree_to_its_rounding() -> None:
-    operator = ForwardOperator(sensors((32, 32), (1e-2, 1e-2), False), aperture=1e-2, modes=32, **SETTING)
+    operator = flat_operator(sensors((32, 32), (1e-2, 1e-2), False), aperture=1e-2, modes=32, **SETTING)
     volume, traces = RNG.standard_normal(operator.volume_shape), RNG.standard_normal(operator.trace_shape)
     there, back = operator.forward(volume), operator.backward(traces)
     assert there.dtype == back.dtype == np.float32
@@ -102,7 +102,7 @@ class Smooth:
 
 def test_the_film_s_response_is_part_of_both_products() -> None:
     film = Smooth()
-    operator = ForwardOperator(
+    operator = flat_operator(
         sensors((12, 12), (1e-2, 1e-2), False, 6), aperture=1e-2, modes=12, response=film, tolerance=1e-8,
         lateral_padding=1.0, dtype="float64", **SETTING,
     )  # fmt: skip
@@ -123,12 +123,12 @@ def test_the_model_s_a_lines_are_the_closed_form_sound_of_balls() -> None:
         "depth_range": (0.3e-3, 2.3e-3),
     }  # fmt: skip
     truth = pressure(balls, where, np.arange(samples) * interval, speed)
-    operator = ForwardOperator(where, **common)
+    operator = flat_operator(where, **common)
     axes = operator.geometry.axes()
     found = operator.forward(initial_pressure(balls, axes.x, axes.y, axes.z))
     assert np.linalg.norm(found - truth) < 0.01 * np.linalg.norm(truth)
     # without the padding, copies of the balls a period away are heard
-    wrapped = ForwardOperator(where, lateral_padding=1.0, **common).forward(
+    wrapped = flat_operator(where, lateral_padding=1.0, **common).forward(
         initial_pressure(balls, axes.x, axes.y, axes.z)
     )
     assert np.linalg.norm(wrapped - truth) > 0.3 * np.linalg.norm(truth)
@@ -138,11 +138,11 @@ def test_with_sensors_everywhere_the_direct_formula_undoes_the_model() -> None:
     axis = (np.arange(48) - 24) * 5e-3 / 48
     where = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     common: dict[str, Any] = {"sampling_interval": 40e-9, "sound_speed": 1500.0, "aperture": 5e-3, "modes": 48}
-    operator = ForwardOperator(where, samples=200, lateral_padding=1.0, **common)  # everywhere: sensors repeat, too
+    operator = flat_operator(where, samples=200, lateral_padding=1.0, **common)  # everywhere: sensors repeat, too
     axes = operator.geometry.axes()
     flat = Balls(np.array([[0.0, 0.0, 1.5e-3]]), np.array([0.25e-3]), np.array([1.0]))
     ball = initial_pressure(flat, axes.x, axes.y, axes.z)
-    back = reconstruct(operator.forward(ball), where, time_padding=2.0, **common)
+    back = flat_reconstruct(operator.forward(ball), where, time_padding=2.0, **common)
     # model and formula are periodic, so that all but the waves along the film are heard and put back
     assert 0.8 < back.values.max() < 1.0
     assert np.corrcoef(back.values.ravel(), ball.ravel())[0, 1] > 0.9
@@ -152,13 +152,13 @@ def test_a_padding_that_no_transform_takes_is_refused() -> None:
     """A record of 36 mm over an aperture of 2 mm needs the volume 18.5 times as wide; 1 makes the medium periodic."""
     common: dict[str, Any] = {"samples": 300, "sampling_interval": 80e-9, "sound_speed": 1500.0, "modes": 8}
     with pytest.raises(InvalidInput, match=r"lateral_padding is 18.5, .* allowed: at most 16"):
-        ForwardOperator(np.zeros((1, 2)), aperture=2e-3, **common)
-    assert ForwardOperator(np.zeros((1, 2)), aperture=2e-3, lateral_padding=1.0, **common).shape[0] == 300
+        flat_operator(np.zeros((1, 2)), aperture=2e-3, **common)
+    assert flat_operator(np.zeros((1, 2)), aperture=2e-3, lateral_padding=1.0, **common).shape[0] == 300
 
 
 @pytest.mark.parametrize("count", [30, 3000])
 def test_a_product_takes_the_memory_that_is_stated(count: int) -> None:
-    operator = ForwardOperator(
+    operator = flat_operator(
         sensors((48, 48), (1e-2, 1e-2), False, count), aperture=1e-2, modes=48, lateral_padding=1.5, threads=2,
         **{**SETTING, "samples": 400},
     )  # fmt: skip
@@ -175,7 +175,7 @@ def test_a_product_takes_the_memory_that_is_stated(count: int) -> None:
 
 def test_it_is_a_scipy_operator_and_solvers_take_it() -> None:
     where = sensors((12, 12), (1e-2, 1e-2), False, 200)
-    operator = ForwardOperator(where, aperture=1e-2, modes=12, dtype="float64", **SETTING)
+    operator = flat_operator(where, aperture=1e-2, modes=12, dtype="float64", **SETTING)
     assert isinstance(operator, LinearOperator)
     assert operator.shape == (200 * 45, 12 * 12 * operator.volume_shape[-1])
     x = RNG.standard_normal(operator.shape[1])
@@ -186,12 +186,12 @@ def test_it_is_a_scipy_operator_and_solvers_take_it() -> None:
 
 
 def test_wrong_input_is_refused_and_work_is_cancelled() -> None:
-    operator = ForwardOperator(sensors((12, 12), (1e-2, 1e-2), False), aperture=1e-2, modes=12, **SETTING)
+    operator = flat_operator(sensors((12, 12), (1e-2, 1e-2), False), aperture=1e-2, modes=12, **SETTING)
     with pytest.raises(InvalidInput, match="volume"):
         operator.forward(np.zeros((2, 2, 2)))
-    with pytest.raises(InvalidInput, match="highest_frequency"):
-        ForwardOperator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency=0.0, **SETTING)
-    with pytest.raises(InvalidInput, match="highest_frequency is 'signal'"):
-        ForwardOperator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency="signal", **SETTING)
+    with pytest.raises(InvalidInput, match="max_frequency"):
+        flat_operator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency=0.0, **SETTING)
+    with pytest.raises(InvalidInput, match=r"max_frequency is signal; .*reconstruct"):
+        flat_operator(np.zeros((1, 2)), aperture=1e-2, modes=12, highest_frequency="signal", **SETTING)
     with pytest.raises(Cancelled):
         operator.forward(np.zeros(operator.volume_shape), cancelled=lambda: True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from steradian.imaging import ReconstructionPlan, reconstruct, spectrum_of
+from steradian.imaging import spectrum_of
+from support.flat import flat_plan, flat_reconstruct
 
 GEOMETRY = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "aperture": 0.01}
 
@@ -19,7 +20,7 @@ def test_a_depth_independent_row_of_the_spectrum_is_finuffts() -> None:
     modes = 20
     # a record so short beside the aperture that κ(j, l) = l to 1e-9 for every j
     same = {"weights": np.full(400, 1 / 400), "aperture": 1.0, "modes": modes}
-    volume = reconstruct(traces, positions, sampling_interval=1e-10, sound_speed=300.0, **same)
+    volume = flat_reconstruct(traces, positions, sampling_interval=1e-10, sound_speed=300.0, **same)
     lines = np.fft.rfft(traces, axis=1)
     l = 11  # noqa: E741
     angles = 2 * np.pi * positions
@@ -39,8 +40,8 @@ def test_linear_interpolation_approaches_the_exact_kappa_with_finer_padding() ->
     errors = []
     for padding in (1, 4, 16):
         common = {**GEOMETRY, "modes": 16, "time_padding": padding}
-        exact = reconstruct(traces, positions, **common).values
-        linear = reconstruct(traces, positions, method="linear", **common).values
+        exact = flat_reconstruct(traces, positions, **common).values
+        linear = flat_reconstruct(traces, positions, method="linear", **common).values
         errors.append(np.linalg.norm(linear - exact) / np.linalg.norm(exact))
     assert errors[0] > 0.02
     assert errors[2] < 2e-3
@@ -52,7 +53,8 @@ def test_nearest_is_worse_than_linear_and_linear_than_exact() -> None:
     positions = (np.arange(32) - 16) * 0.01 / 32
     traces = rng.standard_normal((32, 64)) * np.exp(-(((np.arange(64) - 30) / 12) ** 2))
     images = {
-        m: reconstruct(traces, positions, method=m, modes=32, **GEOMETRY).values for m in ("ner", "linear", "nearest")
+        m: flat_reconstruct(traces, positions, method=m, modes=32, **GEOMETRY).values
+        for m in ("ner", "linear", "nearest")
     }
     off = {m: np.linalg.norm(images[m] - images["ner"]) for m in ("linear", "nearest")}
     assert 0 < off["linear"] < off["nearest"]
@@ -65,12 +67,12 @@ def test_filling_a_complete_grid_changes_nothing_and_a_smooth_gap_is_filled() ->
     traces = np.exp(-(((t - 30 - 400 * positions[:, :1]) / 6) ** 2)) * np.exp(
         -((positions**2).sum(1)[:, None] / 0.003**2)
     )
-    exact = reconstruct(traces, positions, modes=24, **GEOMETRY).values
-    same = reconstruct(traces, positions, modes=24, method="interpolated", **GEOMETRY).values
+    exact = flat_reconstruct(traces, positions, modes=24, **GEOMETRY).values
+    same = flat_reconstruct(traces, positions, modes=24, method="interpolated", **GEOMETRY).values
     np.testing.assert_allclose(same, exact, atol=1e-6 * np.abs(exact).max())
     kept = np.random.default_rng(2).random(len(positions)) < 0.8
-    filled = reconstruct(traces[kept], positions[kept], modes=24, method="interpolated", **GEOMETRY).values
-    zeroed = reconstruct(traces[kept], positions[kept], modes=24, **GEOMETRY).values
+    filled = flat_reconstruct(traces[kept], positions[kept], modes=24, method="interpolated", **GEOMETRY).values
+    zeroed = flat_reconstruct(traces[kept], positions[kept], modes=24, **GEOMETRY).values
     assert np.linalg.norm(filled - exact) < 0.5 * np.linalg.norm(zeroed - exact)
 
 
@@ -81,8 +83,8 @@ def test_gridded_and_scattered_paths_agree() -> None:
     traces = np.random.default_rng(3).standard_normal((257, 64))
     weights = np.full(257, 1e-4 / 256)
     weights[-1] = 0
-    plan = ReconstructionPlan(positions, samples=64, modes=16, **GEOMETRY)
-    other = ReconstructionPlan(
+    plan = flat_plan(positions, samples=64, modes=16, **GEOMETRY)
+    other = flat_plan(
         np.concatenate([positions, [[0.00123, 0.00321]]]), samples=64, modes=16, weights=weights, **GEOMETRY
     )
     assert (plan.method, other.method) == ("ner", "nedner")

@@ -15,7 +15,9 @@ import pytest
 from steradian.core.exceptions import InvalidInput
 from steradian.core.system_resources import available_memory, cgroup_memory_headroom, cpu_count
 from steradian.imaging import (
+    Acquisition,
     ElasticFilm,
+    ImageGrid,
     InverseFilter,
     Iterative,
     ReconstructionPlan,
@@ -23,9 +25,8 @@ from steradian.imaging import (
     kaiser_bessel,
     reconstruct,
 )
-from steradian.imaging.iterative.solve import reconstruct_iteratively
-from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask, equiangular_mask
+from support.flat import flat_fit, flat_operator, flat_plan, flat_reconstruct
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 100)
 TRACES = np.random.default_rng(0).standard_normal((MASK.count, 64)).astype(np.float32)
@@ -46,8 +47,8 @@ OFF_UNIT: dict[str, Any] = {
         ("aperture", {"aperture": 13.56}, r"aperture is 13\.56; allowed: > 0, at most 1 \(m\)"),
         ("aperture", {"aperture": "13.56e-3"}, "at most 1"),
         ("aperture", {"aperture": None}, "at most 1"),
-        ("sampling_interval", {"sampling_interval": 8}, r"is 8; allowed: at least 1e-10, at most 1e-05 \(s\)"),
-        ("sampling_interval", {"sampling_interval": 125e6}, r"at most 1e-05 \(s\)"),
+        ("dt", {"sampling_interval": 8}, r"is 8; allowed: at least 1e-10, at most 1e-05 \(s\)"),
+        ("dt", {"sampling_interval": 125e6}, r"at most 1e-05 \(s\)"),
         ("sound_speed", {"sound_speed": 1.5}, r"is 1\.5; allowed: at least 300, at most 6000 \(m/s\)"),
         ("sound_speed", {"sound_speed": "1500"}, "is '1500'"),
         ("weights[0]", {"weights": -MASK.weights[0] + 0 * MASK.weights}, r"at least 0 \(m²\)"),
@@ -59,45 +60,47 @@ OFF_UNIT: dict[str, Any] = {
         ),
         ("weights", {"weights": MASK.weights / MASK.weights.sum()}, "a sum of 1;"),
         ("weights", {"weights": ["a"] * MASK.count}, "one weight a sensor"),
-        ("modes", {"modes": "64"}, "is '64'; allowed: a whole number from 2"),
+        ("modes", {"modes": "64"}, "is '64'; allowed: a whole number from 2 to 4,096"),
         ("modes", {"modes": np.inf}, "a whole number from 2"),
-        ("method", {"method": "magic"}, "nedner, ner, linear, nearest, interpolated, iterative"),
+        ("modes", {"modes": 60000}, "is 60000; allowed: a whole number from 2 to 4,096"),
         ("threads", {"threads": -3}, "from 1"),
         ("threads", {"threads": "two"}, "from 1"),
-        ("tolerance", {"tolerance": "high"}, "from 1e-12 to 0.1"),
-        ("time_zero", {"time_zero": "0"}, r"is .0.; allowed: at least -0\.0005, at most 0\.0005 \(s\)"),
-        ("time_zero", {"time_zero": 1e300}, r"at most 0\.0005 \(s\)"),
+        ("tolerance", {"tolerance": "high"}, r"at least 1e-12, at most 0\.1 \(relative\)"),
+        ("tolerance", {"tolerance": 0.2}, r"at least 1e-12, at most 0\.1 \(relative\)"),
+        ("upsampling", {"upsampling": 17}, "a whole number from 1 to 16"),
+        ("time_padding", {"time_padding": 17}, r"at least 1, at most 16 \(times\)"),
+        ("max_frequency", {"highest_frequency": -1.0}, "a frequency above 0 Hz"),
+        ("depth_step", {"method": "iterative", "depth_step": 1e-4}, "uses no other"),
+        ("t0", {"time_zero": "0"}, r"is .0.; allowed: at least -0\.0005, at most 0\.0005 \(s\)"),
+        ("t0", {"time_zero": 1e300}, r"at most 0\.0005 \(s\)"),
         ("aperture", {"aperture": 1e-300}, "1e-06 to 1 m"),
         ("traces", {"scale": 1e300}, "beyond the range of the working precision"),
         ("traces", {"scale": 1e33}, "beyond the range of the working precision"),  # its sums would overflow
-        ("depth_range", {"depth_range": 5e-3}, "two depths in metres"),
-        ("depth_range", {"depth_range": (0.0, 5.0)}, "two depths in metres"),
+        ("depth", {"depth_range": 5e-3}, "two depths in metres"),
+        ("depth", {"depth_range": (0.0, 5.0)}, "two depths in metres"),
         ("scale", {"scale": "2"}, "a finite factor"),
         ("dtype", {"dtype": "float32", "tolerance": 1e-9}, "float64 or None for a tolerance below 5e-06"),
-        ("iterative", {"iterative": Iterative()}, "None with the method nedner"),
-        ("iterative", {"method": "iterative", "iterative": {"iterations": 3}}, "is dict"),
-        ("window", {"method": "iterative", "window": "semicircle"}, "uses no other"),
         ("time_padding", {"method": "iterative", "time_padding": 2.0}, "uses no other"),
         (
             "correction.max_gain",
             {"method": "iterative", "correction": InverseFilter(ElasticFilm(), 20.0)},
             "uses no other",
         ),
-        ("correction", {"correction": ElasticFilm()}, "is ElasticFilm; allowed: a Correction"),
+        ("correction", {"correction": ElasticFilm()}, "is ElasticFilm; allowed: an InverseFilter"),
     ],
 )
 def test_invalid_parameter_is_refused_with_field_and_allowed_values(
     field: str, change: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(InvalidInput, match=says) as caught:
-        reconstruct(TRACES, MASK.positions, **{**COMMON, **change})
+        flat_reconstruct(TRACES, MASK.positions, **{**COMMON, **change})
     assert caught.value.field == field
 
 
 def test_positions_in_millimetres_are_refused_also_beside_an_aperture_in_millimetres() -> None:
     for aperture in (13.56, 13.56e-3):
-        with pytest.raises(InvalidInput, match=r"positions\[\d+\] is .*±0\.5 m about the middle, in metres"):
-            reconstruct(TRACES, 1e3 * MASK.positions, **{**COMMON, "aperture": aperture})
+        with pytest.raises(InvalidInput, match=r"sensors\[\d+\] is .*±0\.5 m about the middle, in metres"):
+            flat_reconstruct(TRACES, 1e3 * MASK.positions, **{**COMMON, "aperture": aperture})
 
 
 @pytest.mark.parametrize("method", ["nedner", "linear", "nearest", "iterative"])
@@ -105,7 +108,7 @@ def test_transposed_traces_are_refused_with_hint(method: Any) -> None:
     """HDF5 of MATLAB comes so, and the count of samples must not be taken from the sensors."""
     says = f"one row for each of the {MASK.count} sensors; this has a column for each: transpose it"
     with pytest.raises(InvalidInput, match=says):
-        reconstruct(TRACES.T, MASK.positions, **COMMON, method=method)
+        flat_reconstruct(TRACES.T, MASK.positions, **COMMON, method=method)
 
 
 @pytest.mark.parametrize("field", OFF_UNIT)
@@ -113,17 +116,29 @@ def test_transposed_traces_are_refused_with_hint(method: Any) -> None:
 def test_plan_operator_and_fit_refuse_the_same(way: str, field: str) -> None:
     given = {"positions": MASK.positions, **COMMON, field: OFF_UNIT[field]}
     ways: dict[str, Callable[[], object]] = {
-        "plan": lambda: ReconstructionPlan(samples=64, **given),
-        "operator": lambda: ForwardOperator(samples=64, **given),
-        "fit": lambda: reconstruct_iteratively(TRACES, **given),
+        "plan": lambda: flat_plan(samples=64, **given),
+        "operator": lambda: flat_operator(samples=64, **given),
+        "fit": lambda: flat_fit(TRACES, **given),
     }
     with pytest.raises(InvalidInput) as caught:
         ways[way]()
-    assert caught.value.field.partition("[")[0] == field
+    renamed = {"positions": "sensors", "sampling_interval": "dt"}
+    assert caught.value.field.partition("[")[0] == renamed.get(field, field)
+
+
+@pytest.mark.parametrize("method", ["nedner", None, ElasticFilm(), {"iterations": 3}])
+def test_reconstruct_and_plan_reject_values_that_are_not_methods(method: Any) -> None:
+    acquisition = Acquisition(TRACES, MASK, dt=8e-9, sound_speed=1500.0)
+    with pytest.raises(InvalidInput, match="Nufft, Ner, LinearKappa, NearestKappa, Gridded, Iterative") as caught:
+        reconstruct(acquisition, ImageGrid(16), method)
+    assert caught.value.field == "method"
+    for other in (method, Iterative()):
+        with pytest.raises(InvalidInput, match=r"Gridded; Iterative is for reconstruct\(\)"):
+            ReconstructionPlan(acquisition.geometry, ImageGrid(16), other)
 
 
 def test_equivalent_parameter_types_give_same_image() -> None:
-    image = reconstruct(TRACES, MASK.positions, weights=MASK.weights, **COMMON).values
+    image = flat_reconstruct(TRACES, MASK.positions, weights=MASK.weights, **COMMON).values
     forms: list[dict[str, Any]] = [
         {"dtype": np.float32},
         {"dtype": np.dtype("float32")},
@@ -135,19 +150,19 @@ def test_equivalent_parameter_types_give_same_image() -> None:
         {"weights": MASK.weights.tolist()},
     ]
     for form in forms:
-        same = reconstruct(TRACES, MASK.positions, **{"weights": MASK.weights, **COMMON, **form}).values
+        same = flat_reconstruct(TRACES, MASK.positions, **{"weights": MASK.weights, **COMMON, **form}).values
         np.testing.assert_allclose(same, image, atol=1e-4 * np.abs(image).max())
 
 
 @pytest.mark.parametrize("method", ["nedner", "iterative"])
 def test_mask_argument_equals_explicit_positions_weights_aperture(method: Any) -> None:
     common = {name: value for name, value in COMMON.items() if name != "aperture"}
-    whole = reconstruct(
+    whole = flat_reconstruct(
         TRACES, MASK.positions, aperture=MASK.aperture, weights=MASK.weights, method=method, **common
     ).values
-    np.testing.assert_array_equal(reconstruct(TRACES, MASK, method=method, **common).values, whole)
+    np.testing.assert_array_equal(flat_reconstruct(TRACES, MASK, method=method, **common).values, whole)
     line = equiangular_mask(13.56e-3, 3.6e-3, 50)
-    image = reconstruct(TRACES[: line.count], line, method=method, **common)
+    image = flat_reconstruct(TRACES[: line.count], line, method=method, **common)
     assert image.names == ("x", "z")
 
 
@@ -156,7 +171,7 @@ def test_weights_that_miss_the_rim_or_reach_beyond_it_are_areas() -> None:
     grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     common = {"sampling_interval": 8e-9, "sound_speed": 1500.0, "modes": 16}
     for aperture in (3e-3, 4e-3, 40e-3):
-        reconstruct(TRACES[:16], grid, aperture=aperture, weights=np.full(16, 1e-6), **common)
+        flat_reconstruct(TRACES[:16], grid, aperture=aperture, weights=np.full(16, 1e-6), **common)
 
 
 def test_a_window_wider_than_a_spectrums_repeated_ends_is_refused() -> None:
@@ -186,24 +201,23 @@ def test_a_window_that_is_none_is_refused(field: str, made: Callable[[], Window]
 CHILD = """
 import resource, numpy as np
 resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
-from steradian import InvalidInput, reconstruct
-from steradian.imaging import ReconstructionPlan
-from steradian.imaging.iterative.solve import reconstruct_iteratively
-from steradian.imaging.operators import ForwardOperator
+from steradian import (
+    Acquisition, Compute, ForwardOperator, ImageGrid, InvalidInput, Iterative, ReconstructionPlan, reconstruct
+)
 rng = np.random.default_rng(0)
-positions, traces = (rng.random((40, 2)) - 0.5) * 0.01, rng.standard_normal((40, 64)).astype(np.float32)
-common = dict(sampling_interval=8e-9, sound_speed=1500.0, aperture=0.01)
+positions, traces = (rng.random((40, 2)) - 0.5) * 0.01, rng.standard_normal((40, 1024)).astype(np.float32)
+a, cpu = Acquisition(traces, positions, dt=8e-9, sound_speed=1500.0, aperture=0.01), Compute(device="cpu")
 ways = {
-    "reconstruct": lambda **c: reconstruct(traces, positions, **common, **c),
-    "plan": lambda **c: ReconstructionPlan(positions, samples=64, **common, **c),
-    "operator": lambda **c: ForwardOperator(positions, samples=64, **common, **c),
-    "fit": lambda **c: reconstruct_iteratively(traces, positions, **common, **c),
+    "reconstruct": lambda grid: reconstruct(a, grid, compute=cpu),
+    "plan": lambda grid: ReconstructionPlan(a.geometry, grid, compute=cpu),
+    "operator": lambda grid: ForwardOperator(a.geometry, grid, compute=cpu),
+    "fit": lambda grid: reconstruct(a, grid, Iterative(), compute=cpu),
 }
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for name, way in ways.items():
-    for change in ({"modes": 20000}, {"modes": 20000, "depth_range": (0.0, 0.0)}):
+    for grid in (ImageGrid(4096), ImageGrid(4096, depth=(0.0, 0.0))):
         try:
-            way(**change)
+            way(grid)
         except InvalidInput as error:
             print(name, error)
 print("grown by", (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) >> 10, "MiB")
@@ -219,7 +233,7 @@ def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_befor
         w for w in ("reconstruct", "plan", "operator", "fit") for _ in "ab"
     ]
     for line in refusals:
-        assert "modes is 20000 × 20000; allowed: what the available" in line
+        assert "modes is 4096 × 4096; allowed: what the available" in line
         there, needed = (int(part.split()[0]) for part in (line.split("the available ")[1], line.split("at least ")[1]))
         assert there < 6 << 30 < needed
     assert int(grown.split()[2]) < 64
@@ -228,8 +242,8 @@ def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_befor
 def test_prime_modes_exceeding_memory_limit_are_refused() -> None:
     line: dict[str, Any] = {**COMMON, "samples": 64, "memory_limit": 4 << 30}
     with pytest.raises(InvalidInput, match="memory_limit"):
-        ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_521})
-    ReconstructionPlan(MASK.positions[:, 0], **{**line, "modes": 65_536})
+        flat_plan(MASK.positions[:, 0], **{**line, "modes": 4096, "lateral_padding": 65_521 / 4096})
+    flat_plan(MASK.positions[:, 0], **{**line, "modes": 4096, "lateral_padding": 16})
 
 
 def test_available_memory_is_plausible() -> None:

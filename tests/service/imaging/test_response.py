@@ -10,10 +10,11 @@ import pytest
 from fabry_perot.simulator.film import directivity, low_pass
 from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import ElasticFilm, InverseFilter, MeasuredFilm, reconstruct
+from steradian.imaging import ElasticFilm, InverseFilter, MeasuredFilm
 from steradian.imaging.film_response import tabulate
 from steradian.masks.film_attenuation import attenuation_db
 from steradian.reconstructions.film_correction import Film, SimulatedFilmResponse
+from support.flat import flat_reconstruct
 
 SPEED, INTERVAL, SIDE, DEPTH = 1500.0, 10e-9, 6.4e-3, 1.4e-3
 COMMON: dict[str, Any] = {
@@ -34,7 +35,7 @@ def ring() -> np.ndarray:
 
 
 def peak(traces: np.ndarray, sensors: np.ndarray, correction: InverseFilter | None) -> float:
-    volume = reconstruct(traces, sensors, correction=correction, **COMMON)
+    volume = flat_reconstruct(traces, sensors, correction=correction, **COMMON)
     near = np.abs(volume.axes.z - DEPTH) < 0.2e-3
     return float(volume.values[38:43, 38:43, near].max())
 
@@ -55,8 +56,10 @@ def test_a_ball_seen_at_50_to_62_degrees_regains_its_amplitude_within_a_tenth() 
 def test_inverse_filter_noise_gain_is_bounded(gain: float) -> None:
     sensors = ring()
     noise = np.random.default_rng(0).standard_normal((len(sensors), 400)).astype(np.float32)
-    plain = reconstruct(noise, sensors, **COMMON).values
-    filtered = reconstruct(noise, sensors, correction=InverseFilter(SimulatedFilmResponse(), gain), **COMMON).values
+    plain = flat_reconstruct(noise, sensors, **COMMON).values
+    filtered = flat_reconstruct(
+        noise, sensors, correction=InverseFilter(SimulatedFilmResponse(), gain), **COMMON
+    ).values
     assert 1.2 < np.linalg.norm(filtered) / np.linalg.norm(plain) <= gain
     frequencies, sines = np.linspace(0, 50e6, 60), np.linspace(0, 1, 50)
     for film in (SimulatedFilmResponse(), ElasticFilm()):
@@ -126,9 +129,9 @@ def test_a_complex_filter_shifts_every_wave_by_its_phase() -> None:
 
     sensors, ball = ring()[::4], Balls(np.array([[0.3e-3, 0.0, DEPTH]]), np.array([90e-6]), np.array([1.0]))
     times = np.arange(400) * INTERVAL
-    on_time = reconstruct(pressure(ball, sensors, times, SPEED), sensors, **COMMON).values
+    on_time = flat_reconstruct(pressure(ball, sensors, times, SPEED), sensors, **COMMON).values
     late = pressure(ball, sensors, times - 3 * INTERVAL, SPEED)
-    mended = reconstruct(late, sensors, correction=InverseFilter(Delay(), 1e4), **COMMON).values
+    mended = flat_reconstruct(late, sensors, correction=InverseFilter(Delay(), 1e4), **COMMON).values
     assert np.linalg.norm(mended - on_time) < 0.02 * np.linalg.norm(on_time)
 
 

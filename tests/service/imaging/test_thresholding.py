@@ -13,11 +13,11 @@ import pytest
 
 from steradian import phantoms
 from steradian.core.exceptions import Cancelled, InvalidInput
-from steradian.imaging import Iterative, reconstruct
+from steradian.imaging import Iterative
 from steradian.imaging.iterative.ista import noise_level, rms_per_depth
-from steradian.imaging.iterative.solve import reconstruct_iteratively
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
+from support.flat import flat_fit, flat_reconstruct
 
 KWAVE = Path(__file__).parents[2] / "data" / "yarn_kwave_sparse.npz"
 SIDE, DEPTH, SPEED, INTERVAL, SAMPLES = 5.04e-3, 1.4e-3, 1500.0, 10e-9, 420
@@ -46,18 +46,16 @@ def test_it_is_nearer_to_the_truth_than_total_variation_in_half_the_products(kin
     where: dict[str, Any] = {"centre": (0.0, 0.0, DEPTH), "radius": 1.1e-3}
     balls = phantoms.yarn(0, **where) if kind == "yarn" else phantoms.vessels(0, thickest=80e-6, **where)
     mask, traces = seen(balls, 30.0)
-    smooth = reconstruct_iteratively(
-        traces, mask.positions, options=Iterative(regularisation="total-variation"), **COMMON
-    )
-    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON)
-    axes = found.volume.axes
+    smooth = flat_fit(traces, mask.positions, options=Iterative(regularisation="total-variation"), **COMMON)
+    found = flat_fit(traces, mask.positions, options=THRESHOLDING, **COMMON)
+    axes = found.axes
     assert axes.y is not None
     truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
-    assert correlation(found.volume.values, truth) > correlation(smooth.volume.values, truth)
-    assert correlation(found.volume.values, truth) > 0.93
-    assert correlation(found.volume.mip(), truth.max(axis=2)) > correlation(smooth.volume.mip(), truth.max(axis=2))
-    assert found.products <= smooth.products / 2
-    assert found.volume.values.min() >= 0
+    assert correlation(found.values, truth) > correlation(smooth.values, truth)
+    assert correlation(found.values, truth) > 0.93
+    assert correlation(found.mip(), truth.max(axis=2)) > correlation(smooth.mip(), truth.max(axis=2))
+    assert found.info.products <= smooth.info.products / 2
+    assert found.values.min() >= 0
 
 
 def amplitude(values: np.ndarray, truth: np.ndarray) -> float:
@@ -71,7 +69,7 @@ def test_strong_noise_takes_little_from_amplitudes(thickest: float, noise_db: fl
     """Of vessels as thin as the voxels a little, of thicker ones less."""
     vessels = phantoms.vessels(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3, thickest=thickest)
     mask, traces = seen(vessels, noise_db)
-    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON).volume
+    found = flat_fit(traces, mask.positions, options=THRESHOLDING, **COMMON)
     axes = found.axes
     assert axes.y is not None
     truth = phantoms.initial_pressure(vessels, axes.x, axes.y, axes.z)
@@ -86,8 +84,8 @@ def test_an_object_that_fills_the_volume_is_not_taken_for_streaks() -> None:
     centres = np.column_stack([*random.uniform(-1.8e-3, 1.8e-3, (2, 150)), random.uniform(0.5e-3, 2.4e-3, 150)])
     balls = phantoms.Balls(centres, random.uniform(120e-6, 250e-6, 150), random.uniform(0.2, 1.0, 150))
     mask, traces = seen(balls, 30.0)
-    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON).volume
-    direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
+    found = flat_fit(traces, mask.positions, options=THRESHOLDING, **COMMON)
+    direct = flat_reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
     axes = found.axes
     assert axes.y is not None
     truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
@@ -106,7 +104,7 @@ def test_k_waves_yarn_from_a_tenth_of_its_sensors() -> None:
     traces = data["traces"].astype(np.float32) * float(data["scale"])
     traces += np.float32(data["noise_std"]) * np.random.default_rng(0).standard_normal(traces.shape, np.float32)
     depths = np.arange(truth.shape[2]) * pitch
-    found = reconstruct_iteratively(
+    found = flat_fit(
         traces,
         (data["sensors"].astype(np.float64) - len(truth) // 2) * pitch,
         options=THRESHOLDING,
@@ -119,7 +117,7 @@ def test_k_waves_yarn_from_a_tenth_of_its_sensors() -> None:
     place = depths / (speed * interval)
     below = np.floor(place + 1e-9).astype(int)
     share = (place - below).astype(np.float32)
-    values = found.volume.values
+    values = found.values
     there = values[:, :, below] * (1 - share) + values[:, :, below + 1] * share
     assert correlation(there, truth) > 0.97
     assert correlation(there.max(axis=2), truth.max(axis=2)) > 0.98
@@ -133,12 +131,12 @@ def test_without_noise_amplitudes_come_back() -> None:
     centres = np.array([[0.0, 0.0, 1.2e-3], [0.6e-3, -0.3e-3, 1.6e-3], [-0.5e-3, 0.6e-3, 1.4e-3]])
     balls = phantoms.Balls(centres=centres, sigmas=np.full(3, 100e-6), amplitudes=np.array([1.0, 0.75, 1.2]))
     mask, traces = seen(balls, None)
-    found = reconstruct_iteratively(traces, mask.positions, options=THRESHOLDING, **COMMON).volume
+    found = flat_fit(traces, mask.positions, options=THRESHOLDING, **COMMON)
     axes = found.axes
     assert axes.y is not None
     truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
     assert amplitude(found.values, truth) == pytest.approx(1.0, abs=0.05)
-    direct = reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
+    direct = flat_reconstruct(traces, mask.positions, weights=mask.weights, **COMMON)
     assert amplitude(direct.values, truth) < 0.8
 
 
@@ -156,9 +154,9 @@ def test_a_step_that_makes_it_worse_is_not_taken() -> None:
     """Without thresholds the streaks would be fed back: the misfit falls all the same from step to step."""
     mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)
     reckless = Iterative(regularisation="thresholding", strength=0.5, iterations=12, non_negative=False)
-    found = reconstruct_iteratively(traces, mask.positions, options=reckless, **COMMON)
-    assert list(found.residuals) == sorted(found.residuals, reverse=True)
-    assert found.residuals[-1] < 1
+    found = flat_fit(traces, mask.positions, options=reckless, **COMMON)
+    assert list(found.info.residuals) == sorted(found.info.residuals, reverse=True)
+    assert found.info.residuals[-1] < 1
 
 
 @pytest.mark.long
@@ -167,26 +165,25 @@ def test_thresholding_reports_progress_cancels_and_bounds_memory() -> None:
     short = Iterative(regularisation="thresholding", iterations=2)
     told: list[tuple[str, int, int]] = []
     how: dict[str, Any] = {"options": short, **COMMON}
-    reconstruct_iteratively(traces, mask.positions, progress=lambda *said: told.append(said), **how)
+    flat_fit(traces, mask.positions, progress=lambda *said: told.append(said), **how)
     assert told[0] == ("iterations", 0, 2)
     assert told[-1][0].startswith("iterations, misfit ")
     with pytest.raises(Cancelled):
-        reconstruct_iteratively(traces, mask.positions, cancelled=lambda: True, **how)
+        flat_fit(traces, mask.positions, cancelled=lambda: True, **how)
     with pytest.raises(InvalidInput, match="refits"):
         Iterative(refits=-1)
     tracemalloc.start()
-    found = reconstruct_iteratively(traces, mask.positions, **how)
+    found = flat_fit(traces, mask.positions, **how)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak <= found.memory_bytes
+    assert peak <= found.info.memory_bytes
 
 
 HUNGER = """
 import sys
 import numpy as np
 from pathlib import Path
-from steradian import phantoms
-from steradian.imaging.iterative.solve import reconstruct_iteratively
+from steradian import Acquisition, Compute, ImageGrid, Iterative, phantoms, reconstruct
 from steradian.masks import equi_steradian_mask
 
 def peak():
@@ -194,8 +191,8 @@ def peak():
                 if line.startswith("VmHWM"))
 
 def run(modes, samples, interval):
-    return reconstruct_iteratively(traces[:, :samples], mask.positions, sampling_interval=interval, sound_speed=1500.0,
-                                   aperture=SIDE, modes=modes, threads=2)
+    acquisition = Acquisition(traces[:, :samples], mask.positions, dt=interval, sound_speed=1500.0, aperture=SIDE)
+    return reconstruct(acquisition, ImageGrid(modes), Iterative(), compute=Compute(device="cpu", threads=2))
 
 SIDE = 6.78e-3
 mask = equi_steradian_mask(SIDE, 1.8e-3, 400)
@@ -206,7 +203,7 @@ run(16, 128, 8e-9)  # compiles
 Path("/proc/self/clear_refs").write_text("5")
 before = peak()
 found = run(160, 512, 8e-9)
-print(peak() - before, found.memory_bytes, found.volume.values.nbytes, found.iterations)
+print(peak() - before, found.info.memory_bytes, found.values.nbytes, found.info.iterations)
 """
 
 
@@ -225,5 +222,5 @@ def test_the_memory_beyond_the_a_lines_is_less_than_three_images() -> None:
 def test_nothing_in_nothing_out() -> None:
     """A record of zeros has no streaks to cut; its image is empty."""
     mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), None)
-    found = reconstruct_iteratively(np.zeros_like(traces), mask.positions, options=THRESHOLDING, **COMMON)
-    assert not found.volume.values.any()
+    found = flat_fit(np.zeros_like(traces), mask.positions, options=THRESHOLDING, **COMMON)
+    assert not found.values.any()

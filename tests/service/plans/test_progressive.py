@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from fabry_perot.simulator.phantoms import pressure, yarn
-from steradian import InvalidInput, ScanPlan, equi_steradian_mask, quality, reconstruct
+from steradian import (
+    Acquisition,
+    ImageGrid,
+    InvalidInput,
+    Nufft,
+    ScanPlan,
+    equi_steradian_mask,
+    quality,
+    reconstruct,
+)
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks import PointOfInterest, combined_mask, equiangular_mask, poisson_disc_mask
 
@@ -45,17 +54,15 @@ def test_images_get_better_with_every_pass_and_sooner_than_in_rows(mask):
 
     def image(plan, points):
         prefix, seen = plan.truncated_mask(points, "analytic"), plan.visit[:points]
-        volume = reconstruct(
+        acquisition = Acquisition(
             traces[seen],
             prefix.positions,
             weights=prefix.weights,
-            sampling_interval=8e-9,
+            dt=8e-9,
             sound_speed=1500.0,
             aperture=mask.aperture,
-            modes=160,
-            depth_range=(2.8e-3, 4.4e-3),
-            tolerance=1e-3,
         )
+        volume = reconstruct(acquisition, ImageGrid(160, depth=(2.8e-3, 4.4e-3)), Nufft(tolerance=1e-3))
         return volume.mip("z")
 
     plan, rows = (ScanPlan.create(mask=mask, order=order) for order in ("progressive", "snake"))

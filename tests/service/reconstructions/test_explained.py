@@ -5,13 +5,13 @@ import dataclasses
 import pytest
 
 from steradian.core.schema_descriptions import explanations
-from steradian.imaging import Conditioning, Display, Iterative
+from steradian.imaging import Conditioning, Display, IterativeOptions
 from steradian.reconstructions.parameters import ReconstructionParameters
 
 SCHEMA = ReconstructionParameters.model_json_schema()
 
 
-@pytest.mark.parametrize("kind", [Conditioning, Display, Iterative])
+@pytest.mark.parametrize("kind", [Conditioning, Display, IterativeOptions])
 def test_every_parameter_is_explained_in_the_docstring_s_words(kind):
     """No field of a plain dataclass is without a description, and none has the markup of the docstring."""
     properties = SCHEMA["$defs"][kind.__name__]["properties"]

@@ -119,14 +119,13 @@ def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place,
     from steradian.reconstructions.pipeline import run as job
     from steradian.reconstructions.studies import what_if
 
-    reconstruct, sensors = job.reconstruct_in_memory, []
+    prepare, sensors = job.prepare, []
 
     def counted(recording, *args, **how):
         sensors.append(len(recording.positions))
-        return reconstruct(recording, *args, **how)
+        return prepare(recording, *args, **how)
 
-    for module in (job, what_if):
-        monkeypatch.setattr(module, "reconstruct_in_memory", counted)
+    monkeypatch.setattr(job, "prepare", counted)
     old = place.data.reference("of-another-scan")  # on a worker's host, where no service looks through the folder
     old.write_bytes(b"image")
     os.utime(old, (0, 0))

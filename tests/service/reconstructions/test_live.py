@@ -16,8 +16,7 @@ from fabry_perot import RecoveryPolicy, simulator
 from fabry_perot.simulator import phantoms
 from steradian.benchmarks.live import live as benchmark
 from steradian.core.exceptions import Cancelled, InvalidInput, NotFound
-from steradian.imaging import Volume
-from steradian.imaging._reconstruct import reconstruct_with
+from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Display
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.plans import ScanPlan
@@ -27,7 +26,7 @@ from steradian.reconstructions.live.follow import LiveReconstruction, reconstruc
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision import Revision
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
+from steradian.reconstructions.pipeline.resolve import resolve_setup
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.volumes.file import read_volume
 from steradian.reconstructions.volumes.reader import VolumeReader
@@ -35,6 +34,7 @@ from steradian.scans.acquisition.run import run_scan
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.tail import IdleDetector, ScanTail
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
+from steradian.scans.recording import Recording
 from support.alines import Aline
 from support.pacing import InStep
 
@@ -108,8 +108,14 @@ def _from_scratch(
     """All A-lines of the file, with the view's voxels."""
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
-    chosen = view.preview.parameters(to_imaging_parameters(recording, parameters))
-    return reconstruct_with(chosen, view.preview.decimate(traces), recording.positions)
+    geometry, grid, method, compute = view.preview.apply(resolve_setup(recording, parameters))
+    return reconstruct(geometry.acquisition(view.preview.decimate(traces)), grid, method, compute=compute)
+
+
+def _whole(recording: Recording, parameters: ReconstructionParameters, traces: np.ndarray) -> Volume:
+    """Reconstruct A-lines with the full image's parameters."""
+    geometry, grid, method, compute = resolve_setup(recording, parameters)
+    return reconstruct(geometry.acquisition(traces), grid, method, compute=compute)
 
 
 @pytest.mark.long
@@ -224,7 +230,7 @@ def test_live_common_median_is_recomputed_each_revision(scan: GrowingScan, tmp_p
     recording = read_scan(scan.path)
     traces = recording.traces * np.asarray(recording.scale)[:, None]
     traces -= np.median(traces, axis=0)
-    whole = reconstruct_with(to_imaging_parameters(recording, parameters), traces, recording.positions)
+    whole = _whole(recording, parameters, traces)
     assert _distance(view.volume().values, whole.values) < 1e-4
 
 
@@ -394,7 +400,7 @@ def test_a_line_of_sensors_is_followed_too(tmp_path: Path) -> None:
             view.update()
     recording = read_scan(tmp_path / "scan.h5")
     traces = recording.traces.astype(np.float32)
-    whole = reconstruct_with(to_imaging_parameters(recording, PARAMETERS), traces, recording.positions)
+    whole = _whole(recording, PARAMETERS, traces)
     assert _distance(view.volume().values, whole.values) < 1e-4
     assert {path.name for path in (tmp_path / "live").iterdir()} == {"mip-y.png", "projections.h5", "revision.json"}
 
@@ -436,5 +442,5 @@ def test_a_later_frame_of_a_scan_is_followed_by_its_number(tmp_path: Path) -> No
     assert view.update() is not None
     recording = read_scan(path, 1)
     traces = recording.traces.astype(np.float32)
-    whole = reconstruct_with(to_imaging_parameters(recording, PARAMETERS), traces, recording.positions)
+    whole = _whole(recording, PARAMETERS, traces)
     assert _distance(view.volume().values, whole.values) < 1e-4

@@ -22,7 +22,7 @@ from steradian.reconstructions.live.preview import CoarseParameters
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.diagnostics import FitDiagnostics
 from steradian.reconstructions.pipeline.plan_cache import PlanCache
-from steradian.reconstructions.pipeline.resolve import to_imaging_parameters
+from steradian.reconstructions.pipeline.resolve import resolve_setup
 from steradian.reconstructions.pipeline.run import (
     Report,
     reconstruct_and_write,
@@ -132,7 +132,7 @@ def test_options_of_the_method_iterative_are_refused_with_another(recording: Pat
         ReconstructionParameters.create(iterative={"iterations": 4})
     for padding in (None, 1.0):
         chosen = ReconstructionParameters.create(method="iterative", lateral_padding=padding)
-        assert to_imaging_parameters(open_recording(recording), chosen).lateral_padding == padding
+        assert resolve_setup(open_recording(recording), chosen).grid.lateral_padding == padding
 
 
 def test_highest_frequency_applies_to_cached_and_incremental_plans(recording: Path) -> None:
@@ -141,11 +141,11 @@ def test_highest_frequency_applies_to_cached_and_incremental_plans(recording: Pa
         parameters = ReconstructionParameters.create(highest_frequency=highest)
         plain = reconstruct_in_memory(found, parameters).values
         np.testing.assert_array_equal(plain, reconstruct_in_memory(found, parameters, plans=PlanCache()).values)
-    full = to_imaging_parameters(found, parameters)
+    full = resolve_setup(found, parameters)
     for preview in (CoarseParameters(16, 1), CoarseParameters(16, 2)):  # what is still to come has no end of its signal
-        assert preview.parameters(full).highest_frequency is None
-    full = to_imaging_parameters(found, parameters.replace(highest_frequency=10e6))
-    assert CoarseParameters(16, 1).parameters(full).highest_frequency == 10e6
+        assert preview.apply(full).method.max_frequency is None
+    full = resolve_setup(found, parameters.replace(highest_frequency=10e6))
+    assert CoarseParameters(16, 1).apply(full).method.max_frequency == 10e6
 
 
 def test_non_negative_display_clips_negative_values(recording: Path) -> None:

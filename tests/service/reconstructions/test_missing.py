@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from fabry_perot import ALine
 from fabry_perot.simulator.phantoms import Balls, pressure
 from steradian.cli.app import app
-from steradian.imaging.iterative.solve import reconstruct_iteratively
+from steradian.imaging import Acquisition, ImageGrid, Iterative, reconstruct
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -96,16 +96,11 @@ def test_iterative_report_states_iterations_and_misfit(whole, tmp_path):
     parameters = ReconstructionParameters.create(method="iterative", modes=16, iterative={"iterations": 4})
     report = reconstruct_scan(whole, tmp_path, parameters, progress=lambda stage, *_: stages.append(stage))
     recording = open_recording(whole)
-    found = reconstruct_iteratively(
-        recording.traces * np.asarray(recording.scale)[:, None],
-        recording.positions,
-        sampling_interval=16e-9,
-        sound_speed=1500.0,
-        aperture=recording.aperture,
-        modes=16,
-        options=parameters.iterative,
-    )
-    assert (report.fit.iterations, report.fit.stopped) == (found.iterations, found.stopped)
+    traces = recording.traces * np.asarray(recording.scale)[:, None]
+    recorded = {"dt": 16e-9, "sound_speed": 1500.0, "aperture": recording.aperture}
+    acquisition = Acquisition(traces, recording.positions, **recorded)
+    found = reconstruct(acquisition, ImageGrid(16), Iterative(iterations=4)).info
+    assert (report.fit.iterations, report.fit.stopped) == (found.iterations, found.stop_reason)
     np.testing.assert_allclose(report.fit.misfits, found.residuals, rtol=1e-3)
     assert f"iterations, misfit {100 * found.residuals[-1]:.1f} %" in stages
     command = ["reconstruct", str(whole), "--method", "iterative", "--modes", "16", "--iterations", "4"]

@@ -20,9 +20,10 @@ SAMPLING = {"sampling_interval": 20e-9, "sound_speed": 1500.0}
 def image(noise, mask=MASK, balls=BALLS):
     traces = pressure(balls, mask.positions, samples=256, **SAMPLING)
     traces = add_noise(traces, noise) if noise else traces
-    return steradian.reconstruct(
-        traces, mask.positions, aperture=mask.aperture, modes=100, weights=mask.weights, **SAMPLING
+    acquisition = steradian.Acquisition(
+        traces, mask, dt=SAMPLING["sampling_interval"], sound_speed=SAMPLING["sound_speed"]
     )
+    return steradian.reconstruct(acquisition, steradian.ImageGrid(100))
 
 
 def test_near_field_noise_brighter_than_object_is_cropped():

@@ -6,13 +6,13 @@ from PIL import Image
 
 from steradian.drawing.image_figure import SHORT_SIDE
 from steradian.drawing.ticks import ticks
-from steradian.imaging import ReconstructionPlan, Volume, VoxelAxes
+from steradian.imaging import Volume, VoxelAxes
 from steradian.imaging.engines.cuda import backend
-from steradian.imaging.parameters import Parameters
 from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.pipeline.plan_cache import PlanCache, deep_array_bytes
 from steradian.reconstructions.volumes.images import draw_mip
 from steradian.reconstructions.volumes.projections import project
+from support.flat import flat_compute, flat_geometry, flat_grid, flat_method, flat_plan
 
 OPTIONS = {
     "sampling_interval": 20e-9,
@@ -105,13 +105,19 @@ def positions():
     return np.random.default_rng(2).uniform(-4e-4, 4e-4, (20, 2))
 
 
+def arguments(positions, samples, **flat):
+    """Return geometry, grid, method and execution options."""
+    geometry, grid = flat_geometry(positions, samples, flat), flat_grid(flat)
+    return geometry, grid, flat_method(flat), flat_compute(flat)
+
+
 def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positions):
     plans, traces = PlanCache(), np.random.default_rng(3).normal(size=(20, 32)).astype(np.float32)
-    plan = plans.get(positions, 32, Parameters(**OPTIONS))
-    assert plans.get(positions.copy(), 32, Parameters(**OPTIONS)) is plan
+    plan = plans.get(*arguments(positions, 32, **OPTIONS))
+    assert plans.get(*arguments(positions.copy(), 32, **OPTIONS)) is plan
     first, again = plan.run(traces).values.copy(), plan.run(traces).values
     np.testing.assert_array_equal(first, again)
-    np.testing.assert_array_equal(first, ReconstructionPlan(positions, samples=32, **OPTIONS).run(traces).values)
+    np.testing.assert_array_equal(first, flat_plan(positions, samples=32, **OPTIONS).run(traces).values)
 
 
 @pytest.mark.parametrize(
@@ -121,22 +127,22 @@ def test_the_same_geometry_finds_its_plan_again_and_gives_the_same_image(positio
 )
 def test_another_geometry_gets_another_plan(positions, change):
     plans = PlanCache()
-    plan = plans.get(positions, 32, Parameters(**OPTIONS))
-    assert plans.get(positions, 32, Parameters(**OPTIONS | change)) is not plan
-    assert plans.get(positions + 1e-9, 32, Parameters(**OPTIONS)) is not plan
-    assert plans.get(positions, 33, Parameters(**OPTIONS)) is not plan
+    plan = plans.get(*arguments(positions, 32, **OPTIONS))
+    assert plans.get(*arguments(positions, 32, **OPTIONS | change)) is not plan
+    assert plans.get(*arguments(positions + 1e-9, 32, **OPTIONS)) is not plan
+    assert plans.get(*arguments(positions, 33, **OPTIONS)) is not plan
 
 
 def test_plan_cache_evicts_by_count_and_memory(positions):
     plans = PlanCache(most=2)
-    speeds = [Parameters(**OPTIONS | {"sound_speed": speed}) for speed in (1400.0, 1500.0, 1600.0)]
-    first, second, _ = (plans.get(positions, 32, options) for options in speeds)
+    speeds = [arguments(positions, 32, **OPTIONS | {"sound_speed": speed}) for speed in (1400.0, 1500.0, 1600.0)]
+    first, second, _ = (plans.get(*options) for options in speeds)
     assert len(plans) == 2
-    assert plans.get(positions, 32, speeds[1]) is second
-    assert plans.get(positions, 32, speeds[0]) is not first
+    assert plans.get(*speeds[1]) is second
+    assert plans.get(*speeds[0]) is not first
     tight = PlanCache(most_bytes=1)
     for options in speeds:
-        tight.get(positions, 32, options)
+        tight.get(*options)
     assert len(tight) == 1
 
 
@@ -144,13 +150,13 @@ def test_plan_cache_rebuilds_plan_after_gpu_memory_fallback(positions, monkeypat
     """The next job may find room there, and does not report what befell another one."""
     monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
     monkeypatch.setattr(backend.SimulatorBackend, "free", lambda _: 1000)
-    plans, options = PlanCache(), Parameters(**OPTIONS, device="auto")
-    assert plans.get(positions, 32, options).chosen.device == "cpu"
+    plans, options = PlanCache(), arguments(positions, 32, **OPTIONS, device="auto")
+    assert plans.get(*options).chosen.device == "cpu"
     monkeypatch.undo()
     monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
-    plan = plans.get(positions, 32, options)
+    plan = plans.get(*options)
     assert (plan.chosen.device, plan.chosen.notes) == ("simulator", [])
-    assert plans.get(positions, 32, options) is plan
+    assert plans.get(*options) is plan
 
 
 def test_shared_arrays_count_once():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import DamagedFile
-from steradian.imaging import Volume, VoxelAxes, reconstruct
+from steradian.imaging import Acquisition, ImageGrid, Iterative, Nufft, Volume, VoxelAxes, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.exporting import export_volume
@@ -231,9 +231,9 @@ def test_the_speed_of_sound_really_used_is_in_report_and_volume_file(tmp_path, s
     assert volume.spacing[2] == pytest.approx(used * 8e-9)
 
 
-@pytest.mark.parametrize("method", ["nedner", "iterative"])
+@pytest.mark.parametrize("method", [Nufft(), Iterative()])
 def test_an_image_of_the_library_knows_its_speed(method):
     mask = equi_steradian_mask(10e-3, 3e-3, 60)
     traces = np.random.default_rng(1).standard_normal((mask.count, 64))
-    made = reconstruct(traces, mask, sampling_interval=8e-9, sound_speed=SPEED, modes=16, method=method)
+    made = reconstruct(Acquisition(traces, mask, dt=8e-9, sound_speed=SPEED), ImageGrid(16), method)
     assert made.sound_speed == SPEED

@@ -109,6 +109,8 @@ RESPONSE_HEADERS: Final[dict[str, tuple[str, str]]] = {
     "X-Window": ("Of uint8: the values that are 0 and 255", "0,1.5"),
 }
 """Headers of answers, each with an example."""
+PUBLISHED_NAMES: Final = {"IterativeOptions": "Iterative"}
+"""Names of schemas in the document, by the name of a class that differs from them."""
 _HAVE_PROBLEM: Final = frozenset(("HTTPValidationError", "ValidationError"))
 
 
@@ -149,7 +151,12 @@ def complete_document(document: dict[str, Any]) -> None:
         for method, operation in operations.items():
             _complete_operation(path, method, operation)
     add_links(document)
+    for name, published in PUBLISHED_NAMES.items():
+        schemas[published] = schemas.pop(name) | {"title": published}
+    renamed = {f"#/components/schemas/{name}": published for name, published in PUBLISHED_NAMES.items()}
     for part in list(_dictionaries(document)):
+        if (reference := part.get("$ref")) in renamed:
+            part["$ref"] = f"#/components/schemas/{renamed[reference]}"
         _tidy_schema(part, schemas)
 
 

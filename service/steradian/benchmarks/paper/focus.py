@@ -11,7 +11,7 @@ from steradian import phantoms
 from steradian.benchmarks.paper.markdown import number, percent, picture, table
 from steradian.benchmarks.paper.pictures import figure, save
 from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionResult
-from steradian.imaging import InverseFilter, reconstruct
+from steradian.imaging import Acquisition, ImageGrid, InverseFilter, Nufft, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.film_correction import SimulatedFilmResponse
 from steradian.reconstructions.studies.sound_speed import find_sound_speed
@@ -110,16 +110,8 @@ class MiscalibratedFilm:
 
 
 def _image(traces: NDArray[Any], where: NDArray[Any], correction: InverseFilter | None) -> NDArray[Any]:
-    volume = reconstruct(
-        traces,
-        where,
-        sampling_interval=_INTERVAL,
-        sound_speed=_SPEED,
-        aperture=_SIDE,
-        modes=_MODES,
-        lateral_padding=1.5,
-        correction=correction,
-    )
+    acquisition = Acquisition(traces, where, dt=_INTERVAL, sound_speed=_SPEED, aperture=_SIDE)
+    volume = reconstruct(acquisition, ImageGrid(_MODES, lateral_padding=1.5), Nufft(correction=correction))
     return volume.values
 
 

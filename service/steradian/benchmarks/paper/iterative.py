@@ -25,7 +25,7 @@ def write(part: SectionResult) -> str:
         [
             f"The paper's weights are the simplest inversion of a sparse mask. From the same {part['points']:,} points"
             f" ({number(part['noise_db'], 0)} dB peak noise, c = {number(part['speed'], 0)} m/s),",
-            f'`method="iterative", regularisation="{options["regularisation"]}"`'
+            f'`Iterative(regularisation="{options["regularisation"]}")`'
             f" {IMPROVEMENT_TARGET[options['regularisation']]} (strength {options['strength']:g},"
             f" at most {options['iterations']} iterations)",
             "whose A-lines fit; the same defaults for every row. Pearson's correlation with the initial pressure on all"

@@ -15,14 +15,23 @@ from steradian.benchmarks.baselines import timed
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import Conditioning, Iterative, ReconstructionPlan, Volume
-from steradian.imaging.iterative.solve import IterativeResult, reconstruct_iteratively
+from steradian.imaging import (
+    Acquisition,
+    Compute,
+    Conditioning,
+    ImageGrid,
+    Iterative,
+    ReconstructionPlan,
+    Volume,
+    reconstruct,
+)
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.signal.bandwidth import signal_band
 from steradian.masks import equi_steradian_mask
 
 KWAVE = Path(__file__).parents[4] / "tests" / "data" / "yarn_kwave_sparse.npz"
 """k-Wave's yarn, in the checkout that this file is part of."""
+CPU = Compute(device="cpu")
 DIRECT, FILTERED, ITERATIVE = "direct", "direct, low-passed", "iterative"
 
 
@@ -43,15 +52,23 @@ class Scenario:
     options: Iterative = field(default_factory=Iterative)
     repeats: int = 3
 
-    def common(self) -> dict[str, Any]:
-        """Return the arguments common to all reconstructions of the scene."""
-        return {
-            "sampling_interval": self.interval,
-            "sound_speed": self.speed,
-            "aperture": self.aperture,
-            "modes": self.modes,
-            "depth_range": self.shown,
-        }
+    @property
+    def grid(self) -> ImageGrid:
+        """Voxels of all images of the scene."""
+        return ImageGrid(self.modes, depth=self.shown)
+
+    def acquisition(
+        self, traces: NDArray[Any], where: NDArray[Any], weights: NDArray[Any] | None = None
+    ) -> Acquisition:
+        """Return the acquisition of A-lines (M, N_t) at positions (M, 2) in metres."""
+        return Acquisition(
+            traces,
+            where,
+            dt=self.interval,
+            sound_speed=self.speed,
+            aperture=self.aperture,
+            weights=weights,
+        )
 
     def record(self, where: NDArray[Any], seed: int) -> tuple[phantoms.Balls, NDArray[np.float32]]:
         """Return a yarn and its A-lines with noise."""
@@ -105,27 +122,25 @@ def measure(run: SectionContext) -> SectionResult:
 
 def _yarn(run: SectionContext, scene: Scenario, where: NDArray[Any], weights: NDArray[Any], seed: int) -> SectionResult:
     balls, traces = scene.record(where, seed)
-    images, result = _images(traces, where, weights, scene.common(), scene.options)
+    images = _images(scene.acquisition(traces, where, weights), scene.grid, scene.options)
     axes = images[DIRECT].axes
     assert axes.y is not None  # noqa: S101 - a plane of sensors
     truth = phantoms.initial_pressure(balls, axes.x, axes.y, axes.z)
     if seed == scene.seeds[0]:
         _draw(run, images, truth)
     figures = {name: _figures(image.values, truth) for name, image in images.items()}
-    return {"seed": seed, "images": figures, **_about(result)}
+    return {"seed": seed, "images": figures, **_about(images[ITERATIVE])}
 
 
-def _images(
-    traces: NDArray[Any], where: NDArray[Any], weights: NDArray[Any], common: dict[str, Any], options: Iterative
-) -> tuple[dict[str, Volume], IterativeResult]:
-    interval = common["sampling_interval"]
-    plan = ReconstructionPlan(where, samples=traces.shape[1], weights=weights, **common)
-    highest, _ = signal_band(traces, interval)
-    passed = Conditioning(band=(0.0, highest)).apply(traces, sampling_interval=interval)
-    result = reconstruct_iteratively(traces, where, options=options, **common)
+def _images(acquisition: Acquisition, grid: ImageGrid, options: Iterative) -> dict[str, Volume]:
+    plan = ReconstructionPlan(acquisition.geometry, grid, compute=CPU)
+    traces = np.asarray(acquisition.traces)
+    highest, _ = signal_band(traces, acquisition.dt)
+    passed = Conditioning(band=(0.0, highest)).apply(traces, sampling_interval=acquisition.dt)
+    fitted = reconstruct(acquisition, grid, options, compute=CPU)
     direct, low = plan.run(traces), plan.run(passed)
     assert isinstance(direct, Volume) and isinstance(low, Volume)  # noqa: S101, PT018
-    return {DIRECT: direct, FILTERED: low, ITERATIVE: result.volume}, result
+    return {DIRECT: direct, FILTERED: low, ITERATIVE: fitted}
 
 
 def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionResult:
@@ -136,14 +151,16 @@ def _figures(values: NDArray[Any], truth: NDArray[Any]) -> SectionResult:
     }
 
 
-def _about(result: IterativeResult) -> SectionResult:
+def _about(volume: Volume) -> SectionResult:
+    info = volume.info
+    assert info is not None  # noqa: S101 - it was reconstructed
     return {
-        "iterations": result.iterations,
-        "stopped": result.stopped,
-        "products": result.products,
-        "thinning": result.thinning,
-        "megabytes": result.memory_bytes / 1e6,
-        "outputs": result.memory_bytes / result.volume.values.nbytes,
+        "iterations": info.iterations,
+        "stopped": info.stop_reason,
+        "products": info.products,
+        "thinning": info.decimation,
+        "megabytes": info.memory_bytes / 1e6,
+        "outputs": info.memory_bytes / volume.values.nbytes,
     }
 
 
@@ -161,29 +178,23 @@ def _kwave() -> SectionResult:
     weights = np.hypot(np.linalg.norm(where, axis=1), 3.2e-3) ** 3
     weights *= (side * pitch) ** 2 / weights.sum()
     depths = np.arange(truth.shape[2]) * pitch
-    common = {
-        "sampling_interval": interval,
-        "sound_speed": speed,
-        "aperture": side * pitch,
-        "modes": side,
-        "depth_range": (0.0, float(depths[-1]) + 2 * speed * interval),
-    }
-    images, result = _images(traces, where, weights, common, Iterative())
+    acquisition = Acquisition(traces, where, dt=interval, sound_speed=speed, aperture=side * pitch, weights=weights)
+    grid = ImageGrid(side, depth=(0.0, float(depths[-1]) + 2 * speed * interval))
+    images = _images(acquisition, grid, Iterative())
     figures = {}
     for name, image in images.items():
         place = depths / (speed * interval)
         below = np.floor(place + 1e-9).astype(int)
         share = (place - below).astype(np.float32)
         figures[name] = _figures(image.values[:, :, below] * (1 - share) + image.values[:, :, below + 1] * share, truth)
-    return {"points": len(where), "of": side**2, "images": figures, **_about(result)}
+    return {"points": len(where), "of": side**2, "images": figures, **_about(images[ITERATIVE])}
 
 
 def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> SectionResult:
     """Time products and a whole run in units of one direct reconstruction of all depths, in turns."""
-    common = {**scene.common(), "depth_range": None}
     traces = np.random.default_rng(0).standard_normal((len(where), scene.samples), np.float32)
-    plan = ReconstructionPlan(where, samples=scene.samples, weights=weights, **common)
-    operator = ForwardOperator(where, samples=scene.samples, **common)
+    geometry, grid = scene.acquisition(traces, where, weights).geometry, ImageGrid(scene.modes)
+    plan, operator = ReconstructionPlan(geometry, grid, compute=CPU), ForwardOperator(geometry, grid, compute=CPU)
     volume = np.asarray(operator.backward(traces))
     works: dict[str, Callable[[], object]] = {
         "direct": lambda: plan.run(traces),
@@ -191,11 +202,9 @@ def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> Sectio
         "backward": lambda: operator.backward(traces),
     }
     times = {name: [timed(work) for _ in range(scene.repeats + 1)][1:] for name, work in works.items()}
-    sound = scene.record(where, 0)[1]
-    results: list[IterativeResult] = []
-    whole = timed(
-        lambda: results.append(reconstruct_iteratively(sound, where, options=scene.options, **scene.common()))
-    )
+    sound = scene.acquisition(scene.record(where, 0)[1], where)
+    results: list[Volume] = []
+    whole = timed(lambda: results.append(reconstruct(sound, scene.grid, scene.options, compute=CPU)))
     times["direct"].append(timed(works["direct"]))
     unit = {name: float(np.median([seconds.wall for seconds in taken])) for name, taken in times.items()}
     return {
@@ -204,7 +213,7 @@ def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> Sectio
         "backward": unit["backward"] / unit["direct"],
         "run": whole.wall / unit["direct"],
         "run_cpu": whole.processor / float(np.median([seconds.processor for seconds in times["direct"]])),
-        "products": results[0].products,
+        "products": _about(results[0])["products"],
     }
 
 

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.core.exceptions import InvalidInput
-from steradian.imaging import ReconstructionPlan, Volume
+from steradian.imaging import (
+    AcquisitionGeometry,
+    Compute,
+    DirectMethod,
+    ImageGrid,
+    LinearKappa,
+    NearestKappa,
+    Ner,
+    ReconstructionPlan,
+    Volume,
+)
 from steradian.phantoms.targets import SIGMA, chart_bars
 
 SIDE, PITCH, INTERVAL, SPEED, DEPTH = 146, 70e-6, 8e-9, 1480.0, 4e-3
@@ -31,11 +41,11 @@ NARROWEST = 180e-6
 KWAVE = "linear, modes as sensors"
 """What k-Wave's function for planes does; its image is upsampled here so that edges have as many points."""
 METHODS: dict[str, dict[str, Any]] = {
-    "NER": {"method": "ner"},
-    "linear": {"method": "linear"},
-    "linear, modes as sensors": {"method": "linear", "finer": 1, "upsampling": 2},
-    "linear, record doubled with zeros first": {"method": "linear", "time_padding": 2.0},
-    "nearest": {"method": "nearest"},
+    "NER": {"method": Ner()},
+    "linear": {"method": LinearKappa()},
+    "linear, modes as sensors": {"method": LinearKappa(), "finer": 1, "upsampling": 2},
+    "linear, record doubled with zeros first": {"method": LinearKappa(), "time_padding": 2.0},
+    "nearest": {"method": NearestKappa()},
 }
 
 
@@ -59,19 +69,12 @@ class Target:
         self.traces = phantoms.add_noise(clean, NOISE_DB)
 
     def plan(
-        self, *, samples: int = SAMPLES, finer: int = 2, depths: bool = True, **options: Any
+        self, *, method: DirectMethod, samples: int = SAMPLES, finer: int = 2, depths: bool = True, **voxels: Any
     ) -> ReconstructionPlan:
         """Plan a reconstruction with ``finer`` times as many modes as sensors."""
-        return ReconstructionPlan(
-            self.positions,
-            samples=samples,
-            sampling_interval=INTERVAL,
-            sound_speed=SPEED,
-            aperture=self.aperture,
-            modes=finer * self.side,
-            depth_range=SHOWN if depths else None,
-            **options,
-        )
+        geometry = AcquisitionGeometry(self.positions, samples, dt=INTERVAL, sound_speed=SPEED, aperture=self.aperture)
+        grid = ImageGrid(finer * self.side, depth=SHOWN if depths else None, **voxels)
+        return ReconstructionPlan(geometry, grid, method, compute=Compute(device="cpu"))
 
     def image(self, *, samples: int = SAMPLES, **options: Any) -> Volume:
         """Reconstruct the depths around the target."""
@@ -116,8 +119,8 @@ def measure(run: SectionContext) -> SectionResult:
     run.step(3, steps)
     seconds["star"] = star.seconds(repeats)
     images = {name: star.image(**METHODS[name]) for name in ("NER", "linear", KWAVE)}
-    images["NER, modes as sensors"] = star.image(finer=1, method="ner")
-    images["NER, modes as sensors, image upsampled"] = star.image(finer=1, method="ner", upsampling=2)
+    images["NER, modes as sensors"] = star.image(finer=1, method=Ner())
+    images["NER, modes as sensors, image upsampled"] = star.image(finer=1, method=Ner(), upsampling=2)
     modulation = {name: _modulations(volume) for name, volume in images.items()}
     _draw_star(run, {name: images[name] for name in (KWAVE, "linear", "NER")})
     run.step(steps, steps)

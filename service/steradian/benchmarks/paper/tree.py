@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
 from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionResult
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Acquisition, DirectMethod, Gridded, ImageGrid, Nufft, Volume, reconstruct
 from steradian.masks import Mask, equiangular_mask
 from steradian.masks.scanner_grid import ScannerGrid
 
@@ -60,19 +60,21 @@ class LineScan:
         return self.columns * SPACING
 
     def image(
-        self, columns: NDArray[np.int64], method: str = "nedner", weights: NDArray[np.float64] | None = None
+        self,
+        columns: NDArray[np.int64],
+        method: DirectMethod = Nufft(),
+        weights: NDArray[np.float64] | None = None,
     ) -> NDArray[Any]:
         """Reconstruct from some sensors, at the truth's pixels."""
-        volume = reconstruct(
+        acquisition = Acquisition(
             self.traces[columns],
             self.truth.axes.x[columns],
-            sampling_interval=self.interval,
+            dt=self.interval,
             sound_speed=SPEED,
             aperture=self.aperture,
-            modes=self.columns,
             weights=weights,
-            method=method,  # type: ignore[arg-type]
         )
+        volume = reconstruct(acquisition, ImageGrid(self.columns), method)
         return volume.values[:, : 2 * len(self.truth.axes.z) : 2]
 
     def score(self, image: NDArray[Any]) -> dict[str, float]:
@@ -125,7 +127,7 @@ def _row(line: LineScan, intervals: range) -> SectionResult:
     return {
         "full": line.score(line.image(np.arange(line.columns))),
         "equiangular": ours,
-        "interpolated": line.score(line.image(columns, "interpolated")),
+        "interpolated": line.score(line.image(columns, Gridded())),
         "equispaced": sweep,
         "best_interval": intervals[best],
         "best": sweep[best],
@@ -142,7 +144,7 @@ def _draw(run: SectionContext, line: LineScan, row: SectionResult) -> None:
         "initial pressure": (line.truth.values, None),
         f"equispaced, interval {row['best_interval']}": (line.image(even), even),
         "equiangular": (line.image(columns, weights=mask.weights), columns),
-        "equiangular, gaps filled linearly, then NER": (line.image(columns, "interpolated"), columns),
+        "equiangular, gaps filled linearly, then NER": (line.image(columns, Gridded()), columns),
     }
     x, z = line.truth.axes.x, line.truth.axes.z
     made, panels = figure(7.5, 8.6, 4)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steradian import phantoms, quality
 from steradian.benchmarks.paper.sections import SectionContext, SectionResult
-from steradian.imaging import Volume, reconstruct
+from steradian.imaging import Acquisition, DirectMethod, Gridded, ImageGrid, Nufft, Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask
 from steradian.masks.scanner_grid import ScannerGrid
@@ -128,21 +128,16 @@ class Scan(PointSelection):
         self.traces = traces
 
     def image(
-        self, points: NDArray[np.int64] | None, method: str = "nedner", weights: NDArray[np.float64] | None = None
+        self,
+        points: NDArray[np.int64] | None,
+        method: DirectMethod = Nufft(),
+        weights: NDArray[np.float64] | None = None,
     ) -> Volume:
         """Reconstruct from some points of the scan; ``None``: from all."""
         some: Any = slice(None) if points is None else points
-        return reconstruct(
-            self.traces[some],
-            self.positions[some],
-            sampling_interval=self.interval,
-            sound_speed=SPEED,
-            aperture=self.aperture,
-            modes=self.side * (2 if self.setting.double else 1),
-            weights=weights,
-            method=method,  # type: ignore[arg-type]
-            depth_range=SHOWN,
-        )
+        recorded: dict[str, Any] = {"dt": self.interval, "sound_speed": SPEED, "aperture": self.aperture}
+        acquisition = Acquisition(self.traces[some], self.positions[some], weights=weights, **recorded)
+        return reconstruct(acquisition, ImageGrid(self.side * (2 if self.setting.double else 1), depth=SHOWN), method)
 
 
 def cases(quick: bool) -> list[tuple[str, int, ExperimentSetting]]:
@@ -190,7 +185,7 @@ def _row(run: SectionContext, scan: Scan, balls: phantoms.Balls, *, draw: bool) 
     points, mask = scan.equi_steradian()
     choices = {EQUI: partial(scan.image, points, weights=mask.weights)}
     choices |= {f"interval {k}": partial(scan.image, scan.grid(k)) for k in GRIDS}
-    choices[FILLED] = partial(scan.image, points, "interpolated")
+    choices[FILLED] = partial(scan.image, points, Gridded())
     figures, mips = {}, {}
     for name, make in choices.items():
         volume = make()

@@ -45,5 +45,5 @@ def check_memory(needed: int, limit: int | None, shape: tuple[int, ...], images:
             "modes",
             " × ".join(map(str, shape[:-1])),
             f"what the available {there} bytes of memory can hold; {image} voxels need at least {needed} "
-            f"(fewer modes, a depth_range or less upsampling need less)",
+            f"(fewer modes, fewer depths or less upsampling need less)",
         )

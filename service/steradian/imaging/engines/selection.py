@@ -10,7 +10,7 @@ import numpy as np
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.engines.array_namespace import is_gpu_array
 from steradian.imaging.engines.numba.engine import NumbaEngine
-from steradian.imaging.parameters import Parameters
+from steradian.imaging.options import Compute
 from steradian.imaging.tables import TransformTables
 
 if TYPE_CHECKING:
@@ -20,14 +20,14 @@ AnyEngine: TypeAlias = "NumbaEngine | CudaEngine"
 
 
 class EngineSelector:
-    """The engine that ``device`` of the parameters asks for.
+    """Engine for the device of the execution options.
 
     Parameters
     ----------
     tables
         What to compute.
-    parameters
-        ``device``, ``device_memory``, ``memory_limit`` and ``threads`` of them.
+    compute
+        Execution options.
 
     Attributes
     ----------
@@ -42,8 +42,8 @@ class EngineSelector:
         If the device asked for is not there, or memory does not suffice.
     """
 
-    def __init__(self, tables: TransformTables, parameters: Parameters) -> None:
-        self._tables, self._parameters = tables, parameters
+    def __init__(self, tables: TransformTables, compute: Compute) -> None:
+        self._tables, self._compute = tables, compute
         self.notes: list[str] = []
         self.engine: AnyEngine = self._first()
 
@@ -113,10 +113,10 @@ class EngineSelector:
 
     def _too_small(self) -> InvalidInput:
         allowed = "more of the GPU's memory for its own arrays; with arrays in memory it works in pieces"
-        return InvalidInput("device_memory", self._parameters.device_memory, allowed)
+        return InvalidInput("device_memory", self._compute.device_memory, allowed)
 
     def _first(self) -> AnyEngine:
-        wanted = self._parameters.device
+        wanted = self._compute.device
         if wanted == "cpu":
             return self._of_processor()
         from steradian.imaging.engines.cuda.backend import unavailable_reason
@@ -125,7 +125,7 @@ class EngineSelector:
         if wanted == "auto" and lacking is not None:
             return self._of_processor()
         try:
-            return self._of_gpu(self._parameters.device_memory)
+            return self._of_gpu(self._compute.device_memory)
         except InvalidInput as error:
             if wanted == "gpu" or error.field != "device_memory":
                 raise
@@ -139,7 +139,7 @@ class EngineSelector:
             self.engine = self._of_gpu(half)
             self.notes.append(f"the GPU's memory was full; done again in pieces within {half} bytes of it")
         except InvalidInput:
-            if self._parameters.device == "gpu":
+            if self._compute.device == "gpu":
                 raise
             self.engine = self._of_processor()
             self.notes.append("the GPU's memory was full; done again on the processor")
@@ -147,8 +147,8 @@ class EngineSelector:
     def _of_gpu(self, device_memory: int | None) -> CudaEngine:
         from steradian.imaging.engines.cuda.engine import CudaEngine
 
-        return CudaEngine(self._tables, device_memory=device_memory, memory_limit=self._parameters.memory_limit)
+        return CudaEngine(self._tables, device_memory=device_memory, memory_limit=self._compute.memory_limit)
 
     def _of_processor(self) -> NumbaEngine:
-        chosen = self._parameters
-        return NumbaEngine(self._tables, threads=chosen.max_threads, memory_limit=chosen.memory_limit)
+        compute = self._compute
+        return NumbaEngine(self._tables, threads=compute.max_threads, memory_limit=compute.memory_limit)

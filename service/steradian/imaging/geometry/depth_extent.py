@@ -45,7 +45,7 @@ class Extent:
         if found.end < 2:
             least = -(samples - 2) * sampling_interval
             allowed = f"at least {least:.4g} (s): this record of {samples} samples must go on after the laser pulse"
-            raise InvalidInput("time_zero", time_zero, allowed)
+            raise InvalidInput("t0", time_zero, allowed)
         return found
 
     @property

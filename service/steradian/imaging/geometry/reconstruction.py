@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
+from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensor_areas
-from steradian.imaging.parameters import Parameters
+from steradian.imaging.options import ImageGrid
 from steradian.imaging.transforms.grid_sizes import fast_multiple, fast_record_length
-from steradian.imaging.validation import Sensors
 from steradian.imaging.volume import VoxelAxes
 
 MIN_CYCLES = 2
@@ -125,33 +125,33 @@ def _weights(
 
 
 def depth_slice_range(
-    depth_range: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
+    depth: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
 ) -> tuple[int, int]:
     """Return the first index and one past the last of ``points`` in a period of ``record`` steps of ``fine`` metres.
 
     Without a range: from the film, or where the record is late from c·t₀, to the last sample's depth c·(t₀ + N_t·dt).
     """
-    if depth_range is None:
+    if depth is None:
         return -(-extent.first * points // record), -(-extent.end * points // record)
-    low, high = checks.depths(depth_range, (record + extent.end - extent.samples - extent.ahead) * fine)
+    low, high = checks.depths(depth, (record + extent.end - extent.samples - extent.ahead) * fine)
     step = fine * record / points
     first, last = int(np.ceil(low / step - 1e-6)), min(points, int(np.floor(high / step + 1e-6)) + 1)
     if last <= first:
-        raise InvalidInput("depth_range", depth_range, f"a range with at least one slice (step {step:.4g} m)")
+        raise InvalidInput("depth", depth, f"a range with at least one slice (step {step:.4g} m)")
     return first, last
 
 
-def check_upper_frequency(value: object, record: int, interval: float) -> float | None:
-    """Check the highest frequency that is used, in Hz."""
+def check_upper_frequency(value: object, record: int, interval: float, field: str = "max_frequency") -> float | None:
+    """Return the highest frequency that is used, in Hz, which must have 2 cycles a record at least."""
     if value is None:
         return None
     least = MIN_CYCLES / (record * interval)
     allowed = f"a frequency from {least:.4g} Hz, {MIN_CYCLES} cycles a record, or None"
     if isinstance(value, str):
         allowed += '; "signal" is for reconstruct(), which has the A-lines'
-    frequency = as_finite_float("highest_frequency", value, allowed)
+    frequency = as_finite_float(field, value, allowed)
     if frequency < least:
-        raise InvalidInput("highest_frequency", value, allowed)
+        raise InvalidInput(field, value, allowed)
     return frequency
 
 
@@ -169,30 +169,40 @@ def _depth_points(highest: float | None, depth_step: float | None, record: int, 
     return max(points, min(record, int(np.ceil(length / step - 1e-6))))
 
 
-def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -> ReconstructionGeometry:
-    """Validate and complete the geometry of sensors (M, d−1) with ``samples`` samples per A-line.
+def resolve_geometry(
+    acquisition: AcquisitionGeometry, grid: ImageGrid, max_frequency: object = None
+) -> ReconstructionGeometry:
+    """Validate and complete the geometry of an acquisition and an image grid.
+
+    Parameters
+    ----------
+    acquisition, grid
+        Sensors (M, d−1) with their timing, and voxels.
+    max_frequency
+        Upper end of the band in Hz; None: the Nyquist frequency.
 
     Raises
     ------
     InvalidInput
         Naming the parameter and what is allowed.
     """
-    positions, weights, aperture = checks.resolve_sensors(positions, chosen.weights, chosen.aperture)
+    positions, weights, aperture = checks.resolve_sensors(
+        acquisition.sensors, acquisition.weights, acquisition.aperture
+    )
     x = checks.check_positions(positions)
     axes = x.shape[1]
     period = checks.apertures(aperture, axes)
-    number = tuple(checks.check_integer("modes", n, 2) for n in checks.per_axis("modes", chosen.modes, axes))
-    samples = checks.check_integer("samples", samples, 4, checks.MAX_SAMPLES)
-    interval, speed = chosen.sampling_interval, chosen.sound_speed
+    number = tuple(checks.check_integer("modes", n, 2) for n in checks.per_axis("modes", grid.modes, axes))
+    samples, interval, speed = acquisition.samples, acquisition.dt, acquisition.sound_speed
     extent = 2 * np.abs(x).max(axis=0)
-    if not chosen.wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
+    if not acquisition.wrap and any(e > X * (1 + checks.ROUNDING) for e, X in zip(extent, period, strict=True)):
         needed = ", ".join(f"{e:.6g}" for e in extent)
         raise InvalidInput("aperture", aperture, f"at least the sensors' extent about 0 ({needed} m), or wrap=True")
-    padded = tuple(int(np.ceil(n * (chosen.lateral_padding or 1.0) - 1e-9)) for n in number)
-    extent = Extent.of(samples, interval, chosen.time_zero)
-    record = fast_record_length(int(np.ceil(samples * chosen.time_padding - 1e-9)) + extent.ahead)
-    highest = check_upper_frequency(chosen.highest_frequency, record, interval)
-    points = _depth_points(highest, chosen.depth_step, record, interval, speed)
+    padded = tuple(int(np.ceil(n * (grid.lateral_padding or 1.0) - 1e-9)) for n in number)
+    extent = Extent.of(samples, interval, acquisition.t0)
+    record = fast_record_length(int(np.ceil(samples * grid.time_padding - 1e-9)) + extent.ahead)
+    highest = check_upper_frequency(max_frequency, record, interval)
+    points = _depth_points(highest, grid.depth_step, record, interval, speed)
     return ReconstructionGeometry(
         positions=x,
         weights=_weights(weights, x, period),
@@ -204,9 +214,9 @@ def geometry(positions: ArrayLike | Sensors, samples: int, chosen: Parameters) -
         record=record,
         sampling_interval=interval,
         sound_speed=speed,
-        time_zero=chosen.time_zero,
+        time_zero=acquisition.t0,
         highest_frequency=highest,
         depth_points=points,
-        depth=depth_slice_range(chosen.depth_range, extent, record, points, interval * speed),
-        upsampling=chosen.upsampling,
+        depth=depth_slice_range(grid.depth, extent, record, points, interval * speed),
+        upsampling=grid.upsampling,
     )

@@ -6,7 +6,7 @@ from typing import Literal
 
 from steradian.core.exceptions import Cancelled
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.iterative_options import IterativeOptions
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.volume import RealArray
 
@@ -34,7 +34,7 @@ class IterativeSolver:
         self,
         model: ForwardOperator,
         measured: RealArray,
-        options: Iterative,
+        options: IterativeOptions,
         noise: float,
         progress: Progress | None,
         cancelled: CancelCheck | None,

@@ -9,209 +9,148 @@ fourth sample, with voxels four times as deep. The result is interpolated to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import ceil
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.units import as_finite_float
 from steradian.imaging import validation as checks
+from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
-from steradian.imaging.film_response import FilmResponse, InverseFilter
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.reconstruction import check_upper_frequency, depth_slice_range
-from steradian.imaging.iterative.base import IterativeSolver, StopReason
+from steradian.imaging.iterative.base import IterativeSolver
 from steradian.imaging.iterative.fista import Fista
 from steradian.imaging.iterative.ista import IterativeSoftThresholding
-from steradian.imaging.iterative_options import Iterative
+from steradian.imaging.iterative_options import Iterative, IterativeOptions
 from steradian.imaging.operators import ForwardOperator
-from steradian.imaging.parameters import Device, Parameters
+from steradian.imaging.options import Compute, ImageGrid, Nufft
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
-from steradian.imaging.validation import Sensors
-from steradian.imaging.volume import RealArray, Volume, VoxelAxes
+from steradian.imaging.volume import RealArray, ReconstructionInfo, Volume, VoxelAxes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IterativeResult:
-    """The image and how it was found.
-
-    Parameters
-    ----------
-    volume
-        The image.
-    iterations
-        How many were done.
-    stopped
-        "discrepancy", "change", "misfit" (a step took little of it away) or "iterations": what ended them.
-    residuals
-        ‖A f − g‖/‖g‖ at the start of each iteration; of thresholding also at its end.
-    products
-        Products with A and with Aᵀ, or direct reconstructions, in all: the unit of the method's cost.
-    thinning
-        Samples of the traces that one sample of the model stands for.
-    memory_bytes
-        Bound of what was allocated, the image included.
-    device, notes
-        What computed, "cpu" or a GPU's name, and why it is not what was asked for.
-    """
-
-    volume: Volume
-    iterations: int
-    stopped: StopReason
-    residuals: tuple[float, ...]
-    products: int
-    thinning: int
-    memory_bytes: int
-    device: str = "cpu"
-    notes: tuple[str, ...] = ()
-
-
-def reconstruct_iteratively(
-    traces: ArrayLike,
-    positions: ArrayLike | Sensors,
+def solve(
+    acquisition: Acquisition,
+    grid: ImageGrid,
+    options: Iterative = Iterative(),
     *,
-    sampling_interval: float,
-    sound_speed: float,
-    aperture: float | Sequence[float] | None = None,
-    modes: int | Sequence[int],
-    options: Iterative | None = None,
-    upsampling: int = 1,
-    depth_range: tuple[float, float] | None = None,
-    tolerance: float = 1e-4,
-    time_zero: float = 0.0,
-    lateral_padding: float | None = None,
-    wrap: bool = False,
-    scale: float = 1.0,
-    response: FilmResponse | None = None,
-    dtype: DTypeLike | None = None,
-    memory_limit: int | None = None,
-    threads: int | None = None,
-    device: Device = "cpu",
-    device_memory: int | None = None,
+    compute: Compute = Compute(),
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
-) -> IterativeResult:
-    """Reconstruct by fitting; parameters not named here as in :func:`steradian.imaging._reconstruct`.
+) -> Volume:
+    """Reconstruct by fitting the forward model to the A-lines.
 
     Parameters
     ----------
+    acquisition
+        A-lines (M, N_t) with sensors and timing; weights play no part.
+    grid
+        Voxels, without ``depth_step`` and ``time_padding``. Sound from outside ``depth`` is not in the model, so the
+        range must contain all sources. ``lateral_padding`` None: as much as keeps the periodic copies of the volume
+        out of the record, refused if that is above 16.
     options
-        Regulariser and stopping rule.
-    depth_range
-        First and last depth in metres. Sound from elsewhere is not in the model, so take in all there is.
-    lateral_padding
-        None: as much as keeps the periodic copies of the volume out of the record; refused where that is above 16.
-    response
-        The film's response, part of the model.
-    memory_limit
-        Refuse to start if more bytes than this are needed, image included; None: more than are available.
+        Regulariser, stopping rule, tolerance and film response.
+    compute
+        Execution options.
+    progress, cancelled
+        See :mod:`steradian.core.progress`.
+
+    Returns
+    -------
+    Volume
+        Indexed [x, y, z] ([x, z] in 2-D); its ``info`` has iterations, residuals and the stop reason.
 
     Raises
     ------
     InvalidInput
         If a parameter is out of range.
     Cancelled
-        If ``cancelled`` said so.
+        If ``cancelled`` returned true.
     """
-    chosen = Parameters(
-        method="iterative", iterative=options, sampling_interval=sampling_interval, sound_speed=sound_speed,
-        aperture=aperture, modes=modes, upsampling=upsampling, depth_range=depth_range, tolerance=tolerance,
-        time_zero=time_zero, lateral_padding=lateral_padding, wrap=wrap,
-        correction=None if response is None else InverseFilter(response), dtype=dtype, memory_limit=memory_limit,
-        threads=threads, device=device, device_memory=device_memory,
-    )  # fmt: skip
-    return solve(traces, positions, chosen, scale=scale, progress=progress, cancelled=cancelled)
-
-
-def solve(
-    traces: ArrayLike,
-    positions: ArrayLike | Sensors,
-    chosen: Parameters,
-    *,
-    scale: float = 1.0,
-    progress: Progress | None = None,
-    cancelled: CancelCheck | None = None,
-) -> IterativeResult:
-    """Solve for given parameters as one value; raises as :func:`reconstruct_iteratively`."""
-    options = chosen.iterative or Iterative()
-    positions, _, aperture = checks.resolve_sensors(positions, None, chosen.aperture)
+    grid.require_defaults("the method iterative", "depth_step", "time_padding")
+    geometry = acquisition.geometry
+    positions, _, aperture = checks.resolve_sensors(geometry.sensors, None, geometry.aperture)
     positions = checks.check_positions(positions)
-    kind, limit = chosen.precision, chosen.memory_limit
-    data = to_numpy(traces)
-    if data.ndim != 2 or not np.isfinite(data).all():
+    kind = compute.precision(options.tolerance)
+    data = to_numpy(acquisition.traces)
+    if not np.isfinite(data).all():
         raise InvalidInput(
             "traces", f"an array of shape {data.shape}", "finite numbers of shape (M, N_t), a row a sensor"
         )
-    data, chosen = _since_pulse(data, chosen)
-    scale = as_finite_float("scale", scale, "a finite factor")
-    unit = _scale_unit(data, scale, kind)
-    highest, noise = signal_band(data, chosen.sampling_interval)
-    samples, interval = data.shape[1], chosen.sampling_interval
-    factor = min(
-        decimation_factor(check_upper_frequency(options.highest_frequency, samples, interval) or highest, interval),
-        max(1, samples // 4),
-    )
-    step = chosen.sampling_interval * chosen.sound_speed
-    extent = Extent.of(samples, interval, chosen.time_zero)
-    first, last = depth_slice_range(chosen.depth_range, extent, samples + extent.ahead, samples + extent.ahead, step)
-    nearest = first if chosen.depth_range is not None else _nearest_heard(positions, aperture, extent, step)
+    data, geometry = _since_pulse(data, geometry)
+    unit = _scale_unit(data, acquisition.scale, kind)
+    highest, noise = signal_band(data, geometry.dt)
+    samples, interval = geometry.samples, geometry.dt
+    limit = check_upper_frequency(options.highest_frequency, samples, interval, "highest_frequency") or highest
+    factor = min(decimation_factor(limit, interval), max(1, samples // 4))
+    step = interval * geometry.sound_speed
+    extent = Extent.of(samples, interval, geometry.t0)
+    first, last = depth_slice_range(grid.depth, extent, samples + extent.ahead, samples + extent.ahead, step)
+    nearest = first if grid.depth is not None else _nearest_heard(positions, aperture, extent, step)
     thin_end = Extent(-(-samples // factor), extent.begins / factor).end
     coarse = (min(first, nearest) // factor, min(thin_end - 1, -(-last // factor)))
-    measured = decimate(data, factor, kind, scale / unit)
+    measured = decimate(data, factor, kind, acquisition.scale / unit)
     thin = replace(
-        chosen,
-        method="nedner",
-        iterative=None,
-        aperture=aperture,
-        weights=None,
-        upsampling=1,
-        sampling_interval=chosen.sampling_interval * factor,
-        depth_range=(coarse[0] * factor * step, coarse[1] * factor * step),
+        geometry, sensors=positions, samples=measured.shape[1], dt=interval * factor, aperture=aperture, weights=None
     )
-    model = ForwardOperator.of(positions, measured.shape[1], thin)
-    needed = _memory_bound(model, measured, options, factor, chosen.upsampling, last - first)
-    memory.check_memory(needed, limit, (*(chosen.upsampling * n for n in model.geometry.modes), last - first))
-    noise = min((noise if options.noise is None else options.noise) * (abs(scale) / unit), 2.0)  # no sample is larger
+    voxels = replace(grid, upsampling=1, depth=(coarse[0] * factor * step, coarse[1] * factor * step))
+    response = options.correction and options.correction.response
+    model = ForwardOperator(thin, voxels, response=response, tolerance=options.tolerance, compute=compute)
+    needed = _memory_bound(model, measured, options, factor, grid.upsampling, last - first)
+    shape = (*(grid.upsampling * n for n in model.geometry.modes), last - first)
+    memory.check_memory(needed, compute.memory_limit, shape)
+    noise = noise if options.noise is None else options.noise
+    noise = min(noise * (abs(acquisition.scale) / unit), 2.0)  # no sample is larger
     expected = noise * np.sqrt(measured.size / factor)
     solver: Callable[..., IterativeSolver] = Fista
     resident = model.chosen.resident
     if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
-        inverse = ReconstructionPlan.from_parameters(positions, measured.shape[1], replace(thin, lateral_padding=None))
+        direct = Nufft(tolerance=options.tolerance, correction=options.correction)
+        inverse = ReconstructionPlan(thin, replace(voxels, lateral_padding=None), direct, compute=compute)
         solver, resident = partial(IterativeSoftThresholding, inverse), resident and inverse.chosen.resident
     shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
 
     def fitted(data: RealArray) -> tuple[IterativeSolver, RealArray]:
         solution = solver(model, data, options, float(expected), progress, cancelled)
-        fine = sinc_upsample(solution.run(), (*(chosen.upsampling for _ in model.geometry.modes), factor), shown)
+        fine = sinc_upsample(solution.run(), (*(grid.upsampling for _ in model.geometry.modes), factor), shown)
         if options.non_negative:
             np.maximum(fine, 0, out=fine)
         fine *= fine.dtype.type(unit)
         return solution, fine
 
     solution, fine = model.chosen.run_on_device(fitted, measured) if resident else fitted(measured)
-    if is_gpu_array(fine) and not is_gpu_array(traces):
+    if is_gpu_array(fine) and not is_gpu_array(acquisition.traces):
         fine = to_numpy(fine)
-    volume = _volume(fine, model, chosen.upsampling, np.arange(first, last) * step, step)
-    return IterativeResult(
-        volume, solution.done, solution.stopped, tuple(solution.residuals), solution.products, factor, needed,
-        model.chosen.device, tuple(model.chosen.notes),
-    )  # fmt: skip
+    info = ReconstructionInfo(
+        options.name,
+        model.chosen.device,
+        tuple(model.chosen.notes),
+        float(limit),
+        iterations=solution.done,
+        stop_reason=solution.stopped,
+        residuals=tuple(solution.residuals),
+        products=solution.products,
+        decimation=factor,
+        memory_bytes=needed,
+    )
+    return _volume(fine, model, grid.upsampling, np.arange(first, last) * step, step, info)
 
 
-def _since_pulse(data: RealArray, chosen: Parameters) -> tuple[RealArray, Parameters]:
+def _since_pulse(data: RealArray, geometry: AcquisitionGeometry) -> tuple[RealArray, AcquisitionGeometry]:
     """Exclude samples before the laser pulse, in which the model would predict sound."""
-    extent = Extent.of(data.shape[1], chosen.sampling_interval, chosen.time_zero)
+    extent = Extent.of(geometry.samples, geometry.dt, geometry.t0)
     before = max(0, ceil(-extent.begins))
     if not before:
-        return data, chosen
-    return data[:, before:], replace(chosen, time_zero=chosen.time_zero + before * chosen.sampling_interval)
+        return data, geometry
+    later = replace(geometry, samples=geometry.samples - before, t0=geometry.t0 + before * geometry.dt)
+    return data[:, before:], later
 
 
 def _nearest_heard(
@@ -235,7 +174,7 @@ def _scale_unit(data: RealArray, scale: float, dtype: str) -> float:
 
 
 def _memory_bound(
-    model: ForwardOperator, measured: RealArray, options: Iterative, factor: int, upsampling: int, depths: int
+    model: ForwardOperator, measured: RealArray, options: IterativeOptions, factor: int, upsampling: int, depths: int
 ) -> int:
     """Upper bound of a run's allocations: modes, scratch, traces and images of the iterations, or the fine image."""
     item = measured.dtype.itemsize
@@ -249,7 +188,9 @@ def _memory_bound(
     return int(1.1 * (dual + max(iterations, kept + fine)))
 
 
-def _volume(values: RealArray, model: ForwardOperator, upsampling: int, depths: Any, step: float) -> Volume:
+def _volume(
+    values: RealArray, model: ForwardOperator, upsampling: int, depths: Any, step: float, info: ReconstructionInfo
+) -> Volume:
     g = replace(model.geometry, upsampling=upsampling)
     axes = g.axes()
-    return Volume(values, VoxelAxes(axes.x, axes.y, depths), (*g.spacing[:-1], step), g.sound_speed)
+    return Volume(values, VoxelAxes(axes.x, axes.y, depths), (*g.spacing[:-1], step), g.sound_speed, info)

@@ -41,7 +41,7 @@ def linear_gridding_weights(
 
 def _line(u: NDArray[np.float64], points: NDArray[np.float64]) -> tuple[Ints, Ints, Ints, NDArray[np.float64]]:
     if len(u) < 2:
-        raise InvalidInput("positions", f"{len(u)} sensors", "at least 2 to interpolate between")
+        raise InvalidInput("sensors", f"{len(u)} sensors", "at least 2 to interpolate between")
     order = np.argsort(u, kind="stable")
     right = np.clip(np.searchsorted(u[order], points), 1, len(u) - 1)
     a, b = order[right - 1], order[right]
@@ -64,7 +64,7 @@ def _plane(
     try:
         triangles = Delaunay(places)
     except (QhullError, ValueError) as error:
-        raise InvalidInput("positions", f"{len(places)} sensors", "sensors that span a triangle") from error
+        raise InvalidInput("sensors", f"{len(places)} sensors", "sensors that span a triangle") from error
     lines, cells = (v.ravel() for v in np.meshgrid(*(np.arange(len(p)) for p in points), indexing="ij"))
     where = np.stack([points[0][lines], points[1][cells]], axis=1)
     found = triangles.find_simplex(where)

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging import ReconstructionPlan, Volume
+from steradian.imaging import DirectMethod, ReconstructionPlan, Volume
 from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision import Revision, quality_of
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.coverage import largest_gap
-from steradian.reconstructions.pipeline.resolve import modes_of, to_imaging_parameters
+from steradian.reconstructions.pipeline.resolve import modes_of, request_field_names, resolve_setup
 from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json
 from steradian.reconstructions.shot_normalisation import normalise_new_shots
 from steradian.reconstructions.volumes.file import write_projections
@@ -167,13 +167,14 @@ class LiveReconstruction:
         self.parameters, self.output = parameters, output
         self._follower = ScanTail(scan, frame)
         whole = self._follower.whole
-        full, modes = replace(to_imaging_parameters(whole, parameters), device="cpu"), modes_of(whole, parameters)
-        samples = whole.traces.shape[1]
-        coarse = choose_preview(modes, samples, whole.aperture / modes, full.sampling_interval * full.sound_speed)
+        full, modes = resolve_setup(whole, parameters), modes_of(whole, parameters)
+        step = full.geometry.dt * full.geometry.sound_speed
+        coarse = choose_preview(modes, full.geometry.samples, whole.aperture / modes, step)
         self.preview = coarse if detail == "preview" else CoarseParameters(modes, 1)
-        plan = ReconstructionPlan.from_parameters(
-            whole.positions, self.preview.samples(samples), self.preview.parameters(full)
-        )
+        with request_field_names():
+            geometry, grid, method, compute = self.preview.apply(full)
+            assert isinstance(method, DirectMethod)  # noqa: S101 - of an image that is a sum over sensors
+            plan = ReconstructionPlan(geometry, grid, method, compute=replace(compute, device="cpu"))
         self._growing = IncrementalReconstruction(plan)
         self.latest: NDArray[Any] | None = None
         self.number = 0

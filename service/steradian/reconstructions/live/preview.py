@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.parameters import Parameters
+from steradian.imaging import DirectMethod
+from steradian.reconstructions.pipeline.resolve import ReconstructionSetup
 
 DEPTH_TO_LATERAL = 0.8
 """Largest depth step in lateral spacings: κ then still reaches beyond the largest lateral mode."""
@@ -39,25 +40,24 @@ class CoarseParameters:
     modes: int
     decimation: int
 
-    def parameters(self, full: Parameters) -> Parameters:
-        """Change the full image's parameters to the preview's."""
-        interval = self.decimation * full.sampling_interval
-        depths, highest, depth_step = full.depth_range, full.highest_frequency, full.depth_step
-        if depths is not None:  # the last slice may lie between two of the preview's
-            step = interval * full.sound_speed
-            depths = (step * (depths[0] // step), step * (depths[1] // step))
+    def apply(self, full: ReconstructionSetup) -> ReconstructionSetup:
+        """Return the preview's arguments for those of the full image, whose method is a direct one."""
+        geometry, grid, method, compute = full
+        assert isinstance(method, DirectMethod)  # noqa: S101 - of an image that is a sum over sensors
+        interval = self.decimation * geometry.dt
+        depth, highest, depth_step = grid.depth, method.max_frequency, grid.depth_step
+        if depth is not None:  # the last slice may lie between two of the preview's
+            step = interval * geometry.sound_speed
+            depth = (step * (depth[0] // step), step * (depth[1] // step))
         if self.decimation > 1:  # that leaves out enough
             highest = depth_step = None
         elif isinstance(highest, str):  # of A-lines that are still to come
             highest = None
-        return replace(
-            full,
-            modes=self.modes,
-            sampling_interval=interval,
-            depth_range=depths,
-            upsampling=1,
-            highest_frequency=highest,
-            depth_step=depth_step,
+        return ReconstructionSetup(
+            replace(geometry, samples=self.samples(geometry.samples), dt=interval),
+            replace(grid, modes=self.modes, depth=depth, depth_step=depth_step, upsampling=1),
+            replace(method, max_frequency=highest),
+            compute,
         )
 
     def samples(self, samples: int) -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.validation import content_hash
-from steradian.imaging import ReconstructionPlan
-from steradian.imaging.parameters import Parameters
+from steradian.imaging import AcquisitionGeometry, Compute, DirectMethod, ImageGrid, ReconstructionPlan
 
 MAX_PLANS = 4
 MAX_BYTES = 256 * 2**20
@@ -28,31 +29,28 @@ class PlanCache:
         self._most, self._most_bytes = most, most_bytes
         self._plans: OrderedDict[str, tuple[ReconstructionPlan, int]] = OrderedDict()
 
-    def get(self, positions: NDArray[np.float64], samples: int, parameters: Parameters) -> ReconstructionPlan:
-        """Return the plan for a geometry, a kept one or a new one.
-
-        Parameters
-        ----------
-        positions
-            (M, 2) sensors in metres, (M, 1) on a line.
-        samples
-            Samples N_t of an A-line.
-        parameters
-            All else, without a correction.
+    def get(
+        self, geometry: AcquisitionGeometry, grid: ImageGrid, method: DirectMethod, compute: Compute
+    ) -> ReconstructionPlan:
+        """Return the plan for these arguments, a cached one or a new one; plans with a correction are not cached.
 
         Raises
         ------
         InvalidInput
             When the plan cannot be made.
         """
-        arrays = {name: value for name, value in vars(parameters).items() if isinstance(value, np.ndarray)}
-        others = {name: value for name, value in vars(parameters).items() if name not in arrays}
-        about = {"samples": samples, "arrays": sorted(arrays), **others}
-        key = content_hash("k", about, positions, *(arrays[name] for name in sorted(arrays)))
+        if method.correction is not None:
+            return ReconstructionPlan(geometry, grid, method, compute=compute)
+        arrays: dict[str, NDArray[Any]] = {}
+        others: dict[str, Any] = {"method": method.name}
+        for part in (vars(geometry), vars(grid), asdict(method), vars(compute)):
+            for name, value in part.items():
+                (arrays if isinstance(value, np.ndarray) else others)[name] = value
+        key = content_hash("k", {"arrays": sorted(arrays), **others}, *(arrays[name] for name in sorted(arrays)))
         if key in self._plans and not self._plans[key][0].chosen.notes:  # a GPU that was full may have room by now
             self._plans.move_to_end(key)
             return self._plans[key][0]
-        plan = ReconstructionPlan.from_parameters(positions, samples, parameters)
+        plan = ReconstructionPlan(geometry, grid, method, compute=compute)
         self._plans[key] = (plan, deep_array_bytes(plan))
         self._plans.move_to_end(key)
         while len(self._plans) > 1 and (len(self._plans) > self._most or self.bytes > self._most_bytes):

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.units import SOUND_SPEED
+from steradian.imaging import (
+    AcquisitionGeometry,
+    Compute,
+    DirectMethod,
+    ImageGrid,
+    Iterative,
+    IterativeOptions,
+    Method,
+)
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.imaging.geometry.voronoi import voronoi_cell_areas
-from steradian.imaging.parameters import Parameters
+from steradian.imaging.options import DIRECT_METHODS
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
 from steradian.scans.recording import Recording
+
+REQUEST_FIELDS = {
+    "depth": "depth_range",
+    "max_frequency": "highest_frequency",
+    "dt": "sampling_interval",
+    "t0": "time_zero",
+    "sensors": "positions",
+}
+"""Fields of requests, by the name of the same quantity in the library."""
 
 
 def effective_parameters(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
@@ -36,34 +57,74 @@ def preprocess(recording: Recording, parameters: ReconstructionParameters) -> ND
     )
 
 
-def to_imaging_parameters(recording: Recording, parameters: ReconstructionParameters) -> Parameters:
-    """Return the arguments of a reconstruction other than positions and traces.
+class ReconstructionSetup(NamedTuple):
+    """Arguments of a reconstruction other than the A-lines."""
+
+    geometry: AcquisitionGeometry
+    grid: ImageGrid
+    method: Method
+    compute: Compute
+
+
+def resolve_setup(recording: Recording, parameters: ReconstructionParameters) -> ReconstructionSetup:
+    """Return the library's arguments for request parameters and a recording.
 
     Raises
     ------
     InvalidInput
-        When a parameter does not fit the recording.
+        When a parameter does not fit the recording; it names the field of the request.
     """
-    return Parameters(
-        sampling_interval=recording.sampling_interval,
-        sound_speed=sound_speed_of(recording, parameters),
-        aperture=recording.aperture,
-        modes=modes_of(recording, parameters),
-        weights=weights_of(recording, parameters),
-        upsampling=parameters.upsampling,
-        depth_range=depth_range_of(recording, parameters),
-        method=parameters.method,
+    with request_field_names():
+        return ReconstructionSetup(
+            AcquisitionGeometry(
+                recording.positions,
+                recording.traces.shape[1],
+                dt=recording.sampling_interval,
+                sound_speed=sound_speed_of(recording, parameters),
+                t0=begins_at(recording, parameters),
+                weights=weights_of(recording, parameters),
+                aperture=recording.aperture,
+            ),
+            ImageGrid(
+                modes_of(recording, parameters),
+                depth=depth_range_of(recording, parameters),
+                depth_step=parameters.depth_step,
+                upsampling=parameters.upsampling,
+                lateral_padding=parameters.lateral_padding,
+                time_padding=parameters.time_padding,
+            ),
+            method_of(recording, parameters),
+            Compute(device=parameters.device),
+        )
+
+
+def method_of(recording: Recording, parameters: ReconstructionParameters) -> Method:
+    """Return the method with its options."""
+    correction = parameters.film.correction(film_of(recording))
+    if parameters.method == "iterative":
+        if parameters.window != DirectMethod.window:
+            allowed = f"{DirectMethod.window} with the method iterative, which uses no other"
+            raise InvalidInput("window", parameters.window, allowed)
+        options = {field.name: getattr(parameters.iterative, field.name) for field in fields(IterativeOptions)}
+        return Iterative(**options, tolerance=parameters.tolerance, correction=correction)
+    return DIRECT_METHODS[parameters.method](
         tolerance=parameters.tolerance,
         window=parameters.window,
-        time_zero=begins_at(recording, parameters),
-        time_padding=parameters.time_padding,
-        lateral_padding=parameters.lateral_padding,
-        highest_frequency=parameters.highest_frequency,
-        depth_step=parameters.depth_step,
-        correction=parameters.film.correction(film_of(recording)),
-        iterative=parameters.iterative if parameters.method == "iterative" else None,
-        device=parameters.device,
+        max_frequency=parameters.highest_frequency,
+        correction=correction,
     )
+
+
+@contextmanager
+def request_field_names() -> Iterator[None]:
+    """Context manager that renames the library's fields in :class:`InvalidInput` to those of requests."""
+    try:
+        yield
+    except InvalidInput as error:
+        name, bracket, index = error.field.partition("[")
+        if name not in REQUEST_FIELDS:
+            raise
+        raise InvalidInput(f"{REQUEST_FIELDS[name]}{bracket}{index}", error.value, error.allowed) from error
 
 
 def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
@@ -92,7 +153,8 @@ def begins_at(recording: Recording, parameters: ReconstructionParameters) -> flo
 def extent_of(recording: Recording, parameters: ReconstructionParameters) -> Extent:
     """Return the range of depths that the record covers."""
     samples = recording.traces.shape[1]
-    return Extent.of(samples, recording.sampling_interval, begins_at(recording, parameters))
+    with request_field_names():
+        return Extent.of(samples, recording.sampling_interval, begins_at(recording, parameters))
 
 
 def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from steradian.core.atomic_files import atomic_write
 from steradian.core.json_encoding import to_jsonable
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging import ReconstructionPlan, Volume
-from steradian.imaging._reconstruct import reconstruct_with
+from steradian.imaging import Acquisition, DirectMethod, Iterative, ReconstructionInfo, Volume, reconstruct
 from steradian.imaging.engines.cuda import backend
 from steradian.imaging.signal.bandwidth import power_fraction_above, resolve_upper_frequency
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -23,11 +24,13 @@ from steradian.reconstructions.pipeline.diagnostics import BandLimit, FitDiagnos
 from steradian.reconstructions.pipeline.plan_cache import PlanCache
 from steradian.reconstructions.pipeline.report_notes import notes_on_depth, notes_on_weights
 from steradian.reconstructions.pipeline.resolve import (
+    ReconstructionSetup,
     effective_parameters,
     film_of,
     preprocess,
+    request_field_names,
+    resolve_setup,
     sound_speed_of,
-    to_imaging_parameters,
     weights_of,
 )
 from steradian.reconstructions.pipeline.size_limit import require_agreed
@@ -41,8 +44,6 @@ from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-    from steradian.imaging.iterative.solve import IterativeResult
 
 SHRINKAGE_NOTE = "the regulariser lowers amplitudes, by a third and more from few sensors; take those of thresholding"
 METHODS_WITHOUT_WEIGHTS = ("interpolated", "iterative")
@@ -93,21 +94,21 @@ class Report:
         sensors = f"{self.sensors:,} of {self.planned:,} sensors at {self.sound_speed_m_s:g} m/s"
         return f"<Report: {voxels} voxels from {sensors}, {sum(self.seconds.values()):.3g} s>"
 
-    def note_fit(self, found: IterativeResult) -> None:
-        """Note how an image was found."""
-        self.note_device(found.device, found.notes)
-        misfits = tuple(round(value, 6) for value in found.residuals)
-        self.fit = FitDiagnostics(found.iterations, found.stopped, found.products, misfits[-1], misfits)
+    def note_info(self, info: ReconstructionInfo) -> None:
+        """Record the device that computed, the reason if it is not the requested one, and the fit of an iteration."""
+        self.device = info.device
+        self.notes += info.notes
+        if info.iterations:
+            misfits = tuple(round(value, 6) for value in info.residuals)
+            self.fit = FitDiagnostics(info.iterations, info.stop_reason, info.products, misfits[-1], misfits)
 
-    def note_device(self, name: str, notes: Sequence[str]) -> None:
-        """Record the device that computed, and the reason if it is not the requested one."""
-        self.device = name
-        self.notes += notes
-
-    def note_band(self, band: BandLimit) -> None:
-        """Note which frequencies were used; the parameters say it in Hz."""
-        self.band = band
-        self.parameters["highest_frequency"] = band.highest_frequency_hz
+    def note_band(self, acquisition: Acquisition, setup: ReconstructionSetup) -> None:
+        """Record the band that is used, in Hz, and the share of the A-lines' power above it."""
+        if isinstance(setup.method, Iterative) or setup.method.max_frequency is None:
+            return
+        highest = float(setup.method.max_frequency)
+        self.band = BandLimit(highest, power_fraction_above(highest, np.asarray(acquisition.traces), acquisition.dt))
+        self.parameters["highest_frequency"] = highest
 
     @contextmanager
     def measure_stage(self, stage: str) -> Iterator[None]:
@@ -184,16 +185,11 @@ def reconstruct_and_write(
             report.shots = uneven
     report.notes += notes_on_depth(recording, chosen)
     with report.measure_stage("reconstruct"):
-        volume = reconstruct_in_memory(
-            recording,
-            chosen,
-            plans=plans,
-            on_fit=report.note_fit,
-            on_band=report.note_band,
-            on_device=report.note_device,
-            progress=progress,
-            cancelled=cancelled,
-        )
+        acquisition, setup = prepare(recording, chosen, progress=progress, cancelled=cancelled)
+        report.note_band(acquisition, setup)
+        volume = _image(acquisition, setup, plans, progress, cancelled)
+        assert volume.info is not None  # noqa: S101 - it was reconstructed
+        report.note_info(volume.info)
     if report.device not in ("", "cpu"):
         backend.device().release()  # for the GPU's other users: this process may wait long for its next job
     report.axes = ", ".join(volume.names)
@@ -245,32 +241,54 @@ def reconstruct_in_memory(
     parameters: ReconstructionParameters,
     *,
     plans: PlanCache | None = None,
-    on_fit: Callable[[IterativeResult], None] | None = None,
-    on_band: Callable[[BandLimit], None] | None = None,
-    on_device: Callable[[str, Sequence[str]], None] | None = None,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Volume:
-    """Reconstruct a recording in memory; see :func:`reconstruct_scan` and :func:`steradian.imaging._reconstruct`."""
+    """Reconstruct a recording in memory; raises as :func:`reconstruct_scan`."""
+    acquisition, setup = prepare(recording, parameters, progress=progress, cancelled=cancelled)
+    return _image(acquisition, setup, plans, progress, cancelled)
+
+
+def prepare(
+    recording: Recording,
+    parameters: ReconstructionParameters,
+    *,
+    progress: Progress | None = None,
+    cancelled: CancelCheck | None = None,
+) -> tuple[Acquisition, ReconstructionSetup]:
+    """Normalise and preprocess a recording, and resolve the arguments of its reconstruction.
+
+    Raises
+    ------
+    InvalidInput
+        When a parameter does not fit the recording.
+    Cancelled
+        If ``cancelled`` returned true.
+    """
     recording, _ = normalise_shots(recording, parameters.shots, progress=progress, cancelled=cancelled)
     traces = preprocess(recording, parameters)
-    highest = resolve_upper_frequency(parameters.highest_frequency, traces, recording.sampling_interval)
-    if highest is not None and on_band is not None:
-        on_band(BandLimit(highest, power_fraction_above(highest, traces, recording.sampling_interval)))
-    chosen = replace(to_imaging_parameters(recording, parameters), highest_frequency=highest)
-    if chosen.method == "iterative":
-        return reconstruct_with(
-            chosen, traces, recording.positions, on_fit=on_fit, progress=progress, cancelled=cancelled
-        )
-    if plans is None or chosen.correction is not None:
-        plan = ReconstructionPlan.from_parameters(recording.positions, traces.shape[1], chosen)
-    else:
-        plan = plans.get(recording.positions, traces.shape[1], chosen)
-    volume = plan.run(traces, progress=progress, cancelled=cancelled)
-    assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
-    if on_device is not None:
-        on_device(plan.chosen.device, plan.chosen.notes)
-    return volume
+    setup = resolve_setup(recording, parameters)
+    if isinstance(setup.method, DirectMethod):
+        highest = resolve_upper_frequency(setup.method.max_frequency, traces, recording.sampling_interval)
+        setup = setup._replace(method=replace(setup.method, max_frequency=highest))
+    return setup.geometry.acquisition(traces), setup
+
+
+def _image(
+    acquisition: Acquisition,
+    setup: ReconstructionSetup,
+    plans: PlanCache | None,
+    progress: Progress | None,
+    cancelled: CancelCheck | None,
+) -> Volume:
+    geometry, grid, method, compute = setup
+    with request_field_names():
+        if plans is None or isinstance(method, Iterative):
+            return reconstruct(acquisition, grid, method, compute=compute, progress=progress, cancelled=cancelled)
+        plan = plans.get(geometry, grid, method, compute)
+        volume = plan.run(acquisition.traces, progress=progress, cancelled=cancelled)
+        assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
+        return volume
 
 
 def write_json(path: Path, figures: DataclassInstance) -> None:

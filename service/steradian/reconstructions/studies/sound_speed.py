@@ -28,6 +28,7 @@ from steradian.reconstructions.pipeline.resolve import (
     depth_range_of,
     modes_of,
     preprocess,
+    request_field_names,
     sound_speed_of,
     weights_of,
 )
@@ -89,19 +90,20 @@ def scan_sound_speed(
     recording, _ = normalise_shots(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
-    curve = find_sound_speed(
-        preprocess(recording, chosen),
-        recording.positions,
-        np.linspace(*_checked(first, last, steps)),
-        sampling_interval=recording.sampling_interval,
-        aperture=recording.aperture,
-        modes=modes_of(recording, known),
-        weights=weights_of(recording, known),
-        depth_times=depth and (depth[0] / speed, depth[1] / speed),
-        time_zero=begins_at(recording, known),
-        progress=progress,
-        cancelled=cancelled,
-    )
+    with request_field_names():
+        curve = find_sound_speed(
+            preprocess(recording, chosen),
+            recording.positions,
+            np.linspace(*_checked(first, last, steps)),
+            sampling_interval=recording.sampling_interval,
+            aperture=recording.aperture,
+            modes=modes_of(recording, known),
+            weights=weights_of(recording, known),
+            depth_times=depth and (depth[0] / speed, depth[1] / speed),
+            time_zero=begins_at(recording, known),
+            progress=progress,
+            cancelled=cancelled,
+        )
     curve = replace(curve, notes=(*recording.notes, *curve.notes))
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / "sound-speed.json", curve)
@@ -130,7 +132,8 @@ def find_sound_speed(
     Parameters
     ----------
     traces, positions, sampling_interval, aperture, weights, time_zero
-        As in :func:`steradian.imaging._reconstruct`.
+        A-lines (M, N_t), sensors (M, 2) or (M,) in m, dt in s, side of the aperture in m, areas (M,) of the sensors'
+        cells in m² (None: Voronoi cells), and time of the first sample in s.
     sound_speeds
         Speeds of the first round in m/s, rising evenly, at least 3.
     modes

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from steradian.core.exceptions import InvalidInput
+from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.operators import ForwardOperator, artefact_free_padding
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band
@@ -119,17 +120,16 @@ class SpeedFit:
 
     def model(self, speed: float) -> ForwardOperator:
         """Forward model at a speed."""
-        return ForwardOperator(
+        geometry = AcquisitionGeometry(
             self._positions,
-            samples=self._data.shape[1],
-            sampling_interval=self._interval,
+            self._data.shape[1],
+            dt=self._interval,
             sound_speed=speed,
+            t0=self._zero,
             aperture=self._aperture,
-            modes=self._modes,
-            depth_range=(self._times[0] * speed, self._times[1] * speed),
-            time_zero=self._zero,
-            tolerance=1e-3,
         )
+        grid = ImageGrid(self._modes, depth=(self._times[0] * speed, self._times[1] * speed))
+        return ForwardOperator(geometry, grid, tolerance=1e-3, compute=Compute(device="cpu"))
 
     def find(self, start: float) -> FittedSpeed:
         """Find the speed of the least misfit, from a speed near it."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging import reconstruct
+from steradian.imaging import Acquisition, Compute, ImageGrid, Nufft, reconstruct
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band
 from steradian.quality import tenenbaum
@@ -70,18 +70,17 @@ class Views:
         weights = self._weights
         if isinstance(weights, np.ndarray) and some is not None:
             weights = weights[some] * (weights.sum() / weights[some].sum())
-        volume = reconstruct(
+        acquisition = Acquisition(
             self._traces[which],
             self._positions[which],
-            sampling_interval=self._interval,
+            dt=self._interval,
             sound_speed=speed,
+            t0=self._zero,
             aperture=self._aperture,
-            modes=self._modes,
             weights=weights,
-            depth_range=self._depths(speed),
-            time_zero=self._zero,
-            tolerance=1e-3,
         )
+        grid = ImageGrid(self._modes, depth=self._depths(speed))
+        volume = reconstruct(acquisition, grid, Nufft(tolerance=1e-3), compute=Compute(device="cpu"))
         image = np.maximum(volume.mip("z") if volume.dimensions == 3 else volume.values, 0)
         self.tell()
         square = float(np.mean(np.square(image, dtype=np.float64)))
