@@ -25,11 +25,11 @@ Weights = Literal["mask", "uniform", "voronoi"]
 
 
 def default_modes(lattice: int | None, aperture: float) -> int:
-    """Return the lateral modes an axis where none are asked for: at an unusual lattice's pitch, else at 60 µm.
+    """Return the default of lateral modes an axis: at an unusual lattice's pitch, else at 60 µm; at most 4096.
 
     ``lattice`` is :attr:`Recording.grid`, ``aperture`` in m.
     """
-    return lattice or max(2, round(aperture / DEFAULT_SPACING))
+    return min(lattice or max(2, round(aperture / DEFAULT_SPACING)), int(MODES.high))
 
 
 class ReconstructionParameters(Value):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
+from steradian.core.units import MODES
 from steradian.imaging import Acquisition, ElasticFilm, ImageGrid, InverseFilter, Iterative, Nufft
 from steradian.masks import equi_steradian_mask
-from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
 from steradian.reconstructions.pipeline.resolve import request_field_names, resolve_setup
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.scans.recording import Recording
@@ -56,6 +57,11 @@ def test_library_has_the_limits_of_the_http_schema(field: str) -> None:
 def test_every_limited_number_of_requests_is_compared_with_the_library() -> None:
     own = {name for name in SCHEMA["properties"] if limits(name)}
     assert own == {name for name in LIBRARY if "." not in name}
+
+
+def test_default_modes_are_within_the_limits() -> None:
+    assert default_modes(None, 13.56e-3) == 226
+    assert default_modes(5000, 0.1) == default_modes(None, 1.0) == MODES.high
 
 
 @pytest.fixture
