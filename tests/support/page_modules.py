@@ -32,5 +32,5 @@ def modules_of(chromium, service):
 
 
 def plane(values, origin, spacing):
-    """A plane of numbers as measure.js takes it; values stay a list, for :data:`TYPED` to make an array of."""
+    """A plane of numbers as measurements.js takes it; values stay a list, for :data:`TYPED` to make an array of."""
     return {"values": values.ravel(), "shape": values.shape, "origin": origin, "spacing": spacing}

@@ -144,7 +144,7 @@ def test_page_below_unannounced_proxy_path_works(tmp_path, chromium):
     expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
     expect(page.locator("#scanner")).not_to_contain_text("looking")
     assert outside == []
-    assert httpx.get(f"{base}/static/where.js").is_success
+    assert httpx.get(f"{base}/static/urls.js").is_success
     context.close()
     nginx.close()
     service.close()

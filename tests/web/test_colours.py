@@ -34,7 +34,7 @@ def test_colour_tables_match_rendered_pictures(modules, name, of):
 def test_shades_stand_out_of_the_page(modules, theme, page):
     """Of lines and points no colour has a contrast below 3 to 1, WCAG 2's for what is not text."""
     script = "document.documentElement.dataset.theme = given.theme; return m.shades('cividis', 8);"
-    found = modules.call("shades.js", script, theme=theme)
+    found = modules.call("palette.js", script, theme=theme)
     rows = np.array([[int(one) for one in re.findall(r"\d+", colour)] for colour in (*found, f"rgb{page}")]) / 255
     light = np.where(rows <= 0.04045, rows / 12.92, ((rows + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722] + 0.05
     assert (np.maximum(light[:-1], light[-1]) / np.minimum(light[:-1], light[-1])).min() >= 3

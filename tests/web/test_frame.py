@@ -220,7 +220,7 @@ def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
     page = open_page(service, "/data")
     expect(page.locator("#running")).to_contain_text(" of ")
     shown = page.evaluate(
-        "async () => { const { live } = await import('/static/live.js');"
+        "async () => { const { live } = await import('/static/event_stream.js');"
         " live._tell('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null });"
         " return document.getElementById('running').innerHTML; }"
     )
@@ -247,7 +247,7 @@ def test_late_event_listener_receives_refresh_event(service, open_page):
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     assert (
         page.evaluate(
-            "async () => { const { live } = await import('/static/live.js');"
+            "async () => { const { live } = await import('/static/event_stream.js');"
             " return await new Promise((go) => {"
             " live.on('again', () => go('told')); setTimeout(() => go('not told'), 3000); }); }"
         )

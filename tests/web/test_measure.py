@@ -8,7 +8,7 @@ import pytest
 from steradian.quality import contrast_to_noise
 from support.page_modules import TYPED, modules_of, plane
 
-MODULE = "volume/measure.js"
+MODULE = "volume/measurements.js"
 FWHM = 2 * math.sqrt(2 * math.log(2))
 
 

@@ -131,4 +131,4 @@ def test_raycast_window_matches_slices_for_thin_structures(modules):
         Object.assign(solid, {stage: {cut: 0.5, ownWindow: [0, 8], window: [0, 8]}, block: given.block});
         solid.dimmer = solid.dimming(given.block);
         return solid.window;"""
-    assert modules.call("volume/solid.js", script, block=block) == pytest.approx([0, 0.3 * 255], rel=0.01)
+    assert modules.call("volume/view_3d.js", script, block=block) == pytest.approx([0, 0.3 * 255], rel=0.01)

@@ -170,7 +170,7 @@ def test_stop_without_event_stream_is_called_working_only_after_check(service, o
     page.context.close()
 
 
-@pytest.mark.parametrize("missing", ["frame", "stop", "seen"])
+@pytest.mark.parametrize("missing", ["shell", "emergency_stop", "scanner_status"])
 def test_page_with_missing_script_has_no_enabled_stop_button(service, open_page, missing):
     page = open_page(service, "/healthz")
     page.route(f"**/static/{missing}.js", lambda route: route.fulfill(status=404, body=""))

@@ -64,7 +64,7 @@ def test_another_page_listens_when_the_one_that_did_is_closed(service, crowd, re
     """What happens reaches pages that have no stream of their own, also after the one that had it has gone."""
     pages, streams = crowd
     heard = (
-        "async () => { const { live } = await import('/static/live.js');"
+        "async () => { const { live } = await import('/static/event_stream.js');"
         " live.on('scanner', () => (document.body.dataset.heard = 'yes')); }"
     )
     for page in pages:

@@ -49,7 +49,7 @@ def test_root_without_browser_accept_header_returns_api_address(client):
 
 def test_page_module_imports_resolve_to_served_files(client):
     """Every module that a script names lies where it looks for it; none comes from elsewhere."""
-    left, seen = {"/static/frame.js"}, set()
+    left, seen = {"/static/shell.js"}, set()
     for address in ADDRESSES:
         named = re.findall(r"src=\"([./]*static/(?!lab)[^\"]*)\"", client.get(address, headers=AS_BROWSER).text)
         assert all(name.startswith(".") for name in named), "they are found below any path of a proxy"
@@ -68,7 +68,7 @@ def test_page_module_imports_resolve_to_served_files(client):
 
 
 def test_a_file_is_sent_again_only_when_it_has_changed(client):
-    for name in ("style.css", "frame.js", "icon.svg", "bokeh/bokeh.min.js", "lab/a.js"):
+    for name in ("style.css", "shell.js", "icon.svg", "bokeh/bokeh.min.js", "lab/a.js"):
         answer = client.get(f"/static/{name}")
         assert answer.status_code == 200
         assert answer.headers["x-content-type-options"] == "nosniff"

@@ -1,7 +1,7 @@
 // @ts-check
 // The HTTP API as the page's only back end: JSON in and out, problems as errors, a key where one is needed.
 import { authorize, signIn, startSession } from "./session.js";
-import { at } from "./where.js";
+import { at } from "./urls.js";
 
 export const BASE = at("/api/v1");
 const AT_ONCE = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop

@@ -2,8 +2,8 @@
 // Charts with axes that one can move about in, by BokehJS, which is loaded when the first one is drawn.
 import { h, replace } from "./dom.js";
 import { colour, onTheme } from "./theme.js";
-import { shades } from "./shades.js";
-import { at } from "./where.js";
+import { shades } from "./palette.js";
+import { at } from "./urls.js";
 
 /** @type {Promise<any> | null} */
 let loaded = null;

@@ -2,10 +2,10 @@
 // Data: a recording that is dropped here becomes a scan; what the file does not say is asked for.
 import { api, onceOnly, Problem } from "./api.js";
 import { byId, h, replace, settled } from "./dom.js";
-import { words } from "./states.js";
-import { Understood } from "./understood.js";
+import { words } from "./panel_states.js";
+import { Understood } from "./recording_preview.js";
 import { bytes, identifierOf } from "./units.js";
-import { at } from "./where.js";
+import { at } from "./urls.js";
 
 const COMPANION = /\.(csv|npy|h5|hdf5)$/i;
 const FIELDS = /** @type {[string, string, string, string][]} */ ([

@@ -1,6 +1,6 @@
 // @ts-check
 // Elements from values. Text goes in as text, never as markup: a label may hold whatever somebody typed.
-import { at } from "./where.js";
+import { at } from "./urls.js";
 
 /** @typedef {Node | string | number | false | null | undefined} Child */
 /** @typedef {Record<string, any>} Props */

@@ -2,9 +2,9 @@
 // What is wrong with a scanner and what helps; a person who has seen to it clears it here.
 import { api } from "./api.js";
 import { byId, h, renew } from "./dom.js";
-import { look, seen, watchScanner } from "./seen.js";
+import { look, seen, watchScanner } from "./scanner_status.js";
 import { sentence } from "./units.js";
-import { askWhy } from "./why.js";
+import { askWhy } from "./reason_dialog.js";
 
 let shown = "";
 

@@ -2,9 +2,9 @@
 // All scans, newest first; those that run move.
 import { api } from "./api.js";
 import { byId, framed, h, renew, replace } from "./dom.js";
-import { live } from "./live.js";
-import { STATES } from "./scan/words.js";
-import { empty, failed, loading } from "./states.js";
+import { live } from "./event_stream.js";
+import { STATES } from "./scan/states.js";
+import { empty, failed, loading } from "./panel_states.js";
 import { clock, count, identifierOf } from "./units.js";
 
 const host = byId("scans");

@@ -3,7 +3,7 @@
 // and a cookie that no script can read takes its place.
 import { h, openDialog } from "./dom.js";
 import { clock } from "./units.js";
-import { at } from "./where.js";
+import { at } from "./urls.js";
 
 const SESSION = at("/api/v1/session");
 /** @type {string | null} */

@@ -2,8 +2,8 @@
 // Where the bare address leads: to the scan that runs, to the scans there are, or to the first step.
 import { api } from "./api.js";
 import { byId } from "./dom.js";
-import { failed, loading } from "./states.js";
-import { at } from "./where.js";
+import { failed, loading } from "./panel_states.js";
+import { at } from "./urls.js";
 
 async function lead() {
   const panel = byId("start");

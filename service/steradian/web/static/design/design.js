@@ -1,18 +1,18 @@
 // @ts-check
 // Design: a form, what the service says of it, and one button that stores anything.
 import { api, onceOnly, Problem } from "../api.js";
-import { watchScanner } from "../bar.js";
+import { watchScanner } from "../status_bar.js";
 import { byId, h, replace, settled } from "../dom.js";
-import { startScan } from "../scan/start.js";
-import { WhichScanner } from "../scan/which.js";
-import { words } from "../states.js";
+import { startScan } from "../scan/create.js";
+import { WhichScanner } from "../scan/scanner_choice.js";
+import { words } from "../panel_states.js";
 import { arrangementOf, askedFor, bodyOf, fieldOf, fromQuery, othersOf, planOf, toQuery } from "./fields.js";
-import { figuresOf } from "./figures.js";
+import { figuresOf } from "./key_figures.js";
 import { Form } from "./form.js";
 import { anglePanel, orientationPanel, spreadPanel, timePanel } from "./panels.js";
-import { pinning } from "./pins.js";
-import { DesignPlane } from "./view.js";
-import { at } from "../where.js";
+import { pinning } from "./pinned_designs.js";
+import { DesignPlane } from "./mask_map.js";
+import { at } from "../urls.js";
 
 /** @typedef {import("./form.js").Remark} Remark */
 

@@ -1,10 +1,10 @@
 // @ts-check
 // The form at the left: a slider and a number for each field, and under it what the service finds wrong with it.
 import { h, replace } from "../dom.js";
-import { words } from "../states.js";
+import { words } from "../panel_states.js";
 import { addPoint, ARRANGEMENTS, fieldsOfPoint, furtherPoints, inSi, maskField, MOST_POINTS, PLAN, removePoint } from "./fields.js";
-import { moreForm } from "./more.js";
-import { tuningField } from "./tuning.js";
+import { moreForm } from "./advanced_fields.js";
+import { tuningField } from "./tuning_map.js";
 
 /** @typedef {import("./fields.js").Design} Design */
 /** @typedef {import("./fields.js").Field} Field */

@@ -1,10 +1,10 @@
 // @ts-check
 // What a point sees: its image, the orientations of edges that are visible, and how even the solid angles are.
 import { framed, h, replace, s } from "../dom.js";
-import { loading, words } from "../states.js";
+import { loading, words } from "../panel_states.js";
 import { duration, length, mm, percent } from "../units.js";
 import { table } from "../volume/colours.js";
-import { extent } from "./view.js";
+import { extent } from "./mask_map.js";
 
 /** The image of a tiny ball in x–z. @param {HTMLElement} host */
 export function spreadPanel(host) {

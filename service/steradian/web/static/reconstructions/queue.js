@@ -2,16 +2,16 @@
 // The queue as a table: what waits, runs and is done, to move, cancel, look at and make again.
 import { api } from "../api.js";
 import { byId, h, replace, settled } from "../dom.js";
-import { addKey } from "../keys.js";
-import { live } from "../live.js";
-import { empty, failed, loading, words } from "../states.js";
+import { addKey } from "../shortcuts.js";
+import { live } from "../event_stream.js";
+import { empty, failed, loading, words } from "../panel_states.js";
 import { clock, duration } from "../units.js";
-import { showForm } from "./ask.js";
-import { handle } from "./drag.js";
-import { inOrder, toPlace } from "./order.js";
-import { showSide } from "./side.js";
-import { askedBy, methodOf, namesOfScans, speedOf, stateOf, tookOf } from "./state.js";
-import { at } from "../where.js";
+import { showForm } from "./request_form.js";
+import { handle } from "./drag_handle.js";
+import { inOrder, toPlace } from "./queue_order.js";
+import { showSide } from "./side_by_side.js";
+import { askedBy, methodOf, namesOfScans, speedOf, stateOf, tookOf } from "./summary.js";
+import { at } from "../urls.js";
 
 const MOST_SIDE = 4;
 const LOOKED_UP = 12; // jobs not over whose place in the queue is asked for

@@ -2,12 +2,12 @@
 // How a scan stands, and what can be done: pause, resume, stop; and what a finished one offers.
 import { api, onceOnly } from "../api.js";
 import { h, openDialog, replace } from "../dom.js";
-import { words } from "../states.js";
+import { words } from "../panel_states.js";
 import { count, duration, figure, identifierOf } from "../units.js";
-import { startScan } from "./start.js";
-import { leaseOf, WhichScanner } from "./which.js";
-import { keeps, OVER, STATES, WISHES } from "./words.js";
-import { at } from "../where.js";
+import { startScan } from "./create.js";
+import { leaseOf, WhichScanner } from "./scanner_choice.js";
+import { keeps, OVER, STATES, WISHES } from "./states.js";
+import { at } from "../urls.js";
 
 const NAMES = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
 const WINDOW = 5000;

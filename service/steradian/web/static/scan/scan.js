@@ -2,16 +2,16 @@
 // A scan as it runs: map, image, A-line, and what a person can have it do.
 import { api } from "../api.js";
 import { byId, h, identifier, replace } from "../dom.js";
-import { live } from "../live.js";
-import { failed, loading } from "../states.js";
+import { live } from "../event_stream.js";
+import { failed, loading } from "../panel_states.js";
 import { Controls } from "./controls.js";
-import { Growing } from "./growing.js";
-import { Guards } from "./guards.js";
-import { ScanMap } from "./map.js";
+import { Growing } from "./live_image.js";
+import { Guards } from "./interlocks.js";
+import { ScanMap } from "./scan_map.js";
 import { Shots } from "./shots.js";
 import { Signals } from "./signals/signals.js";
-import { Trace } from "./trace.js";
-import { OVER } from "./words.js";
+import { Trace } from "./aline_plot.js";
+import { OVER } from "./states.js";
 
 const id = identifier();
 const host = byId("scan");

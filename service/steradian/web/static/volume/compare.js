@@ -2,14 +2,14 @@
 // A second volume beside this one: what differs, by colour or by turns, and how much alike they are in figures.
 import { api, onceOnly } from "../api.js";
 import { framed, h, replace } from "../dom.js";
-import { words } from "../states.js";
+import { words } from "../panel_states.js";
 import { clock, figure, pressure } from "../units.js";
-import { PLANES, sourceOf } from "./arrays.js";
-import { correlation } from "./measure.js";
-import { figures } from "./tools.js";
+import { PLANES, sourceOf } from "./volume_data.js";
+import { correlation } from "./measurements.js";
+import { figures } from "./measure_tools.js";
 
-/** @typedef {import("./stage.js").Stage} Stage */
-/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./slice_view.js").SliceView} SliceView */
 
 const TURN = 700; // ms for which each of the two is seen
 const BRIGHT = "over what has at least 4 % of the reference's maximum";

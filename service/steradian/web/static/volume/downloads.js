@@ -2,8 +2,8 @@
 // The volume in every format: those that lie there with their size, the others made by a job first.
 import { api, BASE, onceOnly } from "../api.js";
 import { h, replace } from "../dom.js";
-import { live } from "../live.js";
-import { failed, words } from "../states.js";
+import { live } from "../event_stream.js";
+import { failed, words } from "../panel_states.js";
 import { bytes, percent } from "../units.js";
 
 const FORMATS = /** @type {[string, string, string, boolean][]} name, what it is for, suffix, compressed */ ([

@@ -6,7 +6,7 @@ import { PRESSURE, figure } from "../units.js";
 import { rampOver, table } from "./colours.js";
 import { mmOf } from "./panes.js";
 
-/** @typedef {import("./stage.js").Stage} Stage */
+/** @typedef {import("./shared_state.js").Stage} Stage */
 
 const BINS = 128;
 const [WIDTH, HEIGHT] = [256, 84];

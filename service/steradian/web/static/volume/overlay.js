@@ -1,10 +1,10 @@
 // @ts-check
 // What lies over a slice: edges with ticks in mm, crosshair, marks of the tools, scale bar.
-import { PLANES, at } from "./arrays.js";
+import { PLANES, at } from "./volume_data.js";
 import { rampOver, table } from "./colours.js";
 import { lengthOf, round, ticks } from "./scale.js";
 
-/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {[number, number]} Pair */
 
 const LINE = "#ffffff";

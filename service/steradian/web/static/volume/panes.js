@@ -1,10 +1,10 @@
 // @ts-check
 // The four views with what stands under each: where its slice is and how thick its slab.
 import { h } from "../dom.js";
-import { AXES, PLANES, at, indexOf, placeOf } from "./arrays.js";
+import { AXES, PLANES, at, indexOf, placeOf } from "./volume_data.js";
 import { lengthOf } from "./scale.js";
 
-/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Triple} Triple */
 
 const STEPS = 40; // of the slab's slider, between a slice and everything
@@ -77,7 +77,7 @@ export function position(thick, spacing, extent) {
   return Math.min(Math.max(Math.round(1 + share * (STEPS - 1)), 1), STEPS - 1);
 }
 
-/** The 3-D view with its box. @param {import("./solid.js").SolidView} solid */
+/** The 3-D view with its box. @param {import("./view_3d.js").SolidView} solid */
 export function solidPane(solid) {
   const { stage } = solid;
   const where = h("span", { class: "dim nowrap", dataset: { where: "3-D" } });

@@ -1,10 +1,10 @@
 // @ts-check
 // Mouse, touch and keys on a slice view.
-import { PLANES, at, indexOf, placeOf } from "./arrays.js";
-import { sample } from "./measure.js";
+import { PLANES, at, indexOf, placeOf } from "./volume_data.js";
+import { sample } from "./measurements.js";
 import { MOST_POINTS } from "./view_state.js";
 
-/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {{x: number, y: number}} Point */
 

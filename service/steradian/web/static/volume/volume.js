@@ -2,25 +2,25 @@
 // The page of a volume: three linked views and the 3-D one, and beside them what is asked about it.
 import { api } from "../api.js";
 import { byId, copy, h, identifier, replace } from "../dom.js";
-import { addKey } from "../keys.js";
-import { empty, failed, loading } from "../states.js";
-import { methodOf } from "../reconstructions/state.js";
+import { addKey } from "../shortcuts.js";
+import { empty, failed, loading } from "../panel_states.js";
+import { methodOf } from "../reconstructions/summary.js";
 import { clock, identifierOf, pressure } from "../units.js";
-import { AXES, brightest, sourceOf } from "./arrays.js";
+import { AXES, brightest, sourceOf } from "./volume_data.js";
 import { PRESSURE_MAPS } from "./colours.js";
 import { Compare } from "./compare.js";
 import { Downloads } from "./downloads.js";
 import { Histogram } from "./histogram.js";
-import { latest } from "./latest.js";
-import { made } from "./made.js";
+import { latest } from "./latest_only.js";
+import { made } from "./provenance.js";
 import { mmOf, pane, solidPane } from "./panes.js";
-import { SliceView } from "./slices.js";
-import { SolidView } from "./solid.js";
-import { soundSpeed } from "./speed.js";
-import { Stage } from "./stage.js";
-import { Store } from "./store.js";
+import { SliceView } from "./slice_view.js";
+import { SolidView } from "./view_3d.js";
+import { soundSpeed } from "./sound_speed.js";
+import { Stage } from "./shared_state.js";
+import { Store } from "./view_store.js";
 import { tabs } from "./tabs.js";
-import { Tools } from "./tools.js";
+import { Tools } from "./measure_tools.js";
 import { TOOLS } from "./view_state.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
@@ -46,7 +46,7 @@ function absent(panel, about) {
   empty(panel, "There is no volume here", why, h("a", { class: "button", href: `/reconstructions/${about.id}` }, "Its reconstruction"));
 }
 
-/** @param {HTMLElement} panel @param {any} about @param {import("./arrays.js").Source} source */
+/** @param {HTMLElement} panel @param {any} about @param {import("./volume_data.js").Source} source */
 async function show(panel, about, source) {
   const store = new Store();
   const stage = new Stage(source, store);

@@ -3,13 +3,13 @@
 import { api } from "../../api.js";
 import { line } from "../../charts.js";
 import { h, renew, replace } from "../../dom.js";
-import { failed, loading, words } from "../../states.js";
+import { failed, loading, words } from "../../panel_states.js";
 import { clock, count, figure } from "../../units.js";
-import { showCounts } from "./counts.js";
-import { Field, markOf } from "./field.js";
-import { byKind, told, total } from "./words.js";
+import { showCounts } from "./code_histogram.js";
+import { Field, markOf } from "./signal_map.js";
+import { byKind, told, total } from "./labels.js";
 
-/** @typedef {import("./words.js").Signals} Told */
+/** @typedef {import("./labels.js").Signals} Told */
 
 const EVERY = 10; // seconds between two looks while the scan runs
 const MOST = 200; // A-lines of a kind that are listed
@@ -88,10 +88,10 @@ export class Signals {
     await line(this.noise, [{ name: "mean", x, y: mean }, { name: "median", x, y: median }], { x: "frequency (MHz)", y: "noise" });
   }
 
-  /** @param {import("./words.js").Bad[]} bad */
+  /** @param {import("./labels.js").Bad[]} bad */
   showBad(bad) {
     const open = new Set([...this.list.querySelectorAll("details[open]")].map((one) => /** @type {HTMLElement} */ (one).dataset.kind));
-    const one = (/** @type {import("./words.js").Bad} */ each) => h("button", {
+    const one = (/** @type {import("./labels.js").Bad} */ each) => h("button", {
       type: "button", class: "quiet", title: told(each), "aria-label": told(each), dataset: { aline: each.aline }, onclick: () => this.chosen(each.aline),
       onfocus: () => this.field.light(each), onpointerenter: () => this.field.light(each), onblur: () => this.field.light(null), onpointerleave: () => this.field.light(null),
     }, String(each.aline));

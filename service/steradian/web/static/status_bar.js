@@ -3,14 +3,14 @@
 import { api } from "./api.js";
 import { byId, h, put, renew, replace } from "./dom.js";
 import { startFaults } from "./faults.js";
-import { live } from "./live.js";
-import { seen, startLooking, watchAge } from "./seen.js";
+import { live } from "./event_stream.js";
+import { seen, startLooking, watchAge } from "./scanner_status.js";
 import { keepSession, signedOut, watchSession } from "./session.js";
-import { doubtOfStop, laserOf, startStop, stopWords, watchStop, worksSince } from "./stop.js";
+import { doubtOfStop, laserOf, startStop, stopWords, watchStop, worksSince } from "./emergency_stop.js";
 import { clock, count, duration } from "./units.js";
-import { at } from "./where.js";
+import { at } from "./urls.js";
 
-export { watchScanner } from "./seen.js";
+export { watchScanner } from "./scanner_status.js";
 
 const UNDER_WAY = ["arming", "running", "pausing", "paused", "stopping", "recovering", "completing", "aborting"].map((state) => `state=${state}`).join("&");
 

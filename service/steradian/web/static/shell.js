@@ -1,9 +1,9 @@
 // @ts-check
 // What every page has: theme, keys, bar with the stop, event stream; then others may add to it.
 import { api } from "./api.js";
-import { startBar } from "./bar.js";
-import { startKeys } from "./keys.js";
-import { live } from "./live.js";
+import { startBar } from "./status_bar.js";
+import { startKeys } from "./shortcuts.js";
+import { live } from "./event_stream.js";
 import { startTheme } from "./theme.js";
 
 startBar();

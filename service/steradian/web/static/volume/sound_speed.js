@@ -2,7 +2,7 @@
 // Sharpness against the speed of sound: a curve from which the speed of the next reconstruction is picked.
 import { api, onceOnly } from "../api.js";
 import { h, replace, s } from "../dom.js";
-import { words } from "../states.js";
+import { words } from "../panel_states.js";
 import { clock } from "../units.js";
 import { ticks } from "./scale.js";
 

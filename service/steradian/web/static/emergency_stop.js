@@ -3,10 +3,10 @@
 // of this page; otherwise the page says why it cannot be relied on. A press is sent until there is an answer.
 import { api, lookAt, Problem } from "./api.js";
 import { byId, h, replace } from "./dom.js";
-import { release } from "./release.js";
-import { FRESH, look, nowOf, seen, UNKNOWN, watchAge, watchScanner } from "./seen.js";
+import { release } from "./stop_release.js";
+import { FRESH, look, nowOf, seen, UNKNOWN, watchAge, watchScanner } from "./scanner_status.js";
 import { askToSignIn, stopTicket, wasSignedIn, watchSession } from "./session.js";
-import { elapsed, mark, NEVER } from "./time.js";
+import { elapsed, mark, NEVER } from "./elapsed_time.js";
 import { clock, duration, sentence } from "./units.js";
 
 const EVERY_STOP = "/emergency-stop"; // who exists, the service knows, also without its database
@@ -19,7 +19,7 @@ const COUNTS = 2000; // ms for which an answer counts
 const SWITCH = "use the hardware switch";
 const SILENT = `The service does not answer: the emergency stop may not reach the laser, ${SWITCH}.`;
 
-/** @typedef {import("./time.js").Mark} Mark */
+/** @typedef {import("./elapsed_time.js").Mark} Mark */
 /** @typedef {{sent: string, answers: Map<string, any> | null, at: Mark, silent: boolean, why: string, refused: string}} Press */
 
 /** @type {Press | null} the last press of this page, until it is released */
@@ -180,7 +180,7 @@ function standing() {
   return seen().scanners.filter((one) => one.emergency_stop).map((one) => [one.id, one.emergency_stop]);
 }
 
-/** How a scanner stands: what the device said to a press is newer than a look from before it. @param {string} name @returns {import("./seen.js").Now} */
+/** How a scanner stands: what the device said to a press is newer than a look from before it. @param {string} name @returns {import("./scanner_status.js").Now} */
 export function laserOf(name) {
   const { scanners, asked } = seen();
   const one = scanners.find((each) => each.id === name);

@@ -2,10 +2,10 @@
 // One reconstruction: how far it is, what was asked, what it wrote, how often it was begun.
 import { api } from "../api.js";
 import { byId, h, identifier, replace, settled } from "../dom.js";
-import { live } from "../live.js";
-import { failed, loading, words } from "../states.js";
+import { live } from "../event_stream.js";
+import { failed, loading, words } from "../panel_states.js";
 import { clock, duration, identifierOf } from "../units.js";
-import { askedBy, methodOf, stateOf } from "./state.js";
+import { askedBy, methodOf, stateOf } from "./summary.js";
 import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
 
 const panel = byId("reconstruction");

@@ -1,13 +1,13 @@
 // @ts-check
 // A map of one figure of the A-lines over the film, with its colour bar, and the bad A-lines marked by kind.
 import { h, replace } from "../../dom.js";
-import { Plane } from "../../plane.js";
-import { shades } from "../../shades.js";
+import { Plane } from "../../point_map.js";
+import { shades } from "../../palette.js";
 import { colour, onTheme } from "../../theme.js";
 import { count, figure } from "../../units.js";
-import { byKind, MAPS, told, unitOf, valueOf } from "./words.js";
+import { byKind, MAPS, told, unitOf, valueOf } from "./labels.js";
 
-/** @typedef {import("./words.js").Bad} Bad */
+/** @typedef {import("./labels.js").Bad} Bad */
 
 const STEPS = 16;
 /** Marks by kind; kinds that are not among them share the last one. */

@@ -2,10 +2,10 @@
 // The image of a scan that grows while it runs: the newest revision's projection, and how much it is made of.
 import { api, onceOnly } from "../api.js";
 import { h, replace } from "../dom.js";
-import { live } from "../live.js";
-import { empty, words } from "../states.js";
+import { live } from "../event_stream.js";
+import { empty, words } from "../panel_states.js";
 import { count, length, mm, percent } from "../units.js";
-import { firstBelow, sourceOf } from "../volume/arrays.js";
+import { firstBelow, sourceOf } from "../volume/volume_data.js";
 import { table } from "../volume/colours.js";
 
 const SIZE = 512;

@@ -1,12 +1,12 @@
 // @ts-check
 // What all views of a volume share: where one looks, how large a mm is, which values have which colour.
-import { AXES, PLANES, at, brightest, depthsOf, firstBelow, planeOf, slabOf } from "./arrays.js";
+import { AXES, PLANES, at, brightest, depthsOf, firstBelow, planeOf, slabOf } from "./volume_data.js";
 import { table } from "./colours.js";
 
-/** @typedef {import("./arrays.js").Source} Source */
+/** @typedef {import("./volume_data.js").Source} Source */
 /** @typedef {import("./view_state.js").Axis} Axis */
 /** @typedef {import("./view_state.js").Triple} Triple */
-/** @typedef {import("./measure.js").Plane} Plane */
+/** @typedef {import("./measurements.js").Plane} Plane */
 
 const PERCENTILE = 0.999; // of a projection's values, at which colours end; as in the service's own pictures
 const LEAST_SHARE = 0.5; // of the maximum, at least
@@ -20,7 +20,7 @@ export function colourEnd(sorted) {
 }
 
 export class Stage {
-  /** @param {Source} source @param {import("./store.js").Store} store */
+  /** @param {Source} source @param {import("./view_store.js").Store} store */
   constructor(source, store) {
     this.source = source;
     this.store = store;

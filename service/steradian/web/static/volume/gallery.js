@@ -2,11 +2,11 @@
 // Volumes: what has been reconstructed, as pictures to choose from.
 import { api, ask } from "../api.js";
 import { byId, h, replace } from "../dom.js";
-import { live } from "../live.js";
-import { empty, failed, loading } from "../states.js";
+import { live } from "../event_stream.js";
+import { empty, failed, loading } from "../panel_states.js";
 import { clock, length } from "../units.js";
-import { methodOf, namesOfScans, speedOf } from "../reconstructions/state.js";
-import { firstBelow, sourceOf } from "./arrays.js";
+import { methodOf, namesOfScans, speedOf } from "../reconstructions/summary.js";
+import { firstBelow, sourceOf } from "./volume_data.js";
 import { paint, table } from "./colours.js";
 
 const PIXELS = 256;

@@ -1,12 +1,12 @@
 // @ts-check
 // The live map: which points are stored, flagged, missing, and where the beam is now; counts are filters of it.
 import { h, replace } from "../dom.js";
-import { Plane } from "../plane.js";
+import { Plane } from "../point_map.js";
 import { colour, onTheme } from "../theme.js";
 import { count } from "../units.js";
 import { FLAGS } from "./shots.js";
 
-/** @typedef {import("../plane.js").Place} Place */
+/** @typedef {import("../point_map.js").Place} Place */
 /** @typedef {import("./shots.js").Shots} Shots */
 
 const MISSING = 0;

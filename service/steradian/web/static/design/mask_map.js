@@ -1,12 +1,12 @@
 // @ts-check
 // The plane of a design: points by weight, the order of visit, and a point that is dragged.
 import { h } from "../dom.js";
-import { Plane } from "../plane.js";
-import { shades } from "../shades.js";
+import { Plane } from "../point_map.js";
+import { shades } from "../palette.js";
 import { colour, onTheme } from "../theme.js";
 import { area, count } from "../units.js";
 
-/** @typedef {import("../plane.js").Place} Place */
+/** @typedef {import("../point_map.js").Place} Place */
 
 const CLASSES = 24;
 const PLAY = 6000;

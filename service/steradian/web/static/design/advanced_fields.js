@@ -1,6 +1,6 @@
 // @ts-check
 // What else a plan takes, as fields made from the API's own schema: folded, as most scans leave it as it is.
-import { ParameterForm } from "../reconstructions/form.js";
+import { ParameterForm } from "../reconstructions/parameter_form.js";
 import { groupsOf } from "../reconstructions/schema.js";
 import { PLAN } from "./fields.js";
 

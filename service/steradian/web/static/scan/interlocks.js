@@ -1,7 +1,7 @@
 // @ts-check
 // What keeps the laser from harm, as the scanner reads it, how old that is, and who holds the scanner.
 import { h, replace } from "../dom.js";
-import { nowOf, seen, watchAge } from "../seen.js";
+import { nowOf, seen, watchAge } from "../scanner_status.js";
 import { clock } from "../units.js";
 
 /** What each of them is called when the laser may fire; anything else but that and "unknown" is a fault while it scans. */

@@ -2,12 +2,12 @@
 // Asking for a reconstruction: of a scan with the defaults, or again with what is changed.
 import { api, onceOnly, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
-import { failed, loading, words } from "../states.js";
+import { failed, loading, words } from "../panel_states.js";
 import { clock, count } from "../units.js";
 import { framesOf } from "./command.js";
-import { ParameterForm } from "./form.js";
+import { ParameterForm } from "./parameter_form.js";
 import { groupsOf } from "./schema.js";
-import { at } from "../where.js";
+import { at } from "../urls.js";
 
 /**
  * Show the form in a panel.

@@ -2,8 +2,8 @@
 // What was understood of a recording: its axes and figures, where its sensors are, and a few of its A-lines.
 import { line } from "./charts.js";
 import { h, replace } from "./dom.js";
-import { Plane } from "./plane.js";
-import { words } from "./states.js";
+import { Plane } from "./point_map.js";
+import { words } from "./panel_states.js";
 import { colour } from "./theme.js";
 import { count, frequency, mm, shortTime } from "./units.js";
 

@@ -1,8 +1,8 @@
 // @ts-check
 // Release the emergency stop: a person says why, and only what stood when it was asked is released.
 import { api, Problem } from "./api.js";
-import { askWhy } from "./why.js";
-import { look, seen } from "./seen.js";
+import { askWhy } from "./reason_dialog.js";
+import { look, seen } from "./scanner_status.js";
 
 /** @param {string} name */
 const stopOf = (name) => `/scanners/${encodeURIComponent(name)}/emergency-stop`;

@@ -1,8 +1,8 @@
 // @ts-check
 // The scanners as the service told last, and how old that is. What is too old is unknown, whatever it was.
 import { lookAt, Problem } from "./api.js";
-import { live } from "./live.js";
-import { elapsed, mark, NEVER } from "./time.js";
+import { live } from "./event_stream.js";
+import { elapsed, mark, NEVER } from "./elapsed_time.js";
 
 export const FRESH = 3000; // ms, after which what was told counts no more
 const LOOK = 1000;
@@ -15,7 +15,7 @@ export const UNKNOWN = /** @type {const} */ ({ laser: "unknown", shutter: "unkno
  * How a scanner stands now. `why` says why the laser is unknown, `age` how many seconds ago the device told the rest.
  * @typedef {{laser: string, shutter: string, interlock: string, key: string, age: number | null, why: string}} Now
  */
-/** @typedef {import("./time.js").Mark} Mark */
+/** @typedef {import("./elapsed_time.js").Mark} Mark */
 
 /** @type {any[]} as they were told last, by name */
 let scanners = [];

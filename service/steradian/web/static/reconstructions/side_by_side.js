@@ -2,15 +2,15 @@
 // Up to four results beside each other: the same place and slab in all of them, and what was done differently.
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
-import { failed, loading } from "../states.js";
+import { failed, loading } from "../panel_states.js";
 import { count, duration, figure, pressure } from "../units.js";
-import { sourceOf } from "../volume/arrays.js";
+import { sourceOf } from "../volume/volume_data.js";
 import { mmOf, pane } from "../volume/panes.js";
-import { SliceView } from "../volume/slices.js";
-import { Stage } from "../volume/stage.js";
-import { Store } from "../volume/store.js";
+import { SliceView } from "../volume/slice_view.js";
+import { Stage } from "../volume/shared_state.js";
+import { Store } from "../volume/view_store.js";
 import { differences, groupsOf, spokenPath, told, valueAt } from "./schema.js";
-import { tookOf } from "./state.js";
+import { tookOf } from "./summary.js";
 
 /** @typedef {import("../volume/view_state.js").Axis} Axis */
 

@@ -2,15 +2,15 @@
 // Point spread at a line, and the diameter corrected for it: a job of the service, asked for by a button.
 import { api, onceOnly } from "../api.js";
 import { h, replace } from "../dom.js";
-import { words } from "../states.js";
-import { PLANES, at } from "./arrays.js";
+import { words } from "../panel_states.js";
+import { PLANES, at } from "./volume_data.js";
 import { mmOf } from "./panes.js";
 import { lengthOf, lengthWithError } from "./scale.js";
 
 /** @typedef {import("./view_state.js").Mark} Mark */
 
 export class ObjectWidths {
-  /** @param {import("./stage.js").Stage} stage @param {any} about the reconstruction, of the API */
+  /** @param {import("./shared_state.js").Stage} stage @param {any} about the reconstruction, of the API */
   constructor(stage, about) {
     this.stage = stage;
     this.about = about;

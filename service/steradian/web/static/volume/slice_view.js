@@ -2,16 +2,16 @@
 // One of the three linked views: a slice or slab across an axis, the crosshair, marks, a scale bar.
 import { framed, h } from "../dom.js";
 import { onTheme } from "../theme.js";
-import { failed, loading } from "../states.js";
-import { PLANES, at, depthsOf, firstBelow, placeOf, planeOf } from "./arrays.js";
+import { failed, loading } from "../panel_states.js";
+import { PLANES, at, depthsOf, firstBelow, placeOf, planeOf } from "./volume_data.js";
 import { paint, paintDepths, table } from "./colours.js";
-import { latest } from "./latest.js";
+import { latest } from "./latest_only.js";
 import { drawOverlay } from "./overlay.js";
 import { listen } from "./pointer.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
-/** @typedef {import("./measure.js").Plane} Plane */
-/** @typedef {import("./stage.js").Stage} Stage */
+/** @typedef {import("./measurements.js").Plane} Plane */
+/** @typedef {import("./shared_state.js").Stage} Stage */
 
 const CRISP = 4; // pixels a voxel has, from which on its edges are seen
 const REDRAWN = new Set(["apart", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);

@@ -2,11 +2,11 @@
 // Designs that are kept in sight beside the one that is worked on: the same pictures and figures of each.
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
-import { Plane } from "../plane.js";
-import { loading, words } from "../states.js";
+import { Plane } from "../point_map.js";
+import { loading, words } from "../panel_states.js";
 import { colour } from "../theme.js";
 import { ARRANGEMENTS, arrangementOf, bodyOf, fromQuery, MOST_PINS, toQuery } from "./fields.js";
-import { figuresOf } from "./figures.js";
+import { figuresOf } from "./key_figures.js";
 import { paint, sizeOf } from "./panels.js";
 
 /** @typedef {import("./fields.js").Design} Design */

@@ -4,15 +4,15 @@ import { api } from "../api.js";
 import { aroundPoints } from "../design/fields.js";
 import { framed, h, renew, s } from "../dom.js";
 import { PRESSURE, count, figure, pressure } from "../units.js";
-import { PLANES } from "./arrays.js";
-import { contrastToNoise, fwhm, profile, statistics } from "./measure.js";
+import { PLANES } from "./volume_data.js";
+import { contrastToNoise, fwhm, profile, statistics } from "./measurements.js";
 import { inMm, mmOf } from "./panes.js";
 import { lengthOf, lengthWithError, ticks } from "./scale.js";
 import { MOST_POINTS } from "./view_state.js";
-import { ObjectWidths } from "./widths.js";
+import { ObjectWidths } from "./object_width.js";
 
-/** @typedef {import("./stage.js").Stage} Stage */
-/** @typedef {import("./slices.js").SliceView} SliceView */
+/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Mark} Mark */
 /** @typedef {import("./view_state.js").Triple} Triple */
 
@@ -135,7 +135,7 @@ export class Tools {
 
   /** A profile with the level and the ends of its width.
    *
-   * @param {import("./measure.js").Profile} found @param {import("./measure.js").Width | null} width
+   * @param {import("./measurements.js").Profile} found @param {import("./measurements.js").Width | null} width
    */
   chart({ distances, values }, width) {
     if (!values.length) return null;

@@ -1,15 +1,15 @@
 // @ts-check
 // The 3-D view: a coarse copy of the volume, turned by dragging, cut by a box, with edges and a scale bar over it.
 import { framed, h, settled } from "../dom.js";
-import { failed, loading } from "../states.js";
-import { AXES, blockOf, firstBelow } from "./arrays.js";
+import { failed, loading } from "../panel_states.js";
+import { AXES, blockOf, firstBelow } from "./volume_data.js";
 import { table } from "./colours.js";
 import { drawDepths, drawScaleBar, label, outlined } from "./overlay.js";
 import { limited } from "./pointer.js";
 import { edges, make, projection } from "./raycast.js";
-import { colourEnd } from "./stage.js";
+import { colourEnd } from "./shared_state.js";
 
-/** @typedef {import("./stage.js").Stage} Stage */
+/** @typedef {import("./shared_state.js").Stage} Stage */
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {[number, number, number, number, number, number]} Clip */
 

@@ -4,7 +4,7 @@ import { ask } from "../api.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
 /** @typedef {import("./view_state.js").Triple} Triple */
-/** @typedef {import("./measure.js").Plane} Plane */
+/** @typedef {import("./measurements.js").Plane} Plane */
 /** @typedef {{from: number, to: number}} Range voxels along an axis, `to` not among them */
 /**
  * A volume as it is looked at; of an image from a line of sensors y has one voxel.

@@ -2,11 +2,11 @@
 // How a volume was made: from what, with which parameters, by which version, and how it is made again.
 import { api } from "../api.js";
 import { copy, h, replace } from "../dom.js";
-import { failed } from "../states.js";
+import { failed } from "../panel_states.js";
 import { clock, count, duration, identifierOf } from "../units.js";
 import { optionsOf, requestOf, shellOf } from "../reconstructions/command.js";
 import { differences, groupsOf, spokenPath, told, valueAt } from "../reconstructions/schema.js";
-import { SERVICE } from "../where.js";
+import { SERVICE } from "../urls.js";
 
 /** @param {any} about the reconstruction, of the API */
 export function made(about) {

@@ -1,7 +1,7 @@
 // @ts-check
 // Begin a scan, once: where the answer is lost on its way, the same wish again is answered by the same scan.
 import { api, onceOnly, Problem } from "../api.js";
-import { leaseOf } from "./which.js";
+import { leaseOf } from "./scanner_choice.js";
 
 const MEANT_AGAIN = 300e3; // later, whoever asks for the same means another scan
 
