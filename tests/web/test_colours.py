@@ -26,14 +26,14 @@ def rgb(pixels):
 @pytest.mark.parametrize(("name", "of"), [("inferno", "inferno"), ("cividis", "cividis"), ("grey", "gray")])
 def test_colour_tables_match_rendered_pictures(modules, name, of):
     """No colour is further than 4 of 255 from the one that the service's own pictures have."""
-    found = rgb(modules.call(MODULE, f"return Array.from(m.table('{name}'));"))
+    found = rgb(modules.call(MODULE, f"return Array.from(m.colourTable('{name}'));"))
     assert np.abs(found - colours(of).astype(int)).max() <= 4
 
 
 @pytest.mark.parametrize(("theme", "page"), [("light", (0xF4, 0xF6, 0xF8)), ("dark", (0x14, 0x1A, 0x21))])
 def test_shades_stand_out_of_the_page(modules, theme, page):
     """Of lines and points no colour has a contrast below 3 to 1, WCAG 2's for what is not text."""
-    script = "document.documentElement.dataset.theme = given.theme; return m.shades('cividis', 8);"
+    script = "document.documentElement.dataset.theme = given.theme; return m.palette('cividis', 8);"
     found = modules.call("palette.js", script, theme=theme)
     rows = np.array([[int(one) for one in re.findall(r"\d+", colour)] for colour in (*found, f"rgb{page}")]) / 255
     light = np.where(rows <= 0.04045, rows / 12.92, ((rows + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722] + 0.05
@@ -41,13 +41,13 @@ def test_shades_stand_out_of_the_page(modules, theme, page):
 
 
 def test_depth_colour_table_matches_rendered_pictures(modules):
-    found = rgb(modules.call(MODULE, "return Array.from(m.table('depth'));"))
+    found = rgb(modules.call(MODULE, "return Array.from(m.colourTable('depth'));"))
     assert np.abs(found - depth_colours().astype(int)).max() <= 1
 
 
 def test_differences_are_dark_where_there_are_none(modules):
     """Lightness rises evenly to both sides of a dark middle; one side is blue, the other is not."""
-    found = rgb(modules.call(MODULE, "return Array.from(m.table('difference'));"))
+    found = rgb(modules.call(MODULE, "return Array.from(m.colourTable('difference'));"))
     light = found @ [0.2126, 0.7152, 0.0722]
     assert light[127:129].max() < 5
     assert (np.diff(light[128:]) >= -0.5).all()
@@ -61,7 +61,7 @@ def test_the_first_axis_runs_across(modules, up):
     """The pixel of a voxel is where its axes say; what exceeds the window has the colour of its end."""
     values = np.arange(12.0).reshape(3, 4)
     script = """const out = new Uint32Array(12);
-        m.paint({values: given.values, shape: [3, 4]}, [2, 9], m.table("grey"), {up: given.up, out});
+        m.paint({values: given.values, shape: [3, 4]}, [2, 9], m.colourTable("grey"), {up: given.up, out});
         return [...out];"""
     found = rgb(modules.call(MODULE, script, values=values.ravel(), up=up))[:, 0].reshape(4, 3)
     share = np.clip((values - 2) / 7, 0, 1).T * 255
@@ -82,7 +82,7 @@ def test_depths_show_height_as_brightness(modules):
 def test_the_bar_has_a_value_s_colour_below_it(modules):
     """Colours run from one handle to the other; beyond they are those of the ends, as in the picture."""
     script = """const out = new Uint32Array(200);
-        m.rampOver(m.table("grey"), [-1, 3], [0, 2], out); return [...out];"""
+        m.paintRamp(m.colourTable("grey"), [-1, 3], [0, 2], out); return [...out];"""
     found = rgb(modules.call(MODULE, script))[:, 0]
     values = -1 + 4 * (np.arange(200) + 0.5) / 200
     assert np.abs(found - 255 * np.clip(values / 2, 0, 1)).max() <= 1

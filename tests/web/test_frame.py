@@ -221,7 +221,7 @@ def test_the_bar_follows_the_scan_that_it_names(service, open_page, released):
     expect(page.locator("#running")).to_contain_text(" of ")
     shown = page.evaluate(
         "async () => { const { live } = await import('/static/event_stream.js');"
-        " live._tell('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null });"
+        " live._dispatch('progress', { kind: 'scan', id: 'another', done: 7, total: 9, eta: null });"
         " return document.getElementById('running').innerHTML; }"
     )
     assert scan in shown

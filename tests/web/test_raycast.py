@@ -15,10 +15,10 @@ SCRIPT = """
     const colours = await import("/static/volume/colours.js");
     const canvas = Object.assign(document.createElement("canvas"), {width: given.size, height: given.size});
     const block = {...given.block, values: Float32Array.from(given.block.values)};
-    const picture = m.make(canvas, {keep: true});
+    const picture = m.createRaycaster(canvas, {keep: true});
     if (!picture) return "no WebGL 2";
     picture.load(block);
-    picture.draw({...given.shown, colours: colours.table(given.shown.map)});
+    picture.draw({...given.shown, colours: colours.colourTable(given.shown.map)});
     const gl = canvas.getContext("webgl2");
     const bytes = new Uint8Array(4 * given.size ** 2);
     gl.readPixels(0, 0, given.size, given.size, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
@@ -127,8 +127,8 @@ def test_raycast_window_matches_slices_for_thin_structures(modules):
     block = {"values": wire.ravel(), "shape": wire.shape, "origin": ORIGIN, "spacing": SPACING, "window": [0, 8]}
     script = """
         given.block.values = Uint8Array.from(given.block.values);
-        const solid = Object.create(m.SolidView.prototype);
-        Object.assign(solid, {stage: {cut: 0.5, ownWindow: [0, 8], window: [0, 8]}, block: given.block});
-        solid.dimmer = solid.dimming(given.block);
+        const solid = Object.create(m.View3D.prototype);
+        Object.assign(solid, {stage: {cut: 0.5, defaultWindow: [0, 8], window: [0, 8]}, block: given.block});
+        solid.dimFactor = solid.dimFactorOf(given.block);
         return solid.window;"""
     assert modules.call("volume/view_3d.js", script, block=block) == pytest.approx([0, 0.3 * 255], rel=0.01)

@@ -257,7 +257,7 @@ def test_priorities_bring_a_job_to_its_place_and_leave_the_others_in_order(chrom
             (random.integers(0, random.choice([2, 5, 1001]), count).tolist(), *random.integers(0, count, 2).tolist())
         )
     script = """return given.cases.map(([priorities, moved, place]) =>
-        m.toPlace(priorities.map((priority, n) => ({ id: String(n), priority })), String(moved), place));"""
+        m.priorityChanges(priorities.map((priority, n) => ({ id: String(n), priority })), String(moved), place));"""
     with modules_of(chromium, service) as modules:
         found = modules.call("reconstructions/queue_order.js", script, cases=cases)
     for (priorities, moved, place), changes in zip(cases, found, strict=True):

@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from support.waiting import until
 
-LOOK_AGAIN = "import('/static/event_stream.js').then(({ live }) => live._tell('again', null))"
+LOOK_AGAIN = "import('/static/event_stream.js').then(({ live }) => live._dispatch('again', null))"
 
 
 def slow(service, **labels):

@@ -145,7 +145,7 @@ def test_scan_page_with_unfinished_image_shows_its_final_state(service, open_pag
     until(lambda: service.get(f"/reconstructions/{live}").json()["state"] == "succeeded")
     failed = as_if(lambda told: told | {"items": [told["items"][0] | {"state": "failed"}]})
     page.route("**/reconstructions?kind=live*", failed)
-    page.evaluate("import('/static/event_stream.js').then(({ live }) => live._tell('again', null))")
+    page.evaluate("import('/static/event_stream.js').then(({ live }) => live._dispatch('again', null))")
     expect(image).to_contain_text("The final image was not made: its reconstruction failed")
     working = {"state": "running", "progress": {"stage": "image", "done": 0, "total": 0}}
     page.unroute("**/reconstructions?kind=live*")

@@ -7,7 +7,7 @@ from support.waiting import until
 
 HANGING = """async (number) => { const { api } = await import('/static/api.js'); window.answered = 0;
   const done = () => (window.answered += 1);
-  for (let n = 0; n < number; n++) api.ask('GET', `/events?kind=batch&last_event_id=${n}`).finally(done); }"""
+  for (let n = 0; n < number; n++) api.request('GET', `/events?kind=batch&last_event_id=${n}`).finally(done); }"""
 DOWNLOADS = """(number) => { for (let n = 0; n < number; n++)
   fetch(`/api/v1/events?kind=job&last_event_id=${n}`).catch(() => null); }"""
 

@@ -35,7 +35,7 @@ def modules(chromium, service):
 def test_a_view_comes_back_from_its_address(modules):
     """Every part of a view is the same after it has been written and read."""
     script = f"""{WHOLE} const back = m.decode('#' + m.encode(given.view));
-        const same = JSON.stringify(back) === JSON.stringify({{...m.fresh(), ...given.view}});
+        const same = JSON.stringify(back) === JSON.stringify({{...m.defaultView(), ...given.view}});
         return [same, back, m.encode(given.view)];"""
     same, back, text = modules.call(MODULE, script, view=FULL)
     assert same, (back, text)
@@ -43,7 +43,7 @@ def test_a_view_comes_back_from_its_address(modules):
 
 
 def test_the_plain_view_needs_no_words(modules):
-    assert modules.call(MODULE, "return m.encode(m.fresh());") == ""
+    assert modules.call(MODULE, "return m.encode(m.defaultView());") == ""
 
 
 @pytest.mark.parametrize(
@@ -75,4 +75,4 @@ def test_the_plain_view_needs_no_words(modules):
     ],
 )
 def test_an_address_without_sense_is_the_plain_view(modules, text):
-    assert modules.call(MODULE, "return JSON.stringify(m.decode(given.text)) === JSON.stringify(m.fresh());", text=text)
+    assert modules.call(MODULE, "return JSON.stringify(m.decode(given.text)) === JSON.stringify(m.defaultView());", text=text)

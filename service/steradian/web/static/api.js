@@ -1,22 +1,22 @@
 // @ts-check
 // The HTTP API as the page's only back end: JSON in and out, problems as errors, a key where one is needed.
-import { authorize, signIn, startSession } from "./session.js";
-import { at } from "./urls.js";
+import { authorize, signIn, readSession } from "./session.js";
+import { urlOf } from "./urls.js";
 
-export const BASE = at("/api/v1");
-const AT_ONCE = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
-const HURRIED = { priority: /** @type {const} */ ("high") };
+export const BASE = urlOf("/api/v1");
+const MAX_CONCURRENT = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
+const HIGH_PRIORITY = { priority: /** @type {const} */ ("high") };
 
-const PROXY_REFUSES = "A proxy in front of the service takes no body as large as this one, and the service never saw it. Its limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
+const PROXY_LIMIT_MESSAGE = "A proxy in front of the service takes no body as large as this one, and the service never saw it. Its limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
 
-/** @typedef {{pointer: string, allowed: string, detail: string, place: string}} Finding */
-/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, asks?: boolean}} How  asks: false where nobody is asked to sign in */
+/** @typedef {{pointer: string, allowed: string, detail: string, place: string}} FieldError */
+/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, promptSignIn?: boolean}} RequestOptions  promptSignIn: false where nobody is asked to sign in */
 
 /** What the service refused, in its words. */
 export class Problem extends Error {
-  /** @param {number} status @param {any} body @param {Response | null} [answer] */
-  constructor(status, body, answer) {
-    if (status === 413 && !body?.code) body = { title: "A proxy refused the size", detail: PROXY_REFUSES };
+  /** @param {number} status @param {any} body @param {Response | null} [response] */
+  constructor(status, body, response) {
+    if (status === 413 && !body?.code) body = { title: "A proxy refused the size", detail: PROXY_LIMIT_MESSAGE };
     super(body?.detail || body?.title || `the service answered ${status}`);
     this.name = "Problem";
     this.status = status;
@@ -24,47 +24,47 @@ export class Problem extends Error {
     this.detail = /** @type {string} */ (body?.detail ?? "");
     this.code = /** @type {string} */ (body?.code ?? "");
     this.type = /** @type {string} */ (body?.type ?? "");
-    this.errors = /** @type {Finding[]} */ (body?.errors ?? []);
-    this.retryAfter = Number(answer?.headers.get("Retry-After") ?? 0);
+    this.errors = /** @type {FieldError[]} */ (body?.errors ?? []);
+    this.retryAfter = Number(response?.headers.get("Retry-After") ?? 0);
   }
 }
 
-let underWay = 0;
-let hurried = 0; // requests that cannot wait; while there is one, no other begins
+let activeRequests = 0;
+let urgentRequests = 0; // requests that cannot wait; while there is one, no other begins
 /** @type {Set<(none: null) => void>} */
-const waiting = new Set();
+const waitingRequests = new Set();
 /** @type {Set<AbortController>} those that only read: they are given up for one that cannot wait, and asked again */
-const reading = new Set();
+const abortableReads = new Set();
 
 /** @param {AbortSignal} [signal] */
-async function turn(signal) {
-  while (!signal?.aborted && (underWay >= AT_ONCE || hurried)) {
-    await new Promise((go) => {
-      waiting.add(go);
-      signal?.addEventListener("abort", () => waiting.delete(go) && go(null), { once: true });
+async function acquireConnection(signal) {
+  while (!signal?.aborted && (activeRequests >= MAX_CONCURRENT || urgentRequests)) {
+    await new Promise((resolve) => {
+      waitingRequests.add(resolve);
+      signal?.addEventListener("abort", () => waitingRequests.delete(resolve) && resolve(null), { once: true });
     });
   }
   if (signal?.aborted) throw signal.reason;
-  underWay += 1;
+  activeRequests += 1;
 }
 
-function leave() {
-  underWay -= 1;
-  const [next] = waiting;
-  waiting.delete(next);
+function releaseConnection() {
+  activeRequests -= 1;
+  const [next] = waitingRequests;
+  waitingRequests.delete(next);
   next?.(null);
 }
 
 /** Leave connections and service to a request that cannot wait: downloads may hold what this page does not. */
-function hurry() {
-  hurried += 1;
-  for (const one of reading) one.abort();
+function beginUrgent() {
+  urgentRequests += 1;
+  for (const one of abortableReads) one.abort();
 }
 
-function settle() {
-  hurried -= 1;
-  for (const go of waiting) go(null); // each looks whether it has its turn
-  waiting.clear();
+function endUrgent() {
+  urgentRequests -= 1;
+  for (const resolve of waitingRequests) resolve(null); // each looks whether it has its turn
+  waitingRequests.clear();
 }
 
 /**
@@ -72,105 +72,105 @@ function settle() {
  * @param {string} method
  * @param {string} path below /api/v1, or a link of a resource
  * @param {any} [body] sent as JSON; a Blob as it is
- * @param {How} [how]
+ * @param {RequestOptions} [options]
  * @returns {Promise<Response>}
  */
-export async function ask(method, path, body, how = {}) {
-  const answer = await exchange(method, path, body, how);
-  if (answer.ok || answer.status === 304) return answer;
-  const problem = new Problem(answer.status, await answer.json().catch(() => null), answer);
+export async function request(method, path, body, options = {}) {
+  const response = await sendAuthorized(method, path, body, options);
+  if (response.ok || response.status === 304) return response;
+  const problem = new Problem(response.status, await response.json().catch(() => null), response);
   if (problem.code !== "cross-site") throw problem;
-  await startSession(); // another page of this browser has signed in since
-  const second = await exchange(method, path, body, how);
+  await readSession(); // another page of this browser has signed in since
+  const second = await sendAuthorized(method, path, body, options);
   if (second.ok) return second;
   throw new Problem(second.status, await second.json().catch(() => null), second);
 }
 
 /**
  * The same, whatever the answer; who must sign in is asked to.
- * @param {string} method @param {string} path @param {any} body @param {How} how
+ * @param {string} method @param {string} path @param {any} body @param {RequestOptions} options
  * @returns {Promise<Response>}
  */
-async function exchange(method, path, body, how) {
-  const isWhole = path.startsWith("/api/") || path.startsWith("/openapi") || path.startsWith(`${BASE}/`);
-  const address = isWhole ? at(path) : BASE + path;
-  const way = method === "GET" && !how.urgent ? new AbortController() : null;
-  if (how.urgent) hurry();
-  else await turn(how.signal);
-  if (way) reading.add(way);
-  let answer = null;
+async function sendAuthorized(method, path, body, options) {
+  const isAbsolute = path.startsWith("/api/") || path.startsWith("/openapi") || path.startsWith(`${BASE}/`);
+  const address = isAbsolute ? urlOf(path) : BASE + path;
+  const controller = method === "GET" && !options.urgent ? new AbortController() : null;
+  if (options.urgent) beginUrgent();
+  else await acquireConnection(options.signal);
+  if (controller) abortableReads.add(controller);
+  let response = null;
   try {
-    answer = await send(method, address, body, how, way);
+    response = await send(method, address, body, options, controller);
   } catch (error) {
-    if (!way?.signal.aborted || how.signal?.aborted) throw error;
+    if (!controller?.signal.aborted || options.signal?.aborted) throw error;
   } finally {
-    if (way) reading.delete(way);
-    if (how.urgent) settle();
-    else leave();
+    if (controller) abortableReads.delete(controller);
+    if (options.urgent) endUrgent();
+    else releaseConnection();
   }
-  if (!answer) return exchange(method, path, body, how); // it gave way
-  return answer.status === 401 && how.asks !== false && (await signIn(answer, method !== "GET")) ? exchange(method, path, body, how) : answer;
+  if (!response) return sendAuthorized(method, path, body, options); // it gave way
+  return response.status === 401 && options.promptSignIn !== false && (await signIn(response, method !== "GET")) ? sendAuthorized(method, path, body, options) : response;
 }
 
 /**
  * Send it and wait for the whole body, as the connection is busy for so long.
- * @param {string} method @param {string} address @param {any} body @param {How} how
- * @param {AbortController | null} way aborted when it is to give way
+ * @param {string} method @param {string} address @param {any} body @param {RequestOptions} options
+ * @param {AbortController | null} controller aborted when it is to give way
  */
-async function send(method, address, body, how, way) {
-  const headers = new Headers({ Accept: how.accept ?? "application/json", ...how.headers });
+async function send(method, address, body, options, controller) {
+  const headers = new Headers({ Accept: options.accept ?? "application/json", ...options.headers });
   await authorize(method, headers);
   if (body !== undefined && !(body instanceof Blob)) headers.set("Content-Type", "application/json");
-  const sent = body === undefined || body instanceof Blob ? body : JSON.stringify(body);
-  const signal = AbortSignal.any([how.signal, way?.signal].filter((one) => one !== undefined));
-  const answer = await fetch(address, { method, headers, body: sent, signal, ...(how.urgent ? HURRIED : {}) });
-  const whole = [204, 304].includes(answer.status) ? null : await answer.arrayBuffer();
-  return new Response(whole, answer);
+  const payload = body === undefined || body instanceof Blob ? body : JSON.stringify(body);
+  const signal = AbortSignal.any([options.signal, controller?.signal].filter((one) => one !== undefined));
+  const response = await fetch(address, { method, headers, body: payload, signal, ...(options.urgent ? HIGH_PRIORITY : {}) });
+  const whole = [204, 304].includes(response.status) ? null : await response.arrayBuffer();
+  return new Response(whole, response);
 }
 
 /**
  * Look at something small that must not wait for what else is under way; a press of the stop aborts it (AbortError).
  * Raises {@link Problem} for what is refused, at once: who must sign in is asked to meanwhile, where that is wanted.
  * @param {string} path below /api/v1
- * @param {number} patience milliseconds for the whole answer
- * @param {{headers?: Record<string, string>, asks?: boolean}} [how]
+ * @param {number} timeout milliseconds for the whole answer
+ * @param {{headers?: Record<string, string>, promptSignIn?: boolean}} [how]
  * @returns {Promise<any>}
  */
-export async function lookAt(path, patience, { headers = {}, asks = false } = {}) {
-  const way = new AbortController();
-  reading.add(way);
+export async function poll(path, timeout, { headers = {}, promptSignIn = false } = {}) {
+  const controller = new AbortController();
+  abortableReads.add(controller);
   try {
-    const signal = AbortSignal.any([way.signal, AbortSignal.timeout(patience)]);
-    const answer = await fetch(BASE + path, { headers: { Accept: "application/json", ...headers }, signal, cache: "no-store", ...HURRIED });
-    if (answer.ok) return await answer.json();
-    if (answer.status === 401 && asks) void signIn(answer.clone(), false);
-    throw new Problem(answer.status, await answer.json().catch(() => null), answer);
+    const signal = AbortSignal.any([controller.signal, AbortSignal.timeout(timeout)]);
+    const response = await fetch(BASE + path, { headers: { Accept: "application/json", ...headers }, signal, cache: "no-store", ...HIGH_PRIORITY });
+    if (response.ok) return await response.json();
+    if (response.status === 401 && promptSignIn) void signIn(response.clone(), false);
+    throw new Problem(response.status, await response.json().catch(() => null), response);
   } finally {
-    reading.delete(way);
+    abortableReads.delete(controller);
   }
 }
 
-/** @param {Response} answer */
-async function read(answer) {
-  return answer.status === 204 ? null : answer.json();
+/** @param {Response} response */
+async function parseBody(response) {
+  return response.status === 204 ? null : response.json();
 }
 
 export const api = {
-  /** @param {string} path @param {How} [how] @returns {Promise<any>} */
-  get: async (path, how) => read(await ask("GET", path, undefined, how)),
-  /** @param {string} path @param {any} [body] @param {How} [how] @returns {Promise<any>} */
-  post: async (path, body, how) => read(await ask("POST", path, body, how)),
-  /** @param {string} path @param {any} [body] @param {How} [how] @returns {Promise<any>} */
-  put: async (path, body, how) => read(await ask("PUT", path, body, how)),
-  /** @param {string} path @param {any} [body] @param {How} [how] @returns {Promise<any>} */
-  patch: async (path, body, how) => read(await ask("PATCH", path, body, how)),
-  /** @param {string} path @param {How} [how] @returns {Promise<any>} */
-  remove: async (path, how) => read(await ask("DELETE", path, undefined, how)),
-  ask,
+  /** @param {string} path @param {RequestOptions} [options] @returns {Promise<any>} */
+  get: async (path, options) => parseBody(await request("GET", path, undefined, options)),
+  /** @param {string} path @param {any} [body] @param {RequestOptions} [options] @returns {Promise<any>} */
+  post: async (path, body, options) => parseBody(await request("POST", path, body, options)),
+  /** @param {string} path @param {any} [body] @param {RequestOptions} [options] @returns {Promise<any>} */
+  put: async (path, body, options) => parseBody(await request("PUT", path, body, options)),
+  /** @param {string} path @param {any} [body] @param {RequestOptions} [options] @returns {Promise<any>} */
+  patch: async (path, body, options) => parseBody(await request("PATCH", path, body, options)),
+  /** @param {string} path @param {RequestOptions} [options] @returns {Promise<any>} */
+  remove: async (path, options) => parseBody(await request("DELETE", path, undefined, options)),
+  request,
 };
 
 /** A key under which a request that is sent twice makes one thing. */
-export function onceOnly() {
+export function idempotencyHeaders() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
   return { "Idempotency-Key": [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("") };
 }

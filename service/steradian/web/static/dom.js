@@ -1,6 +1,6 @@
 // @ts-check
 // Elements from values. Text goes in as text, never as markup: a label may hold whatever somebody typed.
-import { at } from "./urls.js";
+import { urlOf } from "./urls.js";
 
 /** @typedef {Node | string | number | false | null | undefined} Child */
 /** @typedef {Record<string, any>} Props */
@@ -10,7 +10,7 @@ import { at } from "./urls.js";
  *
  * `class` and attributes are set as such, `on…` functions listen, `dataset` and `style` take objects, `value`,
  * `checked` and `disabled` are properties; what is null, undefined or false is left out. An `href` is an address of
- * this service, as {@link at} takes it.
+ * this service, as {@link urlOf} takes it.
  * @template {keyof HTMLElementTagNameMap} T
  * @param {T} tag
  * @param {Props | null} [props]
@@ -30,8 +30,8 @@ export function h(tag, props, ...children) {
  * @returns {SVGElementTagNameMap[T]}
  */
 export function s(tag, props, ...children) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  return /** @type {SVGElementTagNameMap[T]} */ (fill(made, props, children));
+  const svgElement = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  return /** @type {SVGElementTagNameMap[T]} */ (fill(svgElement, props, children));
 }
 
 const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "open", "multiple", "selected"]);
@@ -48,9 +48,9 @@ function fill(element, props, children) {
     else if (name === "dataset") Object.assign(element.dataset, value);
     else if (name === "style") for (const [key, one] of Object.entries(value)) element.style.setProperty(key, String(one));
     else if (PROPERTIES.has(name)) /** @type {any} */ (element)[name] = value;
-    else element.setAttribute(name, value === true ? "" : name === "href" ? at(String(value)) : String(value));
+    else element.setAttribute(name, value === true ? "" : name === "href" ? urlOf(String(value)) : String(value));
   }
-  put(element, ...children);
+  append(element, ...children);
   return element;
 }
 
@@ -59,7 +59,7 @@ function fill(element, props, children) {
  * @param {Element} element
  * @param {...(Child | Child[])} children
  */
-export function put(element, ...children) {
+export function append(element, ...children) {
   for (const child of children.flat()) {
     if (child === null || child === undefined || child === false) continue;
     element.append(child instanceof Node ? child : String(child));
@@ -73,7 +73,7 @@ export function put(element, ...children) {
  */
 export function replace(element, ...children) {
   element.replaceChildren();
-  put(element, ...children);
+  append(element, ...children);
 }
 
 /**
@@ -82,17 +82,17 @@ export function replace(element, ...children) {
  * @param {...(Child | Child[])} children
  * @returns {boolean} false where the focus is lost
  */
-export function renew(element, ...children) {
-  const held = element.contains(document.activeElement) ? nameOf(document.activeElement) : null;
+export function replaceKeepingFocus(element, ...children) {
+  const focusedName = element.contains(document.activeElement) ? controlName(document.activeElement) : null;
   replace(element, ...children);
-  if (held === null) return true;
-  const again = /** @type {HTMLElement[]} */ ([...element.querySelectorAll("button:enabled, a")]).find((one) => nameOf(one) === held);
-  again?.focus({ preventScroll: true });
-  return again !== undefined;
+  if (focusedName === null) return true;
+  const match = /** @type {HTMLElement[]} */ ([...element.querySelectorAll("button:enabled, a")]).find((one) => controlName(one) === focusedName);
+  match?.focus({ preventScroll: true });
+  return match !== undefined;
 }
 
 /** What tells a control from others. @param {Element | null} control */
-const nameOf = (control) => control?.getAttribute("aria-label") ?? control?.getAttribute("href") ?? control?.textContent ?? null;
+const controlName = (control) => control?.getAttribute("aria-label") ?? control?.getAttribute("href") ?? control?.textContent ?? null;
 
 /**
  * Find an element that the shell has.
@@ -110,12 +110,12 @@ export function byId(id) {
  * @param {() => void} draw
  * @returns {() => void}
  */
-export function framed(draw) {
-  let asked = 0;
+export function oncePerFrame(draw) {
+  let frameRequest = 0;
   return () => {
-    if (asked) return;
-    asked = requestAnimationFrame(() => {
-      asked = 0;
+    if (frameRequest) return;
+    frameRequest = requestAnimationFrame(() => {
+      frameRequest = 0;
       draw();
     });
   };
@@ -127,7 +127,7 @@ export function framed(draw) {
  * @param {number} milliseconds
  * @returns {() => void}
  */
-export function settled(act, milliseconds) {
+export function debounce(act, milliseconds) {
   let timer = 0;
   return () => {
     clearTimeout(timer);
@@ -140,15 +140,15 @@ export function settled(act, milliseconds) {
  * from another machine may not.
  * @param {HTMLElement} button @param {string} text @param {string} [done]
  */
-export async function copy(button, text, done = "copied") {
+export async function copyText(button, text, done = "copied") {
   const before = (button.dataset.before ??= button.textContent ?? "");
-  const is = navigator.clipboard ? await navigator.clipboard.writeText(text).then(() => true, () => false) : false;
-  button.textContent = is ? done : "not allowed here";
+  const isCopied = navigator.clipboard ? await navigator.clipboard.writeText(text).then(() => true, () => false) : false;
+  button.textContent = isCopied ? done : "not allowed here";
   setTimeout(() => (button.textContent = before), 1500);
 }
 
 /** The last part of the page's address: what it is about. */
-export function identifier() {
+export function pathIdentifier() {
   return decodeURIComponent(location.pathname.split("/").pop() ?? "");
 }
 
@@ -159,9 +159,9 @@ export function identifier() {
  */
 export function openDialog(dialog) {
   const before = document.activeElement;
-  const rest = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("body > nav, body > main, body > .skip, dialog[open]")]);
+  const background = /** @type {HTMLElement[]} */ ([...document.querySelectorAll("body > nav, body > main, body > .skip, dialog[open]")]);
   const shade = h("div", { class: "shade" });
-  for (const one of rest) one.inert = true;
+  for (const one of background) one.inert = true;
   const escape = (/** @type {KeyboardEvent} */ event) => {
     if (event.key === "Escape") dialog.close();
   };
@@ -169,7 +169,7 @@ export function openDialog(dialog) {
     document.removeEventListener("keydown", escape);
     shade.remove();
     dialog.remove();
-    for (const one of rest) one.inert = false;
+    for (const one of background) one.inert = false;
     if (before instanceof HTMLElement) before.focus();
   });
   document.addEventListener("keydown", escape);

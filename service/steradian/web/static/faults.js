@@ -1,40 +1,40 @@
 // @ts-check
 // What is wrong with a scanner and what helps; a person who has seen to it clears it here.
 import { api } from "./api.js";
-import { byId, h, renew } from "./dom.js";
-import { look, seen, watchScanner } from "./scanner_status.js";
+import { byId, h, replaceKeepingFocus } from "./dom.js";
+import { pollScanners, lastStatus, onScanners } from "./scanner_status.js";
 import { sentence } from "./units.js";
-import { askWhy } from "./reason_dialog.js";
+import { openReasonDialog } from "./reason_dialog.js";
 
-let shown = "";
+let shownKey = "";
 
 export function startFaults() {
-  watchScanner((_, all) => show(all));
+  onScanners((_, all) => show(all));
 }
 
 /** @param {any[]} all */
 function show(all) {
-  if (seen().trouble) return; // the bar says that nothing is known; whoever reads a remedy may go on reading
+  if (lastStatus().failure) return; // the bar says that nothing is known; whoever reads a remedy may go on reading
   const faults = all.filter(({ fault }) => fault);
   const text = JSON.stringify(faults.map(({ id, fault }) => [id, fault.code, fault.title, fault.remedy]));
-  if (text === shown) return;
-  shown = text;
+  if (text === shownKey) return;
+  shownKey = text;
   const host = byId("faults");
   host.hidden = !faults.length;
-  renew(host, ...faults.map((one) => line(one, all.length > 1)));
+  replaceKeepingFocus(host, ...faults.map((one) => faultElement(one, all.length > 1)));
 }
 
 /** @param {any} scanner @param {boolean} named */
-function line({ id, fault }, named) {
+function faultElement({ id, fault }, named) {
   return h("p", null,
     h("strong", null, `${named ? `${id}: ` : ""}${sentence(fault.title)}`), " ",
     h("span", null, sentence(fault.remedy)), " ",
-    h("button", { type: "button", "aria-label": named ? `Clear the fault of ${id}` : "Clear the fault …", onclick: () => clear(id, fault) }, "Clear the fault …"));
+    h("button", { type: "button", "aria-label": named ? `Clear the fault of ${id}` : "Clear the fault …", onclick: () => openClearDialog(id, fault) }, "Clear the fault …"));
 }
 
 /** Ask why it may be cleared; what the service says to a cause that stands yet is shown. @param {string} id @param {any} fault */
-function clear(id, fault) {
-  askWhy({
+function openClearDialog(id, fault) {
+  openReasonDialog({
     title: `Clear the fault: ${fault.title}`,
     text: `${sentence(fault.remedy)} Nothing fires by itself afterwards: a scan that was interrupted goes on when somebody has it go on.`,
     label: "What was done about it",
@@ -46,7 +46,7 @@ function clear(id, fault) {
       } catch (error) {
         return error instanceof Error ? error.message : String(error);
       } finally {
-        void look();
+        void pollScanners();
       }
     },
   });

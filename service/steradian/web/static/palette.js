@@ -1,11 +1,11 @@
 // @ts-check
 // A few colours of a map, where things are drawn in classes; on a light page the other way round, dark is much. All stand 3 to 1 out of the page.
 import { theme } from "./theme.js";
-import { table } from "./volume/colours.js";
+import { colourTable } from "./volume/colours.js";
 
 /** @param {import("./volume/colours.js").MapName} name @param {number} count @returns {string[]} */
-export function shades(name, count) {
-  const colours = table(name);
+export function palette(name, count) {
+  const colours = colourTable(name);
   const dark = theme() === "dark";
   return Array.from({ length: count }, (_, n) => {
     const share = n / Math.max(1, count - 1);

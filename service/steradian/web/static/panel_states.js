@@ -8,29 +8,29 @@ import { h, replace } from "./dom.js";
  * @param {string} [text] what to do next
  * @param {...Node} actions
  */
-export function empty(panel, title, text, ...actions) {
+export function showEmpty(panel, title, text, ...actions) {
   replace(panel, h("div", { class: "state" }, h("strong", null, title), text ? h("span", null, text) : null, ...actions));
 }
 
 /** @param {Element} panel @param {string} [text] */
-export function loading(panel, text = "loading …") {
+export function showLoading(panel, text = "loading …") {
   replace(panel, h("div", { class: "state loading", role: "status" }, text));
 }
 
 /**
  * @param {Element} panel @param {unknown} error
- * @param {() => void} [again] what the button tries
+ * @param {() => void} [retryAction] what the button tries
  */
-export function failed(panel, error, again) {
-  const retry = again ? h("button", { type: "button", onclick: again }, "Try again") : null;
-  replace(panel, h("div", { class: "state failed", role: "alert" }, ...words(error), retry));
+export function showError(panel, error, retryAction) {
+  const retry = retryAction ? h("button", { type: "button", onclick: retryAction }, "Try again") : null;
+  replace(panel, h("div", { class: "state failed", role: "alert" }, ...errorElements(error), retry));
 }
 
 /** What went wrong, and what is wrong with each field. @param {unknown} error @returns {HTMLElement[]} */
-export function words(error) {
+export function errorElements(error) {
   if (error instanceof Problem) {
     const parts = [h("strong", null, error.title || "Refused"), h("span", null, error.detail || error.message)];
-    for (const finding of error.errors) if (finding.detail !== error.detail) parts.push(h("span", null, finding.detail));
+    for (const fieldError of error.errors) if (fieldError.detail !== error.detail) parts.push(h("span", null, fieldError.detail));
     return parts;
   }
   const text = error instanceof TypeError ? "the service does not answer" : String(error instanceof Error ? error.message : error);

@@ -1,15 +1,15 @@
 // @ts-check
 // The film to scale: points on a plane in metres, coloured by class, with whatever else is drawn over them.
-import { framed, h } from "./dom.js";
+import { oncePerFrame, h } from "./dom.js";
 import { colour, onTheme } from "./theme.js";
 import { mm } from "./units.js";
 
 /** @typedef {[number, number]} Place x and y in metres */
-/** @typedef {(context: CanvasRenderingContext2D, to: (place: Place) => Place, plane: Plane) => void} Painter */
+/** @typedef {(context: CanvasRenderingContext2D, to: (place: Place) => Place, plane: PointMap) => void} Painter */
 
 const MARGIN = 26;
 
-export class Plane {
+export class PointMap {
   /**
    * @param {HTMLElement} host filled by the canvas
    * @param {string} label what it shows, for those who do not see it
@@ -25,8 +25,8 @@ export class Plane {
     /** @type {string[]} */
     this.palette = [];
     /** @type {Painter[]} */
-    this.over = [];
-    this.draw = framed(() => this._draw());
+    this.painters = [];
+    this.draw = oncePerFrame(() => this._draw());
     new ResizeObserver(() => this.draw()).observe(host);
     onTheme(this.draw);
   }
@@ -42,7 +42,7 @@ export class Plane {
   }
 
   /** Where on the film an event was, in metres. @param {PointerEvent} event @returns {Place} */
-  placeOf(event) {
+  positionOf(event) {
     const { scale, x, y } = this._frame();
     const box = this.canvas.getBoundingClientRect();
     return [(event.clientX - box.left - x) / scale, (y - (event.clientY - box.top)) / scale];
@@ -50,12 +50,12 @@ export class Plane {
 
   /** The point nearest to an event, or −1 if none is within reach. @param {PointerEvent} event */
   nearest(event) {
-    const [x, y] = this.placeOf(event);
+    const [x, y] = this.positionOf(event);
     let best = -1;
-    let least = (12 / this._frame().scale) ** 2;
+    let minDistance = (12 / this._frame().scale) ** 2;
     for (let n = 0; n < this.places.length; n++) {
       const away = (this.places[n][0] - x) ** 2 + (this.places[n][1] - y) ** 2;
-      if (away < least) [best, least] = [n, away];
+      if (away < minDistance) [best, minDistance] = [n, away];
     }
     return best;
   }
@@ -86,7 +86,7 @@ export class Plane {
     const to = (/** @type {Place} */ place) => /** @type {Place} */ ([x + place[0] * scale, y - place[1] * scale]);
     this._edge(context, to);
     this._points(context, to);
-    for (const paint of this.over) paint(context, to, this);
+    for (const paint of this.painters) paint(context, to, this);
     this._ruler(context, width, height, scale);
   }
 
@@ -131,14 +131,14 @@ export class Plane {
   /** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {number} scale */
   _ruler(context, width, height, scale) {
     const steps = [1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1];
-    const long = steps.filter((step) => step * scale < 0.25 * width).pop() ?? steps[0];
+    const rulerLength = steps.filter((step) => step * scale < 0.25 * width).pop() ?? steps[0];
     context.strokeStyle = context.fillStyle = colour("--text");
     context.lineWidth = 2;
     context.beginPath();
     context.moveTo(8, height - 6);
-    context.lineTo(8 + long * scale, height - 6);
+    context.lineTo(8 + rulerLength * scale, height - 6);
     context.stroke();
     context.textAlign = "left";
-    context.fillText(long >= 1e-3 ? `${long * 1e3} mm` : `${Math.round(long * 1e6)} µm`, 8, height - 11);
+    context.fillText(rulerLength >= 1e-3 ? `${rulerLength * 1e3} mm` : `${Math.round(rulerLength * 1e6)} µm`, 8, height - 11);
   }
 }

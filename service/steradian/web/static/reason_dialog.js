@@ -6,20 +6,20 @@ import { h, openDialog } from "./dom.js";
  * @param {{title: string, text: string, label: string, name: string, act: (reason: string) => Promise<string>}} about
  *   `name` stands on the button; `act` does it and returns why it could not be done, or nothing
  */
-export function askWhy({ title, text, label, name, act }) {
+export function openReasonDialog({ title, text, label, name: action, act: submit }) {
   const reason = h("input", { type: "text", id: "why", required: true, maxlength: 500, style: { width: "100%" } });
-  const said = h("p", { class: "fault", role: "alert" });
+  const errorText = h("p", { class: "fault", role: "alert" });
   const form = h("form", null,
     h("h2", { id: "why-title" }, title), h("p", null, text),
-    h("label", { for: "why" }, label), reason, said,
+    h("label", { for: "why" }, label), reason, errorText,
     h("menu", null,
       h("button", { type: "button", onclick: () => dialog.close() }, "Cancel"),
-      h("button", { class: "primary" }, name)));
+      h("button", { class: "primary" }, action)));
   const dialog = h("dialog", { "aria-labelledby": "why-title" }, form);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    said.textContent = await act(reason.value.trim());
-    if (!said.textContent) dialog.close();
+    errorText.textContent = await submit(reason.value.trim());
+    if (!errorText.textContent) dialog.close();
   });
   openDialog(dialog);
 }

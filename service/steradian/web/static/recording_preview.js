@@ -2,53 +2,53 @@
 // What was understood of a recording: its axes and figures, where its sensors are, and a few of its A-lines.
 import { line } from "./charts.js";
 import { h, replace } from "./dom.js";
-import { Plane } from "./point_map.js";
-import { words } from "./panel_states.js";
+import { PointMap } from "./point_map.js";
+import { errorElements } from "./panel_states.js";
 import { colour } from "./theme.js";
 import { count, frequency, mm, shortTime } from "./units.js";
 
-const UNKNOWN = "not stated";
+const NOT_STATED = "not stated";
 
-export class Understood {
+export class RecordingPreview {
   /** @param {HTMLElement} host */
   constructor(host) {
     this.figures = h("dl", { class: "figures across" });
-    this.said = h("div", { class: "remarks", role: "alert" });
+    this.errorBox = h("div", { class: "remarks", role: "alert" });
     this.notes = h("ul", { class: "dim", "data-steradian": "data-notes" });
     this.stage = h("div", { class: "stage" });
     this.chart = h("div", { class: "chart" });
-    this.nowhere = h("div", { class: "state" }, h("strong", null, "Where the sensors are is not stated"), h("span", null, "Say the pitch of their grid, or send their positions beside the recording."));
+    this.noPositions = h("div", { class: "state" }, h("strong", null, "Where the sensors are is not stated"), h("span", null, "Say the pitch of their grid, or send their positions beside the recording."));
     this.pictures = h("div", { class: "two" }, this.stage, this.chart);
-    replace(host, h("h2", null, "What was understood"), this.said, this.figures, this.notes, this.pictures);
-    this.plane = new Plane(this.stage, "Where the sensors are");
-    this.stage.append(this.nowhere);
+    replace(host, h("h2", null, "What was understood"), this.errorBox, this.figures, this.notes, this.pictures);
+    this.plane = new PointMap(this.stage, "Where the sensors are");
+    this.stage.append(this.noPositions);
   }
 
   /** @param {unknown} error */
   fail(error) {
-    replace(this.said, h("div", { class: "state failed" }, ...words(error)));
+    replace(this.errorBox, h("div", { class: "state failed" }, ...errorElements(error)));
     this.pictures.hidden = this.figures.hidden = true;
     replace(this.notes);
   }
 
-  /** @param {any} seen of the API */
-  async show(seen) {
-    replace(this.said);
+  /** @param {any} preview of the API */
+  async show(preview) {
+    replace(this.errorBox);
     this.pictures.hidden = this.figures.hidden = false;
-    replace(this.figures, figuresOf(seen).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
-    replace(this.notes, (seen.notes ?? []).map((/** @type {string} */ note) => h("li", null, note)));
-    this.nowhere.hidden = seen.positions !== null;
-    this.plane.canvas.hidden = seen.positions === null;
+    replace(this.figures, figuresOf(preview).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
+    replace(this.notes, (preview.notes ?? []).map((/** @type {string} */ note) => h("li", null, note)));
+    this.noPositions.hidden = preview.positions !== null;
+    this.plane.canvas.hidden = preview.positions === null;
     this.plane.palette = [colour("--accent")];
-    this.plane.classes = new Uint8Array(seen.positions?.length ?? 0);
-    this.plane.show((seen.positions ?? []).map((/** @type {number[]} */ [x, y = 0]) => [x, y]), seen.aperture ?? 1);
-    await this.draw(seen);
+    this.plane.classes = new Uint8Array(preview.positions?.length ?? 0);
+    this.plane.show((preview.positions ?? []).map((/** @type {number[]} */ [x, y = 0]) => [x, y]), preview.aperture ?? 1);
+    await this.draw(preview);
   }
 
   /** @param {any} seen */
   async draw({ rows, traces, sampling_interval: interval, time_zero: zero }) {
-    const across = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
-    const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => across(k)), y }));
+    const xValue = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
+    const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => xValue(k)), y }));
     await line(this.chart, lines, { x: interval === null ? "sample" : "time (µs)", y: "amplitude (as in the file)" });
   }
 }
@@ -61,10 +61,10 @@ function figuresOf({ format, points, frames, samples, dtype, sampling_interval: 
     ["Kind", format],
     ["A-lines", `${count(points)}${frames > 1 ? `, ${count(frames)} times` : ""}`],
     ["Samples", `${count(samples)} (${dtype})`],
-    ["Sampling interval", interval === null ? UNKNOWN : `${shortTime(interval)} (${frequency(1 / interval)})`],
+    ["Sampling interval", interval === null ? NOT_STATED : `${shortTime(interval)} (${frequency(1 / interval)})`],
     ["First sample", `${shortTime(zero)} after the pulse`],
-    ["Speed of sound", speed === null ? UNKNOWN : `${speed} m/s`],
-    ["Aperture", aperture === null ? UNKNOWN : mm(aperture)],
+    ["Speed of sound", speed === null ? NOT_STATED : `${speed} m/s`],
+    ["Aperture", aperture === null ? NOT_STATED : mm(aperture)],
     ["Recorded depth", last === null ? "–" : zero > 0 ? `${depthAt(zero)} to ${last}` : last],
     ["Point of interest", depth === null ? "none" : `${mm(depth)} deep`],
   ];

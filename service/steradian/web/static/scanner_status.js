@@ -1,115 +1,115 @@
 // @ts-check
 // The scanners as the service told last, and how old that is. What is too old is unknown, whatever it was.
-import { lookAt, Problem } from "./api.js";
+import { poll, Problem } from "./api.js";
 import { live } from "./event_stream.js";
-import { elapsed, mark, NEVER } from "./elapsed_time.js";
+import { elapsed, timestamp, NEVER } from "./elapsed_time.js";
 
-export const FRESH = 3000; // ms, after which what was told counts no more
-const LOOK = 1000;
-const PATIENCE = 2500;
-const TICK = 250;
-const DOUBT = 8000; // ms without an answer, after which the event stream is opened anew, too
-export const UNKNOWN = /** @type {const} */ ({ laser: "unknown", shutter: "unknown", interlock: "unknown", key: "unknown" });
+export const MAX_STATUS_AGE = 3000; // ms, after which what was told counts no more
+const POLL_INTERVAL = 1000;
+const POLL_TIMEOUT = 2500;
+const TICK_INTERVAL = 250;
+const RECONNECT_TIMEOUT = 8000; // ms without an answer, after which the event stream is opened anew, too
+export const UNKNOWN_STATUS = /** @type {const} */ ({ laser: "unknown", shutter: "unknown", interlock: "unknown", key: "unknown" });
 
 /**
  * How a scanner stands now. `why` says why the laser is unknown, `age` how many seconds ago the device told the rest.
- * @typedef {{laser: string, shutter: string, interlock: string, key: string, age: number | null, why: string}} Now
+ * @typedef {{laser: string, shutter: string, interlock: string, key: string, age: number | null, reason: string}} ScannerStatus
  */
-/** @typedef {import("./elapsed_time.js").Mark} Mark */
+/** @typedef {import("./elapsed_time.js").Timestamp} Mark */
 
 /** @type {any[]} as they were told last, by name */
 let scanners = [];
-/** @type {Mark} when that was asked for: it is at least as new */
-let asked = NEVER;
-/** @type {string | null} why there is no answer at present */
-let trouble = null;
-let looking = false;
-let due = false;
+/** @type {Mark} when that was requestedAt for: it is at least as new */
+let requestedAt = NEVER;
+/** @type {string | null} reason there is no answer at present */
+let failure = null;
+let isPolling = false;
+let isDue = false;
 /** @type {Set<(scanner: any, all: any[]) => void>} */
-const watchers = new Set();
+const listeners = new Set();
 /** @type {Set<() => void>} */
-const tickers = new Set();
+const tickListeners = new Set();
 
 /** Be told, now and whenever it is looked at, of the first scanner, and of all; null while there is no answer. @param {(scanner: any, all: any[]) => void} act */
-export function watchScanner(act) {
-  watchers.add(act);
-  if (scanners.length && !trouble) act(scanners[0], scanners);
+export function onScanners(act) {
+  listeners.add(act);
+  if (scanners.length && !failure) act(scanners[0], scanners);
 }
 
 /** Have something done at each look and several times a second: ages grow while there is no answer. @param {() => void} act */
-export function watchAge(act) {
-  tickers.add(act);
+export function onTick(act) {
+  tickListeners.add(act);
 }
 
-/** What was told last, when it was asked for, and why there is no answer at present. */
-export const seen = () => ({ scanners, asked, trouble });
+/** What was told last, when it was requestedAt for, and why there is no answer at present. */
+export const lastStatus = () => ({ scanners, requestedAt, failure });
 
-/** How a scanner stands, as far as that is known now. @param {any} one @returns {Now} */
-export function nowOf(one) {
-  const since = elapsed(asked);
-  if (trouble) return { ...UNKNOWN, age: null, why: trouble };
-  if (since > FRESH) return { ...UNKNOWN, age: null, why: asked === NEVER ? "not looked at yet" : "the service does not answer" };
-  if (typeof one.age !== "number") return { ...UNKNOWN, age: null, why: whyUnknown(one) };
+/** How a scanner stands, as far as that is known now. @param {any} one @returns {ScannerStatus} */
+export function statusOf(one) {
+  const since = elapsed(requestedAt);
+  if (failure) return { ...UNKNOWN_STATUS, age: null, reason: failure };
+  if (since > MAX_STATUS_AGE) return { ...UNKNOWN_STATUS, age: null, reason: requestedAt === NEVER ? "not looked at yet" : "the service does not answer" };
+  if (typeof one.age !== "number") return { ...UNKNOWN_STATUS, age: null, reason: unknownReason(one) };
   const age = one.age + since / 1e3;
-  if (age * 1e3 > limit(one)) return { ...UNKNOWN, age: null, why: "not seen any more" };
+  if (age * 1e3 > maxAge(one)) return { ...UNKNOWN_STATUS, age: null, reason: "not seen any more" };
   const { laser = "unknown", shutter, interlock, key } = one;
-  return { laser, shutter, interlock, key, age, why: laser === "unknown" ? whyUnknown(one) : "" };
+  return { laser, shutter, interlock, key, age, reason: laser === "unknown" ? unknownReason(one) : "" };
 }
 
-/** Milliseconds for which what a device told counts: it may be asked less often than the page asks the service. @param {any} one */
-const limit = (one) => Math.min(10_000, Math.max(FRESH, 2000 * (one.look_interval ?? 0)));
+/** Milliseconds for which what a device told counts: it may be requestedAt less often than the page promptSignIn the service. @param {any} one */
+const maxAge = (one) => Math.min(10_000, Math.max(MAX_STATUS_AGE, 2000 * (one.look_interval ?? 0)));
 
 /** @param {any} one */
-function whyUnknown({ connection, last_error: error }) {
+function unknownReason({ connection, last_error: error }) {
   if (connection === "in-use") return "the program that uses it does not tell";
   if (connection === "disconnected") return error ?? "not connected";
   return connection === "connected" ? "the scanner does not tell" : (error ?? "the service has not looked at it");
 }
 
-export function startLooking() {
-  live.on("scanner", look);
-  live.on("again", look);
-  setInterval(() => document.hidden || look(), LOOK);
-  setInterval(tick, TICK);
+export function startPolling() {
+  live.on("scanner", pollScanners);
+  live.on("again", pollScanners);
+  setInterval(() => document.hidden || pollScanners(), POLL_INTERVAL);
+  setInterval(tick, TICK_INTERVAL);
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) asked = NEVER; // whoever comes back sees nothing of before
-    else void look();
+    if (document.hidden) requestedAt = NEVER; // whoever comes back sees nothing of before
+    else void pollScanners();
     tick();
   });
 }
 
 /** Look at the scanners; one look at a time. */
-export async function look() {
-  due = looking;
-  if (looking) return;
-  looking = true;
-  const began = mark();
+export async function pollScanners() {
+  isDue = isPolling;
+  if (isPolling) return;
+  isPolling = true;
+  const startedAt = timestamp();
   try {
-    const told = (await lookAt("/scanners", PATIENCE, { asks: true })).items;
-    scanners = told.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
-    [asked, trouble] = [began, null];
-    tell();
+    const items = (await poll("/scanners", POLL_TIMEOUT, { promptSignIn: true })).items;
+    scanners = items.toSorted((/** @type {any} */ a, /** @type {any} */ b) => (a.id < b.id ? -1 : 1));
+    [requestedAt, failure] = [startedAt, null];
+    notify();
   } catch (error) {
-    if (!(error instanceof Error) || error.name !== "AbortError") fail(error); // else it gave way to the stop
+    if (!(error instanceof Error) || error.name !== "AbortError") showFailure(error); // else it gave way to the stop
   } finally {
-    looking = false;
-    if (due) void look();
+    isPolling = false;
+    if (isDue) void pollScanners();
   }
 }
 
 /** @param {unknown} error */
-function fail(error) {
-  const refused = error instanceof Problem;
-  trouble = refused ? error.message : "the service does not answer";
-  tell();
-  if (!refused && (error instanceof TypeError || elapsed(asked) > DOUBT)) live.doubt();
+function showFailure(error) {
+  const isProblem = error instanceof Problem;
+  failure = isProblem ? error.message : "the service does not answer";
+  notify();
+  if (!isProblem && (error instanceof TypeError || elapsed(requestedAt) > RECONNECT_TIMEOUT)) live.reconnect();
 }
 
-function tell() {
-  for (const act of watchers) act(trouble ? null : (scanners[0] ?? null), trouble ? [] : scanners);
+function notify() {
+  for (const act of listeners) act(failure ? null : (scanners[0] ?? null), failure ? [] : scanners);
   tick();
 }
 
 function tick() {
-  for (const act of tickers) act();
+  for (const act of tickListeners) act();
 }

@@ -2,13 +2,13 @@
 // What every page has: theme, keys, bar with the stop, event stream; then others may add to it.
 import { api } from "./api.js";
 import { startBar } from "./status_bar.js";
-import { startKeys } from "./shortcuts.js";
+import { startShortcuts } from "./shortcuts.js";
 import { live } from "./event_stream.js";
 import { startTheme } from "./theme.js";
 
 startBar();
 startTheme();
-startKeys();
+startShortcuts();
 live.start();
 
 document.addEventListener("DOMContentLoaded", () => {

@@ -2,55 +2,55 @@
 // The keyboard: g and a letter leads to a view, / to the search, ? shows what there is; pages add their own.
 import { byId, h, openDialog } from "./dom.js";
 
-/** @type {{keys: string, what: string, act: (() => void) | null}[]} */
-const known = [];
-const WITHIN = 1200;
-let before = { key: "", at: 0 };
+/** @type {{keys: string, description: string, action: (() => void) | null}[]} */
+const shortcuts = [];
+const SEQUENCE_TIMEOUT = 1200;
+let lastKey = { key: "", at: 0 };
 
 /**
  * Add a key, or two after each other as in "g d".
- * @param {string} keys @param {string} what @param {(() => void) | null} act null: somebody else listens
+ * @param {string} keys @param {string} description @param {(() => void) | null} action null: somebody else listens
  */
-export function addKey(keys, what, act) {
-  known.push({ keys, what, act });
+export function addShortcut(keys, description, action) {
+  shortcuts.push({ keys, description, action });
 }
 
 /** Whether somebody writes just now. @param {EventTarget | null} target */
-function writes(target) {
+function isTextInput(target) {
   return target instanceof HTMLElement && (target.isContentEditable || /^(input|textarea|select)$/i.test(target.tagName));
 }
 
 /** @param {KeyboardEvent} event */
-function press(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || writes(event.target) || document.querySelector("dialog[open]")) return;
+function handleKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey || isTextInput(event.target) || document.querySelector("dialog[open]")) return;
   const now = event.timeStamp;
-  const pair = `${before.key} ${event.key}`;
-  const found = (now - before.at < WITHIN && known.find((one) => one.keys === pair)) || known.find((one) => one.keys === event.key);
-  before = { key: event.key, at: now };
-  if (!found || !found.act) return;
+  const pair = `${lastKey.key} ${event.key}`;
+  const shortcut = (now - lastKey.at < SEQUENCE_TIMEOUT && shortcuts.find((one) => one.keys === pair)) || shortcuts.find((one) => one.keys === event.key);
+  lastKey = { key: event.key, at: now };
+  if (!shortcut || !shortcut.action) return;
   event.preventDefault();
-  found.act();
+  shortcut.action();
 }
 
-export function showKeys() {
+export function showShortcuts() {
   const dialog = h("dialog", { "aria-labelledby": "keys-title" },
     h("form", { method: "dialog" },
       h("h2", { id: "keys-title" }, "Keys"),
       h("table", null, h("tbody", null,
-        known.map((one) => h("tr", null,
+        shortcuts.map((one) => h("tr", null,
           h("td", { class: "nowrap" }, one.keys.split(" ").flatMap((key) => [h("kbd", null, key), " "])),
-          h("td", null, one.what))))),
+          h("td", null, one.description))))),
       h("menu", null, h("button", null, "Close"))));
   openDialog(dialog);
 }
 
-export function startKeys() {
-  addKey("Ctrl+.", "Emergency stop", null);
+export function startShortcuts() {
+  addShortcut("Ctrl+.", "Emergency stop", null);
   for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll(".rail a[data-key]"))) {
-    addKey(`g ${link.dataset.key}`, link.textContent ?? "", () => link.click());
+    addShortcut(`g ${link.dataset.key}`, link.textContent ?? "", () => link.click());
   }
-  addKey("/", "Search", () => /** @type {HTMLElement | null} */ (document.querySelector("[data-search]"))?.focus());
-  addKey("?", "This map of keys", showKeys);
-  byId("keys").addEventListener("click", showKeys);
-  document.addEventListener("keydown", press);
+  addShortcut("/", "Search", () => /** @type {HTMLElement | null} */ (document.querySelector("[data-search]"))?.focus());
+  addShortcut("?", "This map of keys", showShortcuts);
+  byId("keys").addEventListener("click", showShortcuts);
+  document.addEventListener("keydown", handleKey);
 }

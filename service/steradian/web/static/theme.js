@@ -7,8 +7,8 @@ const system = matchMedia("(prefers-color-scheme: light)");
 
 /** @returns {"dark" | "light"} */
 export function theme() {
-  const chosen = root.dataset.theme;
-  return chosen === "dark" || chosen === "light" ? chosen : system.matches ? "light" : "dark";
+  const stored = root.dataset.theme;
+  return stored === "dark" || stored === "light" ? stored : system.matches ? "light" : "dark";
 }
 
 /** What a custom property of the style sheet is in this theme, for canvases and charts. @param {string} name */
@@ -16,9 +16,9 @@ export function colour(name) {
   const probe = document.createElement("i");
   probe.style.color = `var(${name})`;
   document.body.append(probe);
-  const found = getComputedStyle(probe).color;
+  const value = getComputedStyle(probe).color;
   probe.remove();
-  return found;
+  return value;
 }
 
 /** Be told when the theme changes. @param {() => void} act */

@@ -1,12 +1,12 @@
 // @ts-check
 // Figures as a physicist writes them: never without a unit, never with more digits than they carry.
-import { copy, h } from "./dom.js";
+import { copyText, h } from "./dom.js";
 
 const NONE = "–";
-const GAP = "\u00a0"; // a unit stands on the line of its figure
+const NBSP = "\u00a0"; // a unit stands on the line of its figure
 
 /** Unit of an image's values. */
-export const PRESSURE = `arb.${GAP}u.`;
+export const PRESSURE = `arb.${NBSP}u.`;
 
 /** @param {number} value @param {number} digits significant ones */
 export function figure(value, digits = 3) {
@@ -22,34 +22,34 @@ export function figure(value, digits = 3) {
 
 /** @param {number} exponent */
 function superscript(exponent) {
-  return [...String(exponent)].map((sign) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(sign)] ?? "⁻").join("");
+  return [...String(exponent)].map((character) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[Number(character)] ?? "⁻").join("");
 }
 
 /** @param {[number, string][]} steps descending @returns {(value: number | null | undefined, digits?: number) => string} */
-function inSteps(steps) {
+function unitFormatter(steps) {
   return (value, digits = 3) => {
     if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
     const size = Math.abs(value) * (1 + 1e-9);
     const [factor, unit] = steps.find(([one]) => size >= one) ?? (value === 0 ? steps[0] : steps[steps.length - 1]);
-    return `${figure(value / factor, digits)}${GAP}${unit}`;
+    return `${figure(value / factor, digits)}${NBSP}${unit}`;
   };
 }
 
-export const length = inSteps([[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]]);
-export const frequency = inSteps([[1e9, "GHz"], [1e6, "MHz"], [1e3, "kHz"], [1, "Hz"]]);
-export const bytes = inSteps([[1e12, "TB"], [1e9, "GB"], [1e6, "MB"], [1e3, "kB"], [1, "B"]]);
-export const shortTime = inSteps([[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"]]);
+export const length = unitFormatter([[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]]);
+export const frequency = unitFormatter([[1e9, "GHz"], [1e6, "MHz"], [1e3, "kHz"], [1, "Hz"]]);
+export const bytes = unitFormatter([[1e12, "TB"], [1e9, "GB"], [1e6, "MB"], [1e3, "kB"], [1, "B"]]);
+export const shortTime = unitFormatter([[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [1e-9, "ns"]]);
 
-export const area = inSteps([[1e-6, "mm²"]]);
+export const area = unitFormatter([[1e-6, "mm²"]]);
 
 /** A value of an image: initial pressure, whose scale nobody knows. @param {number} value @param {number} [digits] */
 export function pressure(value, digits = 3) {
-  return Number.isFinite(value) ? `${figure(value, digits)}${GAP}${PRESSURE}` : NONE;
+  return Number.isFinite(value) ? `${figure(value, digits)}${NBSP}${PRESSURE}` : NONE;
 }
 
 /** In millimetres whatever it is, for coordinates that are compared. @param {number} metres @param {number} [decimals] */
 export function mm(metres, decimals = 2) {
-  return Number.isFinite(metres) ? `${(metres * 1e3).toFixed(decimals).replace("-", "−")}${GAP}mm` : NONE;
+  return Number.isFinite(metres) ? `${(metres * 1e3).toFixed(decimals).replace("-", "−")}${NBSP}mm` : NONE;
 }
 
 /** @param {number | null | undefined} value */
@@ -59,7 +59,7 @@ export function count(value) {
 
 /** @param {number | null | undefined} share @param {number} [decimals] */
 export function percent(share, decimals = 0) {
-  return share === null || share === undefined || !Number.isFinite(share) ? NONE : `${(100 * share).toFixed(decimals)}${GAP}%`;
+  return share === null || share === undefined || !Number.isFinite(share) ? NONE : `${(100 * share).toFixed(decimals)}${NBSP}%`;
 }
 
 /** @param {number | null | undefined} radians */
@@ -72,14 +72,14 @@ export function duration(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
   if (seconds < 10) return shortTime(seconds, 2);
   const whole = Math.round(seconds);
-  if (whole < 60) return `${whole}${GAP}s`;
+  if (whole < 60) return `${whole}${NBSP}s`;
   if (whole < 3600) return `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
   const minutes = Math.round(whole / 60);
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
 /** Local time of day with seconds; with the date when that is another day. @param {string | Date | null | undefined} when */
-export function clock(when) {
+export function formatTime(when) {
   if (!when) return NONE;
   const then = new Date(when);
   const time = then.toTimeString().slice(0, 8);
@@ -89,9 +89,9 @@ export function clock(when) {
 }
 
 /** An identifier, shortened, with the whole of it a click away. @param {string} id @param {string} [href] */
-export function identifierOf(id, href) {
+export function identifierElement(id, href) {
   const short = id.length > 12 ? `${id.slice(0, 5)}…${id.slice(-5)}` : id;
-  const button = h("button", { type: "button", class: "quiet copy", title: `Copy ${id}`, "aria-label": `Copy ${id}`, onclick: () => copy(button, id) }, "copy");
+  const button = h("button", { type: "button", class: "quiet copy", title: `Copy ${id}`, "aria-label": `Copy ${id}`, onclick: () => copyText(button, id) }, "copy");
   return h("span", { class: "id", title: id }, href ? h("a", { href }, short) : short, button);
 }
 

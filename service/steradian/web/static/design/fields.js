@@ -17,7 +17,7 @@
  */
 
 /** @type {Record<string, Field>} */
-const KNOWN = {
+const MASK_FIELDS = {
   aperture: field("aperture", "Aperture", "mm", 1e-3, 1, 30, 0.01, 13.56, "Side of the square that is scanned"),
   depth: field("depth", "Depth of point", "mm", 1e-3, 0.2, 15, 0.01, 3.6, "Distance of the point of interest from the film"),
   x: field("x", "x of the point", "mm", 1e-3, -10, 10, 0.01, 0, "Place of the point of interest over the aperture; drag the cross"),
@@ -34,13 +34,13 @@ function field(name, label, unit, scale, from, to, step, start, help) {
 }
 
 /** What each point of interest after the first has, if there are several. */
-const FURTHER = /** @type {Record<string, string>} */ ({ count: "Points for", depth: "Depth of", x: "x of", y: "y of" });
-const OF_POINT = Object.keys(FURTHER);
-export const MOST_POINTS = 64;
-const FIRST_COUNT = 800; // of a further point
-const AWAY = 3e-3; // m from the middle, where a further point is first
+const POINT_LABELS = /** @type {Record<string, string>} */ ({ count: "Points for", depth: "Depth of", x: "x of", y: "y of" });
+const POINT_KEYS = Object.keys(POINT_LABELS);
+export const MAX_POINTS = 64;
+const POINT_COUNT = 800; // of a further point
+const POINT_OFFSET = 3e-3; // m from the middle, where a further point is first
 
-export const MOST_PINS = 2;
+export const MAX_PINS = 2;
 
 /** Arrangements that a form can describe, and the fields of each; the others come with positions of their own. */
 export const ARRANGEMENTS = /** @type {Record<string, {label: string, fields: string[]}>} */ ({
@@ -56,11 +56,11 @@ export const ARRANGEMENTS = /** @type {Record<string, {label: string, fields: st
 /** @param {string} key of the mask's values: a further point's have its number, from 2 @returns {Field} */
 export function maskField(key) {
   const [, name, number] = /** @type {RegExpMatchArray} */ (key.match(/^([a-z]+)([0-9]*)$/));
-  return number ? { ...KNOWN[name], name: key, label: `${FURTHER[name]} point ${number}` } : KNOWN[name];
+  return number ? { ...MASK_FIELDS[name], name: key, label: `${POINT_LABELS[name]} point ${number}` } : MASK_FIELDS[name];
 }
 
 /** Names of the values of a further point of interest. @param {number} number from 2 */
-export const fieldsOfPoint = (number) => OF_POINT.map((name) => name + number);
+export const fieldsOfPoint = (number) => POINT_KEYS.map((name) => name + number);
 
 /** Numbers of the points of interest after the first. @param {Design} design @returns {number[]} */
 export function furtherPoints({ arrangement, points }) {
@@ -69,26 +69,26 @@ export function furtherPoints({ arrangement, points }) {
 
 /** Add a point of interest. @param {Design} design */
 export function addPoint(design) {
-  design.points = Math.min(design.points + 1, MOST_POINTS);
-  place(design.mask, design.points);
+  design.points = Math.min(design.points + 1, MAX_POINTS);
+  fillPoint(design.mask, design.points);
 }
 
 /** Take one away; the later ones move up. @param {Design} design @param {number} number from 2 */
 export function removePoint(design, number) {
-  for (let n = number; n < design.points; n++) for (const name of OF_POINT) design.mask[name + n] = design.mask[name + (n + 1)];
+  for (let n = number; n < design.points; n++) for (const name of POINT_KEYS) design.mask[name + n] = design.mask[name + (n + 1)];
   for (const key of fieldsOfPoint(design.points)) delete design.mask[key];
   design.points -= 1;
 }
 
 /** Give a further point what it lacks. @param {Record<string, number>} mask @param {number} number */
-function place(mask, number) {
-  const [x, y] = [[AWAY, 0], [-AWAY, 0], [0, AWAY], [0, -AWAY]][(number - 2) % 4];
-  const first = /** @type {Record<string, number>} */ ({ count: FIRST_COUNT, depth: mask.depth, x, y });
-  for (const name of OF_POINT) mask[name + number] ??= first[name];
+function fillPoint(mask, number) {
+  const [x, y] = [[POINT_OFFSET, 0], [-POINT_OFFSET, 0], [0, POINT_OFFSET], [0, -POINT_OFFSET]][(number - 2) % 4];
+  const first = /** @type {Record<string, number>} */ ({ count: POINT_COUNT, depth: mask.depth, x, y });
+  for (const name of POINT_KEYS) mask[name + number] ??= first[name];
 }
 
 /** @type {Field[]} */
-export const PLAN = [
+export const PLAN_FIELDS = [
   { ...field("pulse_rate", "Pulse rate", "Hz", 1, 1, 2000, 1, 50, "Laser pulses a second"), log: true },
   { ...field("averages", "Averages", "", 1, 1, 100, 1, 1, "Pulses averaged into one A-line"), log: true },
   { ...field("samples", "Samples", "", 1, 64, 8192, 16, 1024, "Samples of an A-line"), log: true },
@@ -117,15 +117,15 @@ export const PLAN = [
  */
 
 /** In SI units, without the noise of binary fractions. @param {Field} field @param {number} value */
-export function inSi(field, value) {
+export function toSi(field, value) {
   return Number((value * field.scale).toPrecision(12));
 }
 
 /** @returns {Design} */
-export function firstDesign() {
-  const mask = Object.fromEntries(Object.entries(KNOWN).map(([key, one]) => [key, inSi(one, one.start)]));
-  const plan = Object.fromEntries(PLAN.map((one) => [one.name, one.choices ? one.choices[0][0] : inSi(one, one.start)]));
-  place(mask, 2);
+export function defaultDesign() {
+  const mask = Object.fromEntries(Object.entries(MASK_FIELDS).map(([key, one]) => [key, toSi(one, one.start)]));
+  const plan = Object.fromEntries(PLAN_FIELDS.map((one) => [one.name, one.choices ? one.choices[0][0] : toSi(one, one.start)]));
+  fillPoint(mask, 2);
   return { arrangement: "equi-steradian", points: 2, mask, plan, more: {}, map: null, look: null, label: "", pins: [] };
 }
 
@@ -144,17 +144,17 @@ export function arrangementOf(design) {
 }
 
 /** How many points are asked for, where the arrangement takes the nearest number that fits. @param {Design} design @returns {number | null} */
-export function askedFor({ arrangement, mask }) {
+export function requestedCount({ arrangement, mask }) {
   return arrangement === "equi-steradian" || arrangement === "hexagonal" ? mask.count : null;
 }
 
 /** The other points of interest on the film. @param {Design} design @returns {[number, number][]} */
-export function othersOf(design) {
+export function otherPoints(design) {
   return furtherPoints(design).map((number) => [design.mask[`x${number}`], design.mask[`y${number}`]]);
 }
 
 /** The field of a form that a refusal is about. @param {string} pointer of the API */
-export function fieldOf(pointer) {
+export function formFieldOf(pointer) {
   const parts = pointer.replace(/^#\//, "").split("/");
   if (parts[0] === "tuning_map") return parts[0];
   if (parts[0] !== "arrangement") return parts.filter((part) => !/^[0-9]+$/.test(part)).join(".");
@@ -163,13 +163,13 @@ export function fieldOf(pointer) {
 }
 
 /** How it is measured, as the API takes it. @param {Design} design @returns {Record<string, any>} */
-export function planOf({ plan, more, map }) {
+export function planBody({ plan, more, map }) {
   return { ...more, ...plan, ...(map ? { tuning_map: map } : {}) };
 }
 
 /** @param {Design} design */
-export function bodyOf(design) {
-  return { ...planOf(design), arrangement: arrangementOf(design), point: design.look };
+export function previewBody(design) {
+  return { ...planBody(design), arrangement: arrangementOf(design), point: design.look };
 }
 
 /**
@@ -177,8 +177,8 @@ export function bodyOf(design) {
  * @param {[number, number, number][]} places x, y and depth in mm @param {boolean} flat whether they are of a line's image
  * @param {number | null} aperture of the mask that showed them
  */
-export function aroundPoints(places, flat, aperture) {
-  const design = firstDesign();
+export function designQueryAround(places, flat, aperture) {
+  const design = defaultDesign();
   design.arrangement = flat ? "equiangular" : places.length > 1 ? "combined" : "equi-steradian";
   if (aperture) design.mask.aperture = aperture;
   while (design.points < places.length) addPoint(design);
@@ -188,10 +188,10 @@ export function aroundPoints(places, flat, aperture) {
 
 /** The design as a query, so that a link shows the same. @param {Design} design */
 export function toQuery(design) {
-  const first = firstDesign();
+  const first = defaultDesign();
   const query = new URLSearchParams({ mask: design.arrangement });
   for (const key of [...ARRANGEMENTS[design.arrangement].fields, ...furtherPoints(design).flatMap(fieldsOfPoint)]) query.set(key, String(design.mask[key]));
-  for (const { name } of PLAN) if (design.plan[name] !== first.plan[name]) query.set(name, String(design.plan[name]));
+  for (const { name } of PLAN_FIELDS) if (design.plan[name] !== first.plan[name]) query.set(name, String(design.plan[name]));
   if (Object.keys(design.more).length) query.set("more", JSON.stringify(design.more));
   if (design.look) query.set("look", design.look.join(" "));
   if (design.label) query.set("label", design.label);
@@ -201,35 +201,35 @@ export function toQuery(design) {
 
 /** @param {URLSearchParams} query @returns {Design} */
 export function fromQuery(query) {
-  const design = firstDesign();
-  const wanted = query.get("mask");
-  if (wanted && wanted in ARRANGEMENTS) design.arrangement = wanted;
+  const design = defaultDesign();
+  const arrangementName = query.get("mask");
+  if (arrangementName && arrangementName in ARRANGEMENTS) design.arrangement = arrangementName;
   for (const [key, text] of query) {
     const number = Number(key.match(/^(?:count|depth|x|y)([0-9]{1,2})$/)?.[1] ?? 0);
-    if ((!Object.hasOwn(KNOWN, key) && number < 2) || number > MOST_POINTS) continue;
+    if ((!Object.hasOwn(MASK_FIELDS, key) && number < 2) || number > MAX_POINTS) continue;
     if (text !== "" && Number.isFinite(Number(text))) design.mask[key] = Number(text);
     design.points = Math.max(design.points, number);
   }
-  for (let number = 2; number <= design.points; number++) place(design.mask, number);
-  for (const { name, choices } of PLAN) {
-    const given = query.get(name);
-    if (given !== null && (choices ? choices.some(([one]) => one === given) : Number.isFinite(Number(given)))) {
-      design.plan[name] = choices ? given : Number(given);
+  for (let number = 2; number <= design.points; number++) fillPoint(design.mask, number);
+  for (const { name, choices } of PLAN_FIELDS) {
+    const queryValue = query.get(name);
+    if (queryValue !== null && (choices ? choices.some(([one]) => one === queryValue) : Number.isFinite(Number(queryValue)))) {
+      design.plan[name] = choices ? queryValue : Number(queryValue);
     }
   }
   const look = (query.get("look") ?? "").split(" ").map(Number);
   if (look.length === 3 && look.every(Number.isFinite)) design.look = /** @type {[number, number, number]} */ (look);
-  design.more = objectOf(query.get("more"));
+  design.more = parseObject(query.get("more"));
   design.label = query.get("label") ?? "";
-  design.pins = query.getAll("pin").slice(0, MOST_PINS);
+  design.pins = query.getAll("pin").slice(0, MAX_PINS);
   return design;
 }
 
 /** @param {string | null} text @returns {Record<string, any>} */
-function objectOf(text) {
+function parseObject(text) {
   try {
-    const found = JSON.parse(text ?? "{}");
-    return found && typeof found === "object" && !Array.isArray(found) ? found : {};
+    const parsed = JSON.parse(text ?? "{}");
+    return parsed && typeof parsed === "object" && !Array.isArray(parsed) ? parsed : {};
   } catch {
     return {};
   }

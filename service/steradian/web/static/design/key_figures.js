@@ -3,7 +3,7 @@
 import { bytes, count, degrees, duration, length, percent } from "../units.js";
 
 /** @param {any} seen of the API @returns {[string, string][]} */
-export function figuresOf({ mask, plan, visible_share: visible }) {
+export function keyFigures({ mask, plan, visible_share: visible }) {
   return [
     ["Points", count(mask.count)],
     ["Spacing", mask.coarsest - mask.finest > 1e-9 ? `${length(mask.finest)} to ${length(mask.coarsest)}` : length(mask.finest)],

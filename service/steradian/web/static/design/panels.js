@@ -1,56 +1,56 @@
 // @ts-check
 // What a point sees: its image, the orientations of edges that are visible, and how even the solid angles are.
-import { framed, h, replace, s } from "../dom.js";
-import { loading, words } from "../panel_states.js";
+import { oncePerFrame, h, replace, s } from "../dom.js";
+import { showLoading, errorElements } from "../panel_states.js";
 import { duration, length, mm, percent } from "../units.js";
-import { table } from "../volume/colours.js";
+import { colourTable } from "../volume/colours.js";
 import { extent } from "./mask_map.js";
 
 /** The image of a tiny ball in x–z. @param {HTMLElement} host */
-export function spreadPanel(host) {
+export function pointSpreadPanel(host) {
   const title = h("p", { class: "dim caption" });
   const body = h("div", { class: "picture" });
   replace(host, h("h2", null, "Point spread"), body, title);
-  loading(body, "simulating a ball …");
+  showLoading(body, "simulating a ball …");
   return {
     working: () => body.classList.add("stale"),
     /** @param {unknown} error */
     failed(error) {
       body.classList.remove("stale");
-      replace(body, h("div", { class: "state failed" }, ...words(error)));
+      replace(body, h("div", { class: "state failed" }, ...errorElements(error)));
       title.textContent = "";
     },
-    /** @param {any} seen */
-    show(seen) {
+    /** @param {any} preview */
+    show(preview) {
       body.classList.remove("stale");
-      replace(body, paint(seen), bar(seen));
-      title.textContent = sizeOf(seen);
+      replace(body, paintSection(preview), axisLabels(preview));
+      title.textContent = pointSpreadText(preview);
     },
   };
 }
 
-/** @param {any} seen of a ball's image */
-export function sizeOf(seen) {
-  const width = seen.lateral === null ? "wider than shown" : `${length(seen.lateral)} wide`;
-  const height = seen.axial === null ? "deeper than shown" : `${length(seen.axial)} deep`;
-  return `A ball of ${length(seen.true_width)}: ${width}, ${height}; background ${percent(seen.background, 1)}`;
+/** @param {any} preview of a ball's image */
+export function pointSpreadText(preview) {
+  const width = preview.lateral === null ? "wider than shown" : `${length(preview.lateral)} wide`;
+  const height = preview.axial === null ? "deeper than shown" : `${length(preview.axial)} deep`;
+  return `A ball of ${length(preview.true_width)}: ${width}, ${height}; background ${percent(preview.background, 1)}`;
 }
 
 /** @param {any} seen @returns {HTMLCanvasElement} */
-export function paint({ x, z, section }) {
+export function paintSection({ x, z, section }) {
   const canvas = h("canvas", { width: x.length, height: z.length, role: "img", "aria-label": "Image of a ball, x to the right, z down" });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   const image = context.createImageData(x.length, z.length);
   const pixels = new Uint32Array(image.data.buffer);
-  const colours = table("inferno");
+  const colours = colourTable("inferno");
   for (let i = 0; i < x.length; i++) {
     for (let k = 0; k < z.length; k++) {
       pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, section[i][k])))]; // its peak is 1
     }
   }
   context.putImageData(image, 0, 0);
-  const [wide, deep] = [x[x.length - 1] - x[0], z[z.length - 1] - z[0]];
-  canvas.style.aspectRatio = `${wide} / ${deep}`;
+  const [width, depth] = [x[x.length - 1] - x[0], z[z.length - 1] - z[0]];
+  canvas.style.aspectRatio = `${width} / ${depth}`;
   return canvas;
 }
 
@@ -58,7 +58,7 @@ export function paint({ x, z, section }) {
 const span = (places) => `${mm(places[0], 1)} to ${mm(places[places.length - 1], 1)}`;
 
 /** @param {any} seen */
-function bar({ x, z }) {
+function axisLabels({ x, z }) {
   return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colours: 0 to the peak`);
 }
 
@@ -68,34 +68,34 @@ export function orientationPanel(host) {
   const plot = s("svg", { viewBox: "-110 -110 220 220", role: "img", "aria-label": "Visible orientations of edges" });
   replace(host, h("h2", null, "Visible orientations"), plot, title);
   return {
-    /** @param {any} seen @param {[number, number, number] | null} point */
-    show(seen, point) {
-      if (!point || seen.visible_share === null) {
+    /** @param {any} preview @param {[number, number, number] | null} point */
+    show(preview, point) {
+      if (!point || preview.visible_share === null) {
         replace(plot);
         title.textContent = "This mask has no point of interest.";
         return;
       }
       const polar = (/** @type {number[]} */ [x, y = 0]) => {
         const tilt = Math.atan2(Math.hypot(x - point[0], y - point[1]), point[2]);
-        const turn = Math.atan2(y - point[1], x - point[0]);
-        const far = (100 * tilt) / (Math.PI / 2);
-        return `${(far * Math.cos(turn)).toFixed(1)},${(-far * Math.sin(turn)).toFixed(1)}`;
+        const azimuth = Math.atan2(y - point[1], x - point[0]);
+        const radius = (100 * tilt) / (Math.PI / 2);
+        return `${(radius * Math.cos(azimuth)).toFixed(1)},${(-radius * Math.sin(azimuth)).toFixed(1)}`;
       };
-      const edge = seen.outline && seen.outline[0].length === 2 ? along(seen.outline).map(polar).join(" ") : "";
-      const step = Math.max(1, Math.ceil(seen.positions.length / 800));
-      const dots = seen.positions.filter((/** @type {any} */ _, /** @type {number} */ n) => n % step === 0).map((/** @type {number[]} */ one) => `M${polar(one)}h0`).join("");
+      const edge = preview.outline && preview.outline[0].length === 2 ? densify(preview.outline).map(polar).join(" ") : "";
+      const step = Math.max(1, Math.ceil(preview.positions.length / 800));
+      const dots = preview.positions.filter((/** @type {any} */ _, /** @type {number} */ n) => n % step === 0).map((/** @type {number[]} */ one) => `M${polar(one)}h0`).join("");
       replace(plot,
         [30, 60, 90].map((angle) => s("circle", { r: (100 * angle) / 90, class: "ring" })),
         edge ? s("polygon", { points: edge, class: "seen" }) : null,
         s("path", { d: dots, class: "dots" }),
         [30, 60, 90].map((angle) => s("text", { x: 3, y: -(100 * angle) / 90 + 12, class: "tick over" }, `${angle}°`)));
-      title.textContent = `${percent(seen.visible_share)} visible. Middle: edges parallel to the film; rim: perpendicular`;
+      title.textContent = `${percent(preview.visible_share)} visible. Middle: edges parallel to the film; rim: perpendicular`;
     },
   };
 }
 
 /** Points along a polygon, close enough that a bent edge looks bent. @param {number[][]} corners */
-function along(corners) {
+function densify(corners) {
   return corners.flatMap((from, n) => {
     const next = corners[(n + 1) % corners.length];
     return Array.from({ length: 12 }, (_, k) => from.map((one, axis) => one + ((next[axis] - one) * k) / 12));
@@ -103,33 +103,33 @@ function along(corners) {
 }
 
 /** Solid angle of each point against its distance: level where the mask is even. @param {HTMLElement} host */
-export function anglePanel(host) {
+export function solidAnglePanel(host) {
   const title = h("p", { class: "dim caption" });
   const plot = s("svg", { viewBox: "0 0 240 120", role: "img", "aria-label": "Solid angle of each point over its distance" });
   replace(host, h("h2", null, "Solid angle per point"), plot, title);
   return {
-    /** @param {any} seen @param {[number, number, number] | null} point */
-    show(seen, point) {
-      if (!point || !seen.solid_angles) {
+    /** @param {any} preview @param {[number, number, number] | null} point */
+    show(preview, point) {
+      if (!point || !preview.solid_angles) {
         replace(plot);
         title.textContent = "This mask has no point of interest.";
         return;
       }
-      const angles = /** @type {number[]} */ (seen.solid_angles);
+      const angles = /** @type {number[]} */ (preview.solid_angles);
       const mean = angles.reduce((sum, one) => sum + one, 0) / angles.length;
-      const far = seen.positions.map((/** @type {number[]} */ [x, y = 0]) => Math.hypot(x - point[0], y - point[1]));
-      const [, most] = extent(far);
+      const distances = preview.positions.map((/** @type {number[]} */ [x, y = 0]) => Math.hypot(x - point[0], y - point[1]));
+      const [, maxDistance] = extent(distances);
       const top = Math.max(2, Math.min(4, extent(angles)[1] / mean));
-      const step = Math.max(1, Math.ceil(far.length / 1500));
+      const step = Math.max(1, Math.ceil(distances.length / 1500));
       const up = (/** @type {number} */ value) => 98 - (92 * Math.min(top, value)) / top;
       let dots = "";
-      for (let n = 0; n < far.length; n += step) dots += `M${(34 + (200 * far[n]) / most).toFixed(1)},${up(angles[n] / mean).toFixed(1)}h0`;
+      for (let n = 0; n < distances.length; n += step) dots += `M${(34 + (200 * distances[n]) / maxDistance).toFixed(1)},${up(angles[n] / mean).toFixed(1)}h0`;
       replace(plot,
         s("path", { d: `M34,${up(1)}H236`, class: "ring" }), s("path", { d: "M34,4V98H236", class: "axis" }),
         s("text", { x: 30, y: up(1) + 4, class: "tick end" }, "mean"), s("text", { x: 30, y: 102, class: "tick end" }, "0"),
-        s("text", { x: 236, y: 114, class: "tick end" }, `${mm(most, 1)} from the point`),
+        s("text", { x: 236, y: 114, class: "tick end" }, `${mm(maxDistance, 1)} from the point`),
         s("path", { d: dots, class: "dots" }));
-      const even = seen.mask.evenness;
+      const even = preview.mask.evenness;
       title.textContent = even === null ? "" : `deviation ${percent(even, 1)} of the mean, rim left out`;
     },
   };
@@ -143,11 +143,11 @@ export function timePanel(host) {
     replace(host, ...bars(parts, total, plan.limiting));
   };
   let plan = /** @type {any} */ (null);
-  const asked = framed(() => plan && draw(plan));
-  return { show: (/** @type {any} */ one) => ((plan = one), asked()) };
+  const redraw = oncePerFrame(() => plan && draw(plan));
+  return { show: (/** @type {any} */ one) => ((plan = one), redraw()) };
 }
 
-const PARTS = /** @type {Record<string, [string, string]>} */ ({
+const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
   laser: ["laser", "a higher pulse rate or fewer averages help"],
   mover: ["moving and settling", "another order of visit or a faster mover help"],
   tuning: ["retuning", "bands of wavelengths help"],
@@ -158,14 +158,14 @@ const PARTS = /** @type {Record<string, [string, string]>} */ ({
 
 /** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
 function* bars(parts, total, limiting) {
-  const [decides, help] = limiting ? PARTS[limiting] ?? [limiting, ""] : [];
-  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), decides ? `: ${decides} decides; ${help}.` : "");
-  const long = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
+  const [limitingLabel, help] = limiting ? TIME_PARTS[limiting] ?? [limiting, ""] : [];
+  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), limitingLabel ? `: ${limitingLabel} decides; ${help}.` : "");
+  const scaleSeconds = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {
-    const [label] = PARTS[name] ?? [name];
+    const [label] = TIME_PARTS[name] ?? [name];
     yield h("div", { class: `part ${name === limiting ? "limiting" : ""}` },
       h("span", null, label),
-      h("span", { class: "track" }, h("span", { class: "fill", style: { width: `${Math.max(0.3, (100 * Number(seconds)) / long)}%` } })),
+      h("span", { class: "track" }, h("span", { class: "fill", style: { width: `${Math.max(0.3, (100 * Number(seconds)) / scaleSeconds)}%` } })),
       h("span", { class: "number" }, duration(Number(seconds))));
   }
 }

@@ -9,24 +9,24 @@ const COLUMNS = ["x_mm", "y_mm", "wavelength_nm"];
 /** A field for it, in the place of remarks too. @param {Design} design @param {() => void} changed */
 export function tuningField(design, changed) {
   const remarks = h("div", { class: "remarks", id: "remarks-tuning_map" });
-  const file = h("input", { type: "file", accept: ".csv,.json", id: "field-tuning_map", "aria-describedby": `told-tuning_map ${remarks.id}`, onchange: () => void take() });
+  const file = h("input", { type: "file", accept: ".csv,.json", id: "field-tuning_map", "aria-describedby": `told-tuning_map ${remarks.id}`, onchange: () => void readFile() });
   /** What is wrong with a file stands here, not among the remarks: those are the service's, and go with its next answer. */
-  const told = h("p", { id: "told-tuning_map", role: "status" });
-  const remove = h("button", { type: "button", class: "quiet", onclick: () => give(null) }, "remove");
+  const status = h("p", { id: "told-tuning_map", role: "status" });
+  const remove = h("button", { type: "button", class: "quiet", onclick: () => setMap(null) }, "remove");
 
-  async function take() {
-    const chosen = file.files?.[0];
-    if (!chosen) return;
+  async function readFile() {
+    const selectedFile = file.files?.[0];
+    if (!selectedFile) return;
     file.value = ""; // the same may be chosen again, changed
     try {
-      give(mapOf(chosen.name, await chosen.text()));
+      setMap(parseMap(selectedFile.name, await selectedFile.text()));
     } catch (error) {
-      give(null, `${chosen.name}: ${error instanceof Error ? error.message : error}`);
+      setMap(null, `${selectedFile.name}: ${error instanceof Error ? error.message : error}`);
     }
   }
 
   /** @param {Design["map"]} map @param {string} [fault] */
-  function give(map, fault) {
+  function setMap(map, fault) {
     design.map = map;
     replace(remarks);
     show(fault);
@@ -36,30 +36,30 @@ export function tuningField(design, changed) {
   /** @param {string} [fault] */
   function show(fault) {
     remove.hidden = !design.map;
-    told.className = fault ? "fault small" : "dim small";
-    told.textContent = fault ?? (design.map ? `${design.map.wavelengths.length} places; not in the address` : "CSV with x_mm, y_mm, wavelength_nm, or JSON as the API takes it");
+    status.className = fault ? "fault small" : "dim small";
+    status.textContent = fault ?? (design.map ? `${design.map.wavelengths.length} places; not in the address` : "CSV with x_mm, y_mm, wavelength_nm, or JSON as the API takes it");
   }
 
   show();
-  const element = h("div", { class: "field tuning" }, h("label", { for: file.id, title: "Where on the film which wavelength reads it best; between the places it is interpolated" }, "Tuning map"), remove, file, told, remarks);
+  const element = h("div", { class: "field tuning" }, h("label", { for: file.id, title: "Where on the film which wavelength reads it best; between the places it is interpolated" }, "Tuning map"), remove, file, status, remarks);
   return { element, remarks };
 }
 
 /** What the API takes, or something else. @param {any} map @returns {Design["map"]} */
-function given(map) {
+function checkedMap(map) {
   if (!Array.isArray(map?.positions) || !Array.isArray(map.wavelengths)) throw new Error("it has no positions and wavelengths");
   return map;
 }
 
 /** @param {string} name @param {string} text @returns {Design["map"]} */
-function mapOf(name, text) {
-  if (/\.json$/i.test(name)) return given(JSON.parse(text));
+function parseMap(name, text) {
+  if (/\.json$/i.test(name)) return checkedMap(JSON.parse(text));
   const [head, ...rows] = text.replace("\ufeff", "").trim().split(/\r?\n/).map((line) => line.split(",").map((cell) => cell.trim()));
-  const places = COLUMNS.map((column) => head.indexOf(column));
-  if (places.includes(-1)) throw new Error(`its first line does not name ${COLUMNS.join(", ")}`);
-  const values = rows.map((row) => places.map((column) => Number(row[column] || NaN)));
-  const wrong = values.findIndex((row) => !row.every(Number.isFinite));
-  if (wrong >= 0 || !values.length) throw new Error(`line ${wrong + 2} is no three numbers`);
+  const columns = COLUMNS.map((column) => head.indexOf(column));
+  if (columns.includes(-1)) throw new Error(`its first line does not name ${COLUMNS.join(", ")}`);
+  const values = rows.map((row) => columns.map((column) => Number(row[column] || NaN)));
+  const invalidRow = values.findIndex((row) => !row.every(Number.isFinite));
+  if (invalidRow >= 0 || !values.length) throw new Error(`line ${invalidRow + 2} is no three numbers`);
   const si = (/** @type {number} */ value, /** @type {number} */ factor) => Number((value * factor).toPrecision(12));
   return { positions: values.map(([x, y]) => [si(x, 1e-3), si(y, 1e-3)]), wavelengths: values.map((row) => si(row[2], 1e-9)) };
 }

@@ -18,7 +18,7 @@ const OPTIONS = /** @type {Record<string, string | string[]>} */ ({
   "iterative.iterations": "--iterations", "iterative.non_negative": "--signed", "film.kind": "--film",
   "film.max_gain": "--max-gain", "film.thickness": "--thickness",
 });
-const SWITCHES = new Set(["shots.normalise_energy", "shots.correct_sensitivity", "conditioning.remove_offset", "display.envelope", "display.non_negative"]);
+const SWITCH_OPTIONS = new Set(["shots.normalise_energy", "shots.correct_sensitivity", "conditioning.remove_offset", "display.envelope", "display.non_negative"]);
 
 /**
  * @param {import("./schema.js").Group[]} groups of ReconstructionParameters
@@ -26,7 +26,7 @@ const SWITCHES = new Set(["shots.normalise_energy", "shots.correct_sensitivity",
  * @returns {{options: string[], missing: import("./schema.js").Field[]}} missing: what the command line cannot say
  */
 export function optionsOf(groups, parameters) {
-  const options = [];
+  const cliOptions = [];
   const missing = [];
   for (const field of differences(groups, [parameters, {}])) {
     const name = field.path.join(".");
@@ -34,36 +34,36 @@ export function optionsOf(groups, parameters) {
     const value = field.path.reduce((inner, part) => inner?.[part], parameters);
     if (value === null || value === undefined) continue;
     if (!option) missing.push(field);
-    else if (Array.isArray(option)) option.forEach((one, n) => value[n] !== null && options.push(one, String(value[n])));
-    else if (name === "iterative.non_negative") options.push(value ? "--no-signed" : "--signed");
-    else if (SWITCHES.has(name)) options.push(value ? option : option.replace("--", "--no-"));
-    else if (Array.isArray(value)) options.push(option, value.join(",") || "none");
-    else options.push(option, String(value));
+    else if (Array.isArray(option)) option.forEach((one, n) => value[n] !== null && cliOptions.push(one, String(value[n])));
+    else if (name === "iterative.non_negative") cliOptions.push(value ? "--no-signed" : "--signed");
+    else if (SWITCH_OPTIONS.has(name)) cliOptions.push(value ? option : option.replace("--", "--no-"));
+    else if (Array.isArray(value)) cliOptions.push(option, value.join(",") || "none");
+    else cliOptions.push(option, String(value));
   }
-  return { options, missing };
+  return { options: cliOptions, missing };
 }
 
-/** The fields of a request that choose frames. @param {any} about the reconstruction */
-export function framesOf(about) {
-  return { ...(about.frame === null ? {} : { frame: about.frame }), ...(about.wavelength ? { wavelength: about.wavelength } : {}), ...(about.average ? { average: true } : {}) };
+/** The fields of a request that choose frames. @param {any} reconstruction the reconstruction */
+export function frameFields(reconstruction) {
+  return { ...(reconstruction.frame === null ? {} : { frame: reconstruction.frame }), ...(reconstruction.wavelength ? { wavelength: reconstruction.wavelength } : {}), ...(reconstruction.average ? { average: true } : {}) };
 }
 
-/** Lines to paste into a shell. @param {string} origin of this service @param {any} about the reconstruction @param {string[]} options */
-export function shellOf(origin, about, options) {
-  const file = `${about.scan_id}.h5`;
-  const { frame, wavelength, average } = framesOf(about);
+/** Lines to paste into a shell. @param {string} origin of this service @param {any} reconstruction the reconstruction @param {string[]} cliOptions */
+export function shellCommand(origin, reconstruction, cliOptions) {
+  const file = `${reconstruction.scan_id}.h5`;
+  const { frame, wavelength, average } = frameFields(reconstruction);
   const frames = [...(frame === undefined ? [] : ["--frame", String(frame)]), ...(wavelength ? ["--wavelength", String(wavelength)] : []), ...(average ? ["--average"] : [])];
-  const words = [...frames, ...options].reduce((lines, one) => (one.startsWith("--") ? [...lines, one] : [...lines.slice(0, -1), `${lines.at(-1)} ${quoted(one)}`]), /** @type {string[]} */ ([]));
-  return [`curl -o ${file} ${origin}/api/v1/scans/${about.scan_id}/file`, [`steradian reconstruct ${file} -o ${about.id}`, ...words].join(" \\\n  ")].join("\n");
+  const words = [...frames, ...cliOptions].reduce((lines, one) => (one.startsWith("--") ? [...lines, one] : [...lines.slice(0, -1), `${lines.at(-1)} ${shellQuoted(one)}`]), /** @type {string[]} */ ([]));
+  return [`curl -o ${file} ${origin}/api/v1/scans/${reconstruction.scan_id}/file`, [`steradian reconstruct ${file} -o ${reconstruction.id}`, ...words].join(" \\\n  ")].join("\n");
 }
 
-/** The request that had this service make it. @param {string} origin @param {any} about */
-export function requestOf(origin, about) {
-  const body = { scan_id: about.scan_id, parameters: about.parameters, ...(about.mask_id ? { through: { mask_id: about.mask_id } } : {}), ...framesOf(about) };
-  return `curl ${origin}/api/v1/reconstructions \\\n  -H 'Content-Type: application/json' -H "Idempotency-Key: $(uuidgen)" \\\n  -d ${quoted(JSON.stringify(body))}`;
+/** The request that had this service make it. @param {string} origin @param {any} reconstruction */
+export function curlCommand(origin, reconstruction) {
+  const body = { scan_id: reconstruction.scan_id, parameters: reconstruction.parameters, ...(reconstruction.mask_id ? { through: { mask_id: reconstruction.mask_id } } : {}), ...frameFields(reconstruction) };
+  return `curl ${origin}/api/v1/reconstructions \\\n  -H 'Content-Type: application/json' -H "Idempotency-Key: $(uuidgen)" \\\n  -d ${shellQuoted(JSON.stringify(body))}`;
 }
 
 /** @param {string} text as one word of a shell */
-function quoted(text) {
+function shellQuoted(text) {
   return /^[A-Za-z0-9_.,:+/-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 }

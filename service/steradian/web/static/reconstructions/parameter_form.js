@@ -1,47 +1,47 @@
 // @ts-check
 // The parameters of a reconstruction as a form, made from what the API's document says about them.
 import { h, replace } from "../dom.js";
-import { shownUnit, told, valueAt, withValue } from "./schema.js";
+import { displayUnit, formatValue, valueAt, withValue } from "./schema.js";
 
 /** @typedef {import("./schema.js").Field} Field */
 /** @typedef {import("./schema.js").Group} Group */
 /** @typedef {{field: Field, row: HTMLElement, read: () => any, write: (value: any) => void, fault: HTMLElement, control: HTMLElement}} Entry */
 
 /** What most people change of a reconstruction; all else is folded away. */
-const PLAIN = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Transforms, weights, frequencies" };
+const BASIC_FIELDS = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Transforms, weights, frequencies" };
 
 export class ParameterForm {
   /**
    * @param {Group[]} groups @param {any} values shown first
    * @param {any} origin against which changes are marked; null: the defaults
-   * @param {{plain: Set<string>, rest: string}} shown what is not folded away, and what the rest is about
+   * @param {{plain: Set<string>, rest: string}} layout what is not folded away, and what the rest is about
    */
-  constructor(groups, values, origin, shown = PLAIN) {
+  constructor(groups, values, origin, layout = BASIC_FIELDS) {
     this.origin = origin ?? {};
     this.hasOrigin = origin !== null;
     /** @type {Entry[]} */
     this.entries = [];
-    const [own, ...inner] = groups;
-    const plain = own.fields.filter((field) => shown.plain.has(field.path[0]));
-    const rest = own.fields.filter((field) => !shown.plain.has(field.path[0]));
+    const [topGroup, ...inner] = groups;
+    const plain = topGroup.fields.filter((field) => layout.plain.has(field.path[0]));
+    const rest = topGroup.fields.filter((field) => !layout.plain.has(field.path[0]));
     this.element = h("div", { class: "parameters" },
       plain.length ? h("div", { class: "fields" }, plain.map((field) => this.row(field, values))) : null,
-      this.folded("More", shown.rest, rest, values),
-      ...inner.map((group) => this.folded(group.title, group.description, group.fields, values)));
+      this.foldedGroup("More", layout.rest, rest, values),
+      ...inner.map((group) => this.foldedGroup(group.title, group.description, group.fields, values)));
     /** Explains the field that has the focus; beside the buttons, for nothing may move under the mouse. */
     this.help = h("p", { class: "dim small help", "aria-hidden": "true" });
     this.element.addEventListener("focusin", (event) => {
       const row = /** @type {Element} */ (event.target).closest(".field");
       this.help.textContent = row?.querySelector(".explained")?.textContent ?? "";
     });
-    this.element.addEventListener("input", () => this.mark());
-    this.mark();
+    this.element.addEventListener("input", () => this.markChanges());
+    this.markChanges();
   }
 
   /** @param {string} title @param {string} description @param {Field[]} fields @param {any} values */
-  folded(title, description, fields, values) {
+  foldedGroup(title, description, fields, values) {
     const known = fields.filter((field) => field.kind !== "other");
-    const changed = known.some((field) => differ(field, valueAt(values, field.path) ?? field.default, field.default));
+    const changed = known.some((field) => isDifferent(field, valueAt(values, field.path) ?? field.default, field.default));
     return h("details", { open: changed, dataset: { group: title } },
       h("summary", null, h("strong", null, title), " ", h("span", { class: "dim" }, description)),
       h("div", { class: "fields" }, known.map((field) => this.row(field, values))));
@@ -50,14 +50,14 @@ export class ParameterForm {
   /** @param {Field} field @param {any} values */
   row(field, values) {
     const id = `field-${field.path.join("-")}`;
-    const { control, read, write } = controlOf(field, id);
-    const [unit] = shownUnit(field.unit);
+    const { control, read, write } = createControl(field, id);
+    const [unit] = displayUnit(field.unit);
     const fault = h("p", { class: "fault small", id: `${id}-fault`, hidden: true });
-    const mark = h("span", { class: "changed", hidden: true });
-    const about = [`${field.description || field.name}.`, limits(field), `Default: ${told(field, field.default)}.`].filter(Boolean).join(" ");
+    const changeMark = h("span", { class: "changed", hidden: true });
+    const explanation = [`${field.description || field.name}.`, rangeText(field), `Default: ${formatValue(field, field.default)}.`].filter(Boolean).join(" ");
     const row = h("div", { class: "field", dataset: { field: field.path.join(".") } },
-      h("label", { for: id }, field.name, mark), h("span", { class: "entry" }, control, unit ? h("span", { class: "dim" }, unit) : null),
-      h("p", { class: "explained", id: `${id}-about`, hidden: true }, `${field.name}: ${about}`), fault);
+      h("label", { for: id }, field.name, changeMark), h("span", { class: "entry" }, control, unit ? h("span", { class: "dim" }, unit) : null),
+      h("p", { class: "explained", id: `${id}-about`, hidden: true }, `${field.name}: ${explanation}`), fault);
     control.setAttribute("aria-describedby", `${id}-about ${id}-fault`);
     write(valueAt(values, field.path) ?? field.default);
     this.entries.push({ field, row, read, write, fault, control });
@@ -65,14 +65,14 @@ export class ParameterForm {
   }
 
   /** Mark what differs from the origin, or from the defaults where there is none. */
-  mark() {
+  markChanges() {
     for (const { field, row, read } of this.entries) {
       const before = this.hasOrigin ? valueAt(this.origin, field.path) ?? field.default : field.default;
-      const changed = differ(field, read(), before);
-      const mark = /** @type {HTMLElement} */ (row.querySelector(".changed"));
+      const changed = isDifferent(field, read(), before);
+      const changeMark = /** @type {HTMLElement} */ (row.querySelector(".changed"));
       row.classList.toggle("is-changed", changed);
-      mark.hidden = !changed;
-      mark.textContent = `${this.hasOrigin ? "was" : "default"} ${told(field, before)}`;
+      changeMark.hidden = !changed;
+      changeMark.textContent = `${this.hasOrigin ? "was" : "default"} ${formatValue(field, before)}`;
     }
   }
 
@@ -80,19 +80,19 @@ export class ParameterForm {
   get values() {
     return this.entries.reduce((values, { field, read }) => {
       const value = read();
-      return differ(field, value, field.default) ? withValue(values, field.path, value) : values;
+      return isDifferent(field, value, field.default) ? withValue(values, field.path, value) : values;
     }, /** @type {any} */ ({}));
   }
 
-  /** Show each fault at its field; returns those that are about none. @param {import("../api.js").Finding[]} findings */
-  blame(findings) {
+  /** Show each fault at its field; returns those that are about none. @param {import("../api.js").FieldError[]} findings */
+  showFieldErrors(findings) {
     for (const { fault, control } of this.entries) {
       fault.hidden = true;
       control.removeAttribute("aria-invalid");
     }
     /** @type {HTMLElement | null} */
     let first = null;
-    const others = findings.filter((finding) => {
+    const unassigned = findings.filter((finding) => {
       const parts = finding.pointer.replace(/^#?\//, "").split("/").filter((part) => part !== "parameters" && !/^[0-9]+$/.test(part));
       const entry = this.entries.find(({ field }) => field.path.join("/") === parts.join("/"));
       if (!entry) return true;
@@ -104,26 +104,26 @@ export class ParameterForm {
       return false;
     });
     /** @type {HTMLElement | null} */ (first)?.focus();
-    return others;
+    return unassigned;
   }
 }
 
 /** @param {Field} field @param {any} one @param {any} other */
-function differ(field, one, other) {
+function isDifferent(field, one, other) {
   if (typeof one === "number" && typeof other === "number") return Math.abs(one - other) > 1e-9 * Math.max(Math.abs(one), Math.abs(other));
   return JSON.stringify(one ?? null) !== JSON.stringify(other ?? null);
 }
 
 /** @param {Field} field */
-function limits(field) {
-  const [unit, factor] = shownUnit(field.unit);
+function rangeText(field) {
+  const [unit, factor] = displayUnit(field.unit);
   if (field.minimum === null && field.maximum === null) return "";
   const one = (/** @type {number | null} */ value) => (value === null ? "…" : Number((value * factor).toPrecision(6)));
   return `From ${one(field.minimum)} to ${one(field.maximum)}${unit ? ` ${unit}` : ""}.`;
 }
 
 /** @param {Field} field @param {string} id @returns {{control: HTMLElement, read: () => any, write: (value: any) => void}} */
-function controlOf(field, id) {
+function createControl(field, id) {
   if (field.kind === "boolean") {
     const input = h("input", { type: "checkbox", id });
     return { control: input, read: () => input.checked, write: (value) => (input.checked = Boolean(value)) };
@@ -133,18 +133,18 @@ function controlOf(field, id) {
     const select = h("select", { id }, ...none, field.choices.map((one) => h("option", { value: one }, one)));
     return { control: select, read: () => select.value || null, write: (value) => (select.value = value ?? "") };
   }
-  if (field.kind === "choices") return severalOf(field, id);
-  if (field.kind === "range") return rangeOf(field, id);
-  if (field.kind === "numbers" || field.kind === "pairs") return listOf(field, id);
+  if (field.kind === "choices") return checkboxGroup(field, id);
+  if (field.kind === "range") return rangeInput(field, id);
+  if (field.kind === "numbers" || field.kind === "pairs") return listInput(field, id);
   if (field.kind === "text") {
     const input = h("input", { type: "text", id });
     return { control: input, read: () => input.value || null, write: (value) => (input.value = value ?? "") };
   }
-  return numberOf(field, id);
+  return numberInput(field, id);
 }
 
 /** @param {Field} field @param {string} id */
-function severalOf(field, id) {
+function checkboxGroup(field, id) {
   const boxes = field.choices.map((one) => h("input", { type: "checkbox", value: one }));
   const control = h("span", { id, role: "group", tabindex: -1, class: "row" }, boxes.map((box) => h("label", { class: "row" }, box, box.value)));
   return {
@@ -155,8 +155,8 @@ function severalOf(field, id) {
 }
 
 /** Numbers are given in the units that are shown; a word may stand in place of one. @param {Field} field */
-function reading(field) {
-  const factor = shownUnit(field.unit)[1];
+function numberFormat(field) {
+  const factor = displayUnit(field.unit)[1];
   return {
     read: (/** @type {string} */ text) => {
       const plain = text.trim();
@@ -170,8 +170,8 @@ function reading(field) {
 }
 
 /** @param {Field} field @param {string} id */
-function numberOf(field, id) {
-  const { read, write } = reading(field);
+function numberInput(field, id) {
+  const { read, write } = numberFormat(field);
   const hint = field.nullable ? (field.words.length ? `none, or ${field.words.join(", ")}` : "none") : "";
   const input = h("input", { type: "text", inputmode: "decimal", id, placeholder: hint, class: "short-field" });
   return {
@@ -182,8 +182,8 @@ function numberOf(field, id) {
 }
 
 /** Numbers with commas between them; pairs of them with semicolons. @param {Field} field @param {string} id */
-function listOf(field, id) {
-  const { read, write } = reading(field);
+function listInput(field, id) {
+  const { read, write } = numberFormat(field);
   const ofPairs = field.kind === "pairs";
   const input = h("input", { type: "text", id, placeholder: ofPairs ? "x, y; x, y" : "none" });
   const numbers = (/** @type {string} */ text) => text.split(/[,\s]+/).filter(Boolean).map(read);
@@ -196,8 +196,8 @@ function listOf(field, id) {
 }
 
 /** @param {Field} field @param {string} id */
-function rangeOf(field, id) {
-  const { read, write } = reading(field);
+function rangeInput(field, id) {
+  const { read, write } = numberFormat(field);
   const inputs = ["from", "to"].map((name, n) => h("input", { type: "text", inputmode: "decimal", "aria-label": `${field.name} ${name}`, placeholder: name, class: "half-field", id: n ? null : id }));
   const control = h("span", { class: "row nowrap" }, ...inputs);
   return {

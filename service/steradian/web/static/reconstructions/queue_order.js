@@ -3,33 +3,33 @@
 
 /** @typedef {{id: string, priority: number}} Waiting */
 
-const LOWEST = 1000;
+const MAX_PRIORITY = 1000;
 
-/** As they will begin: smaller priorities first, equal ones in their turns. @template {Waiting} T @param {T[]} asked in their turns @returns {T[]} */
-export function inOrder(asked) {
-  return [...asked].sort((one, other) => one.priority - other.priority);
+/** As they will begin: smaller priorities first, equal ones in their turns. @template {Waiting} T @param {T[]} waitingJobs in their turns @returns {T[]} */
+export function byPriority(waitingJobs) {
+  return [...waitingJobs].sort((one, other) => one.priority - other.priority);
 }
 
 /**
  * Priorities that bring a job to a place; others change only where no number is left between them, and keep their order.
- * @param {Waiting[]} asked all that wait, in their turns
+ * @param {Waiting[]} waitingJobs all that wait, in their turns
  * @param {string} id @param {number} place among them
  * @returns {Waiting[] | null} those that change, in their new order; null: all numbers are taken
  */
-export function toPlace(asked, id, place) {
-  const turn = new Map(asked.map((one, n) => [one.id, n]));
-  const row = inOrder(asked).map((one) => ({ id: one.id, priority: one.priority }));
+export function priorityChanges(waitingJobs, id, place) {
+  const turnOf = new Map(waitingJobs.map((one, n) => [one.id, n]));
+  const row = byPriority(waitingJobs).map((one) => ({ id: one.id, priority: one.priority }));
   const [moved] = row.splice(row.findIndex((one) => one.id === id), 1);
   row.splice(place, 0, moved);
   /** By how much the later one of two must be greater. @param {Waiting} one @param {Waiting} later */
-  const step = (one, later) => (Number(turn.get(one.id)) < Number(turn.get(later.id)) ? 0 : 1);
+  const step = (one, later) => (Number(turnOf.get(one.id)) < Number(turnOf.get(later.id)) ? 0 : 1);
   const low = place > 0 ? row[place - 1].priority + step(row[place - 1], moved) : 0;
-  const high = place < row.length - 1 ? row[place + 1].priority - step(moved, row[place + 1]) : LOWEST;
+  const high = place < row.length - 1 ? row[place + 1].priority - step(moved, row[place + 1]) : MAX_PRIORITY;
   moved.priority = Math.min(Math.max(moved.priority, low), high);
   for (let n = place; n > 0; n--) row[n - 1].priority = Math.min(row[n - 1].priority, row[n].priority - step(row[n - 1], row[n]));
   row[0].priority = Math.max(row[0].priority, 0);
   for (let n = 1; n < row.length; n++) row[n].priority = Math.max(row[n].priority, row[n - 1].priority + step(row[n - 1], row[n]));
-  if (row[row.length - 1].priority > LOWEST) return null;
-  const before = new Map(asked.map((one) => [one.id, one.priority]));
+  if (row[row.length - 1].priority > MAX_PRIORITY) return null;
+  const before = new Map(waitingJobs.map((one) => [one.id, one.priority]));
   return row.filter((one) => one.priority !== before.get(one.id));
 }

@@ -1,53 +1,53 @@
 // @ts-check
 // Asking for a reconstruction: of a scan with the defaults, or again with what is changed.
-import { api, onceOnly, Problem } from "../api.js";
+import { api, idempotencyHeaders, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
-import { failed, loading, words } from "../panel_states.js";
-import { clock, count } from "../units.js";
-import { framesOf } from "./command.js";
+import { showError, showLoading, errorElements } from "../panel_states.js";
+import { formatTime, count } from "../units.js";
+import { frameFields } from "./command.js";
 import { ParameterForm } from "./parameter_form.js";
-import { groupsOf } from "./schema.js";
-import { at } from "../urls.js";
+import { parameterGroups } from "./schema.js";
+import { urlOf } from "../urls.js";
 
 /**
  * Show the form in a panel.
  * @param {HTMLElement} panel
- * @param {{again: string | null, scan: string | null, set: any}} wanted what the address says
- * @param {(made: any) => void} done
+ * @param {{again: string | null, scan: string | null, set: any}} query what the address says
+ * @param {(made: any) => void} onCreated
  */
-export async function showForm(panel, wanted, done) {
+export async function showRequestForm(panel, query, onCreated) {
   panel.hidden = false;
-  loading(panel, "reading what can be chosen …");
+  showLoading(panel, "reading what can be chosen …");
   try {
     const [groups, origin, scans] = await Promise.all([
-      groupsOf("ReconstructionParameters"),
-      wanted.again ? api.get(`/reconstructions/${wanted.again}`) : null,
+      parameterGroups("ReconstructionParameters"),
+      query.again ? api.get(`/reconstructions/${query.again}`) : null,
       api.get("/scans?limit=200"),
     ]);
-    const of = origin?.scan_id ?? wanted.scan;
-    const isListed = !of || scans.items.some((/** @type {any} */ one) => one.id === of);
-    const older = isListed ? [] : [await api.get(`/scans/${of}`)];
-    fill(panel, groups, origin, [...scans.items, ...older], wanted, done);
+    const initialScan = origin?.scan_id ?? query.scan;
+    const isListed = !initialScan || scans.items.some((/** @type {any} */ one) => one.id === initialScan);
+    const unlisted = isListed ? [] : [await api.get(`/scans/${initialScan}`)];
+    fillForm(panel, groups, origin, [...scans.items, ...unlisted], query, onCreated);
   } catch (error) {
-    failed(panel, error, () => void showForm(panel, wanted, done));
+    showError(panel, error, () => void showRequestForm(panel, query, onCreated));
   }
 }
 
-/** @param {HTMLElement} panel @param {any} groups @param {any} origin @param {any[]} scans @param {any} wanted @param {(made: any) => void} done */
-function fill(panel, groups, origin, scans, wanted, done) {
+/** @param {HTMLElement} panel @param {any} groups @param {any} origin @param {any[]} scans @param {any} query @param {(made: any) => void} onCreated */
+function fillForm(panel, groups, origin, scans, query, onCreated) {
   const usable = scans.filter((one) => one.summary?.stored || (one.state === "running" && one.progress.done));
-  const values = { ...(origin?.parameters ?? {}), ...(wanted.set ?? {}) };
+  const values = { ...(origin?.parameters ?? {}), ...(query.set ?? {}) };
   const form = new ParameterForm(groups, values, origin?.parameters ?? null);
   const scan = h("select", { id: "of-scan" }, usable.map((one) => h("option", { value: one.id }, scanTitle(one))));
-  scan.value = origin?.scan_id ?? wanted.scan ?? usable[0]?.id ?? "";
+  scan.value = origin?.scan_id ?? query.scan ?? usable[0]?.id ?? "";
   const priority = h("input", { type: "text", inputmode: "numeric", id: "of-priority", value: "100", class: "short-field" });
-  const told = h("div", { role: "alert" });
-  const frame = new FrameChoice(origin?.scan_id, origin ? framesOf(origin) : {}, told);
-  const chosen = () => void frame.of(usable.find((one) => one.id === scan.value));
-  scan.addEventListener("change", chosen);
-  chosen();
+  const errorBox = h("div", { role: "alert" });
+  const frame = new FrameChoice(origin?.scan_id, origin ? frameFields(origin) : {}, errorBox);
+  const onScanChange = () => void frame.initialScan(usable.find((one) => one.id === scan.value));
+  scan.addEventListener("change", onScanChange);
+  onScanChange();
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
-  const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", at("/reconstructions")); } }, "Close");
+  const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", urlOf("/reconstructions")); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
     h("h2", null, origin ? `Again: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
     usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),
@@ -55,18 +55,18 @@ function fill(panel, groups, origin, scans, wanted, done) {
       h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),
       frame.element,
       h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (smaller first)"), priority)),
-    form.element, told, h("div", { class: "asking-foot" }, button, close, form.help));
+    form.element, errorBox, h("div", { class: "asking-foot" }, button, close, form.help));
   whole.addEventListener("submit", async (event) => {
     event.preventDefault();
     button.disabled = true;
-    replace(told);
-    const asked = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...frame.value };
+    replace(errorBox);
+    const body = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...frame.value };
     try {
-      done(await api.post("/reconstructions", asked, { headers: onceOnly() }));
+      onCreated(await api.post("/reconstructions", body, { headers: idempotencyHeaders() }));
       panel.hidden = true;
     } catch (error) {
-      const others = error instanceof Problem ? form.blame(error.errors) : [];
-      if (!(error instanceof Problem) || others.length || !error.errors.length) replace(told, ...words(error));
+      const others = error instanceof Problem ? form.showFieldErrors(error.errors) : [];
+      if (!(error instanceof Problem) || others.length || !error.errors.length) replace(errorBox, ...errorElements(error));
     }
     button.disabled = false;
   });
@@ -75,38 +75,38 @@ function fill(panel, groups, origin, scans, wanted, done) {
 
 /** The field with the frames of a scan that has several, and the means of those at one wavelength. */
 class FrameChoice {
-  /** @param {string | undefined} scan that of the origin @param {any} frames its fields of the request @param {HTMLElement} told for what goes wrong */
-  constructor(scan, frames, told) {
+  /** @param {string | undefined} scan that of the origin @param {any} frames its fields of the request @param {HTMLElement} errorBox for what goes wrong */
+  constructor(scan, frames, errorBox) {
     this.origin = { scan, frames };
-    this.told = told;
-    this.asked = "";
+    this.errorBox = errorBox;
+    this.body = "";
     this.select = h("select", { id: "of-frame" });
     this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frame"), this.select);
     this.unknown = frames; // until it is known how many there are, that of the origin
   }
 
   /** @param {any} scan */
-  async of(scan) {
+  async initialScan(scan) {
     this.element.hidden = true;
-    this.asked = scan?.id ?? "";
-    this.unknown = this.asked === this.origin.scan ? this.origin.frames : {};
+    this.body = scan?.id ?? "";
+    this.unknown = this.body === this.origin.scan ? this.origin.frames : {};
     if (!scan) return;
     try {
       const { frames, excitation } = await api.get(`/plans/${scan.plan_id}`);
-      if (this.asked !== scan.id) return; // another was chosen meanwhile
+      if (this.body !== scan.id) return; // another was chosen meanwhile
       /** @type {number[]} */
-      const lights = excitation.length ? excitation : [0];
-      const each = lights.flatMap((light) => Array(frames).fill(light));
-      const means = frames > 1 ? lights.map((light) => ({ ...(light ? { wavelength: light } : {}), average: true })) : [];
+      const wavelengths = excitation.length ? excitation : [0];
+      const each = wavelengths.flatMap((light) => Array(frames).fill(light));
+      const meanOptions = frames > 1 ? wavelengths.map((light) => ({ ...(light ? { wavelength: light } : {}), average: true })) : [];
       replace(this.select,
-        ...each.map((light, n) => option({ frame: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)),
-        ...means.map((mean, n) => option(mean, `mean of ${frames}${lights[n] ? ` at ${count(lights[n] * 1e9)} nm` : ""}`)));
+        ...each.map((light, n) => frameOption({ frame: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)),
+        ...meanOptions.map((meanOption, n) => frameOption(meanOption, `mean of ${frames}${wavelengths[n] ? ` at ${count(wavelengths[n] * 1e9)} nm` : ""}`)));
       const { wavelength, average, frame } = this.unknown;
       const first = frame ?? (wavelength ? each.findIndex((light) => Math.abs(light - wavelength) < 0.5e-9) : 0);
       this.select.value = JSON.stringify(average ? this.unknown : { frame: first });
       this.element.hidden = each.length < 2;
     } catch (error) {
-      replace(this.told, ...words(error));
+      replace(this.errorBox, ...errorElements(error));
     }
   }
 
@@ -116,7 +116,7 @@ class FrameChoice {
 }
 
 /** @param {any} fields of the request @param {string} text */
-function option(fields, text) {
+function frameOption(fields, text) {
   return h("option", { value: JSON.stringify(fields) }, text);
 }
 
@@ -124,5 +124,5 @@ function option(fields, text) {
 export function scanTitle(one) {
   const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
   const stored = one.summary?.stored ?? one.progress.done;
-  return `${labels || "without labels"}, …${one.id.slice(-5)}, ${clock(one.created)}, ${count(stored)} A-lines`;
+  return `${labels || "without labels"}, …${one.id.slice(-5)}, ${formatTime(one.created)}, ${count(stored)} A-lines`;
 }

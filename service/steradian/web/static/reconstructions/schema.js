@@ -12,84 +12,84 @@ import { api } from "../api.js";
  */
 
 /** @type {Promise<any> | null} */
-let known = null;
+let documentPromise = null;
 
 /** The document of the API; read once. */
 export function apiDocument() {
-  known ??= api.get("/openapi.json").catch((error) => {
-    known = null;
+  documentPromise ??= api.get("/openapi.json").catch((error) => {
+    documentPromise = null;
     throw error;
   });
-  return known;
+  return documentPromise;
 }
 
 /** Groups of fields of a schema: its own first, then one for each object in it. @param {string} name @returns {Promise<Group[]>} */
-export async function groupsOf(name) {
+export async function parameterGroups(name) {
   const { components: { schemas } } = await apiDocument();
-  return groupsIn(schemas, schemas[name], [], spoken(name), "");
+  return groupsOfSchema(schemas, schemas[name], [], displayName(name), "");
 }
 
 /** @param {any} schemas @param {any} schema @param {string[]} path @param {string} title @param {string} description @returns {Group[]} */
-export function groupsIn(schemas, schema, path, title, description) {
-  const own = /** @type {Group} */ ({ path, title, description, fields: [] });
+export function groupsOfSchema(schemas, schema, path, title, description) {
+  const ownGroup = /** @type {Group} */ ({ path, title, description, fields: [] });
   const inner = [];
   for (const [name, one] of Object.entries(schema.properties ?? {})) {
-    const found = resolved(schemas, one);
-    if (found.properties) inner.push(...groupsIn(schemas, found, [...path, name], spoken(name), (one.description ?? found.description ?? "").split("\n")[0]));
-    else own.fields.push(fieldOf([...path, name], one, found));
+    const target = resolveReference(schemas, one);
+    if (target.properties) inner.push(...groupsOfSchema(schemas, target, [...path, name], displayName(name), (one.description ?? target.description ?? "").split("\n")[0]));
+    else ownGroup.fields.push(createField([...path, name], one, target));
   }
-  return [own, ...inner];
+  return [ownGroup, ...inner];
 }
 
 /** @param {any} schemas @param {any} schema */
-function resolved(schemas, schema) {
+function resolveReference(schemas, schema) {
   const name = schema.$ref?.split("/").pop();
   return name ? schemas[name] : schema;
 }
 
-/** @param {string[]} path @param {any} about @param {any} schema @returns {Field} */
-function fieldOf(path, about, schema) {
+/** @param {string[]} path @param {any} property @param {any} schema @returns {Field} */
+function createField(path, property, schema) {
   const options = schema.anyOf ?? [schema];
-  const rest = options.filter((/** @type {any} */ one) => one.type !== "null");
-  const main = rest.find((/** @type {any} */ one) => ["number", "integer", "array", "boolean"].includes(one.type)) ?? rest[0] ?? {};
-  const words = rest.flatMap((/** @type {any} */ one) => (one === main ? [] : one.const ? [one.const] : one.enum ?? []));
+  const alternatives = options.filter((/** @type {any} */ one) => one.type !== "null");
+  const main = alternatives.find((/** @type {any} */ one) => ["number", "integer", "array", "boolean"].includes(one.type)) ?? alternatives[0] ?? {};
+  const words = alternatives.flatMap((/** @type {any} */ one) => (one === main ? [] : one.const ? [one.const] : one.enum ?? []));
   return {
-    path, name: spoken(path[path.length - 1]), description: about.description ?? "", unit: about["x-unit"] ?? "",
-    kind: kindOf(main), nullable: options.length > rest.length, default: about.default ?? null,
+    path, name: displayName(path[path.length - 1]), description: property.description ?? "", unit: property["x-unit"] ?? "",
+    kind: fieldKind(main), nullable: options.length > alternatives.length, default: property.default ?? null,
     minimum: main.minimum ?? main.exclusiveMinimum ?? null, maximum: main.maximum ?? main.exclusiveMaximum ?? null,
     choices: main.enum ?? main.items?.enum ?? [], words,
   };
 }
 
 /** @param {any} schema @returns {Field["kind"]} */
-function kindOf(schema) {
+function fieldKind(schema) {
   if (schema.enum) return "choice";
   if (schema.type === "array") {
     if (schema.items?.enum) return "choices";
     const kinds = (schema.items?.anyOf ?? [schema.items ?? {}]).map((/** @type {any} */ one) => one.type);
-    const all = (/** @type {string[]} */ ...some) => kinds.every((/** @type {string} */ kind) => some.includes(kind));
-    if (schema.maxItems === 2 && all("number", "integer", "null")) return "range";
-    if (all("number", "integer")) return "numbers";
-    return all("array") && schema.items.maxItems === 2 && kindOf(schema.items) === "range" ? "pairs" : "other";
+    const consistsOf = (/** @type {string[]} */ ...kindsAllowed) => kinds.every((/** @type {string} */ kind) => kindsAllowed.includes(kind));
+    if (schema.maxItems === 2 && consistsOf("number", "integer", "null")) return "range";
+    if (consistsOf("number", "integer")) return "numbers";
+    return consistsOf("array") && schema.items.maxItems === 2 && fieldKind(schema.items) === "range" ? "pairs" : "other";
   }
   if (schema.type === "number" || schema.type === "integer" || schema.type === "boolean") return schema.type;
   return schema.type === "string" ? "text" : "other";
 }
 
 /** Words of a name of the API. @param {string} name */
-const wordsOf = (name) => name.replaceAll("_", " ").replace(/\bsound speed\b/, "speed of sound").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
+const displayWords = (name) => name.replaceAll("_", " ").replace(/\bsound speed\b/, "speed of sound").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
 
 /** Where a parameter stands, as it is read. @param {string[]} path */
-export const spokenPath = (path) => path.map(wordsOf).join(", ");
+export const displayPath = (path) => path.map(displayWords).join(", ");
 
 /** A name as it is read: sound_speed becomes Speed of sound. @param {string} name */
-export function spoken(name) {
-  const text = wordsOf(name);
+export function displayName(name) {
+  const text = displayWords(name);
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
 /** Units in which a person gives what the API takes in SI: name and factor. @param {string} unit @returns {[string, number]} */
-export function shownUnit(unit) {
+export function displayUnit(unit) {
   return /** @type {Record<string, [string, number]>} */ ({ m: ["mm", 1e3], nm: ["nm", 1e9], "nm/s": ["nm/s", 1e9], ns: ["ns", 1e9], ms: ["ms", 1e3], "pulses/s": ["Hz", 1], "edges/s": ["Hz", 1], s: ["µs", 1e6], Hz: ["MHz", 1e-6], relative: ["", 1], modes: ["", 1], times: ["×", 1] })[unit] ?? [unit, 1];
 }
 
@@ -99,14 +99,14 @@ export function valueAt(values, path) {
 }
 
 /** The same values with another one at a path; nothing is said where it is the default. @param {any} values @param {string[]} path @param {any} value @returns {any} */
-export function withValue(values, [first, ...rest], value) {
-  const inner = rest.length ? withValue(values?.[first] ?? {}, rest, value) : value;
+export function withValue(values, [first, ...alternatives], value) {
+  const inner = alternatives.length ? withValue(values?.[first] ?? {}, alternatives, value) : value;
   return { ...values, [first]: inner };
 }
 
 /** A value with its unit, as a table shows it. @param {Field} field @param {any} value */
-export function told(field, value) {
-  const [unit, factor] = shownUnit(field.unit);
+export function formatValue(field, value) {
+  const [unit, factor] = displayUnit(field.unit);
   const one = (/** @type {any} */ item) => item === null || item === undefined ? "none" : field.kind === "pairs" ? `(${item.map((/** @type {number} */ number) => Number((number * factor).toPrecision(9))).join(", ")})` : typeof item === "number" ? String(Number((item * factor).toPrecision(9))).replace("-", "−") : typeof item === "object" ? JSON.stringify(item) : String(item);
   const text = Array.isArray(value) ? (value.length ? value.map(one).join(field.kind === "range" ? " to " : ", ") : "none") : one(value);
   return unit && text !== "none" && /[0-9]/.test(text) ? `${text} ${unit}` : text;
@@ -115,7 +115,7 @@ export function told(field, value) {
 /** Fields whose values differ between sets of parameters. @param {Group[]} groups @param {any[]} sets */
 export function differences(groups, sets) {
   return groups.flatMap((group) => group.fields).filter((field) => {
-    const said = sets.map((values) => JSON.stringify(valueAt(values, field.path) ?? field.default));
-    return said.some((one) => one !== said[0]);
+    const serialized = sets.map((values) => JSON.stringify(valueAt(values, field.path) ?? field.default));
+    return serialized.some((one) => one !== serialized[0]);
   });
 }

@@ -5,29 +5,29 @@ import { h } from "../dom.js";
 import { percent } from "../units.js";
 
 /** What people call each scan, by identifier: its labels' texts. @returns {Promise<Map<string, string>>} */
-export async function namesOfScans() {
+export async function scanNames() {
   const { items } = await api.get("/scans?limit=200");
   return new Map(items.map((/** @type {any} */ one) => [one.id, Object.values(one.labels ?? {}).join(", ")]));
 }
 
 /** Who asked for it, as the service knows them: the name of a key, or local. @param {any} one */
-export const askedBy = (one) => one.history[0]?.who ?? "";
+export const requesterOf = (one) => one.history[0]?.who ?? "";
 
 /** @param {any} one */
-export function methodOf(one) {
+export function methodText(one) {
   const { method, modes } = one.parameters ?? {};
   const kind = { "what-if": "what-if, ", live: "live, " }[/** @type {string} */ (one.kind)] ?? "";
   return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
 }
 
 /** How long its last start took, in seconds, once it is over. @param {any} one */
-export const tookOf = (one) => (one.started && one.ended ? (new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3 : null);
+export const runSeconds = (one) => (one.started && one.ended ? (new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3 : null);
 
 /** The speed of sound that was taken. @param {any} one */
-export const speedOf = (one) => (one.parameters?.sound_speed ? `${one.parameters.sound_speed}\u00a0m/s` : "");
+export const soundSpeedText = (one) => (one.parameters?.sound_speed ? `${one.parameters.sound_speed}\u00a0m/s` : "");
 
 /** @param {any} one */
-export function stateOf(one) {
+export function stateElement(one) {
   const { progress } = one;
   if (one.state === "running") {
     const bar = h("progress", { "aria-label": "Progress", ...(progress.total ? { value: progress.done, max: progress.total } : {}) });

@@ -1,16 +1,16 @@
 // @ts-check
 // How a scan stands, and what can be done: pause, resume, stop; and what a finished one offers.
-import { api, onceOnly } from "../api.js";
+import { api, idempotencyHeaders } from "../api.js";
 import { h, openDialog, replace } from "../dom.js";
-import { words } from "../panel_states.js";
-import { count, duration, figure, identifierOf } from "../units.js";
+import { errorElements } from "../panel_states.js";
+import { count, duration, figure, identifierElement } from "../units.js";
 import { startScan } from "./create.js";
-import { leaseOf, WhichScanner } from "./scanner_choice.js";
-import { keeps, OVER, STATES, WISHES } from "./states.js";
-import { at } from "../urls.js";
+import { readLease, ScannerChoice } from "./scanner_choice.js";
+import { stopSummary, FINAL_STATES, STATE_LABELS, TRANSITIONS } from "./states.js";
+import { urlOf } from "../urls.js";
 
-const NAMES = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
-const WINDOW = 5000;
+const ACTION_LABELS = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
+const RATE_WINDOW = 5000;
 
 export class Controls {
   /** @param {HTMLElement} host @param {() => void} changed */
@@ -20,19 +20,19 @@ export class Controls {
     this.pace = h("span", { class: "dim", role: "status" });
     this.buttons = h("div", { class: "row", tabindex: -1, role: "group", "aria-label": "What can be done" });
     this.advice = h("p", { class: "dim caption" });
-    this.said = h("div", { class: "remarks", role: "alert" });
+    this.messages = h("div", { class: "remarks", role: "alert" });
     this.bar = h("progress", { max: 1, value: 0, "aria-label": "A-lines stored" });
     this.labels = h("span");
-    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), h("div", { class: "row below" }, this.labels, this.advice), this.said);
+    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), h("div", { class: "row below" }, this.labels, this.advice), this.messages);
     /** @type {any} */
     this.scan = null;
-    this.drawn = "";
+    this.renderedKey = "";
     this.stored = 0;
     this.total = 0;
-    this.spare = 0;
-    this.isAsking = false;
+    this.unusedShots = 0;
+    this.isSubmitting = false;
     /** @type {[number, number][]} when, how many */
-    this.steps = [];
+    this.history = [];
     /** @type {number | null} seconds, as the service told last */
     this.eta = null;
   }
@@ -43,69 +43,69 @@ export class Controls {
     if (coverage) {
       [this.total, this.stored] = [coverage.points, coverage.stored];
       const needed = (coverage.stored / Math.max(1, plan.beams.length)) * plan.averages;
-      this.spare = OVER.has(scan.state) ? Math.max(0, coverage.fired - needed) : 0; // before, some are under way
+      this.unusedShots = FINAL_STATES.has(scan.state) ? Math.max(0, coverage.fired - needed) : 0; // before, some are under way
     } else {
       this.total = scan.progress.total;
       this.stored = scan.summary?.stored ?? scan.progress.done;
     }
-    if (scan.state !== "running") [this.steps, this.eta] = [[], null];
-    this.count();
-    const drawn = [scan.state, scan.desired_state, scan.error?.detail, JSON.stringify(scan.labels), scan.summary?.stored].join();
-    if (drawn !== this.drawn) {
-      this.drawn = drawn;
-      this.build();
+    if (scan.state !== "running") [this.history, this.eta] = [[], null];
+    this.showCount();
+    const key = [scan.state, scan.desired_state, scan.error?.detail, JSON.stringify(scan.labels), scan.summary?.stored].join();
+    if (key !== this.renderedKey) {
+      this.renderedKey = key;
+      this.render();
     }
   }
 
   /** @param {{done: number, total: number, eta: number | null}} event */
-  advance({ done, total, eta }) {
+  updateProgress({ done, total, eta }) {
     [this.stored, this.total] = [Math.max(this.stored, done), total];
     this.eta = eta ?? this.eta;
-    this.count();
+    this.showCount();
   }
 
   /** Say how many, how fast and how long. */
-  count() {
+  showCount() {
     const now = performance.now();
-    this.steps = [...this.steps.filter(([at]) => now - at < WINDOW), /** @type {[number, number]} */ ([now, this.stored])];
-    const [[since, before]] = this.steps;
-    const rate = now - since > 400 ? ((this.stored - before) * 1e3) / (now - since) : 0;
+    this.history = [...this.history.filter(([at]) => now - at < RATE_WINDOW), /** @type {[number, number]} */ ([now, this.stored])];
+    const [[firstTime, firstStored]] = this.history;
+    const rate = now - firstTime > 400 ? ((this.stored - firstStored) * 1e3) / (now - firstTime) : 0;
     const left = this.eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
     const parts = [`${count(this.stored)} of ${count(this.total)} A-lines`];
-    if (this.spare) parts.push(`${count(this.spare)} shots without an A-line`);
+    if (this.unusedShots) parts.push(`${count(this.unusedShots)} shots without an A-line`);
     if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} a second`, ...(left ? [`${duration(left)} left`] : []));
     this.pace.textContent = parts.join(", ");
     this.bar.max = this.total || 1;
     this.bar.value = this.stored;
-    const over = OVER.has(this.scan?.state);
-    const advice = over || !WISHES[this.scan?.state] ? "" : keeps(this.stored, this.total);
+    const over = FINAL_STATES.has(this.scan?.state);
+    const advice = over || !TRANSITIONS[this.scan?.state] ? "" : stopSummary(this.stored, this.total);
     if (this.advice.textContent !== advice) this.advice.textContent = advice;
   }
 
-  build() {
+  render() {
     const { scan } = this;
     const bad = ["failed", "interrupted"].includes(scan.state);
     const labels = Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`));
-    replace(this.state, identifierOf(scan.id), h("strong", { class: bad ? "fault" : "" }, STATES[scan.state] ?? scan.state), scan.simulated ? h("span", { class: "dim" }, "simulated") : null);
+    replace(this.state, identifierElement(scan.id), h("strong", { class: bad ? "fault" : "" }, STATE_LABELS[scan.state] ?? scan.state), scan.simulated ? h("span", { class: "dim" }, "simulated") : null);
     const completes = scan.completes ? h("span", { class: "dim" }, "completes ", h("a", { href: `/scans/${encodeURIComponent(scan.completes)}` }, `${scan.completes.slice(0, 5)}…${scan.completes.slice(-5)}`)) : null;
     replace(this.labels, labels, completes);
-    const wishes = (WISHES[scan.state] ?? []).filter((wish) => wish !== scan.desired_state || scan.state === "interrupted");
-    const held = this.buttons.contains(document.activeElement) ? document.activeElement : null;
-    replace(this.buttons, wishes.map((wish) => h("button", { type: "button", onclick: () => (wish === "stopped" ? this.confirm() : void this.wish(wish)) }, scan.state === "interrupted" && wish === "running" ? "Go on" : NAMES[wish])),
-      OVER.has(scan.state) ? this.offers() : null);
-    const same = [...this.buttons.querySelectorAll("button")].find((one) => one.textContent === held?.textContent && held !== this.buttons);
-    if (held) (same ?? this.buttons).focus(); // else the place: another button would be pressed by a key that is held down
-    replace(this.said, scan.error ? h("p", { class: "fault" }, scan.error.detail) : null, scan.reason && OVER.has(scan.state) ? h("p", { class: "dim" }, scan.reason) : null);
+    const transitions = (TRANSITIONS[scan.state] ?? []).filter((state) => state !== scan.desired_state || scan.state === "interrupted");
+    const focused = this.buttons.contains(document.activeElement) ? document.activeElement : null;
+    replace(this.buttons, transitions.map((state) => h("button", { type: "button", onclick: () => (state === "stopped" ? this.confirmStop() : void this.requestState(state)) }, scan.state === "interrupted" && state === "running" ? "Go on" : ACTION_LABELS[state])),
+      FINAL_STATES.has(scan.state) ? this.finishedActions() : null);
+    const sameButton = [...this.buttons.querySelectorAll("button")].find((one) => one.textContent === focused?.textContent && focused !== this.buttons);
+    if (focused) (sameButton ?? this.buttons).focus(); // else the place: another button would be pressed by a key that is held down
+    replace(this.messages, scan.error ? h("p", { class: "fault" }, scan.error.detail) : null, scan.reason && FINAL_STATES.has(scan.state) ? h("p", { class: "dim" }, scan.reason) : null);
   }
 
   /** What can follow a scan that is over and of which no image was made. @returns {Node[]} */
-  nextSteps() {
+  imageActions() {
     if (!this.scan?.summary?.stored) return [h("a", { class: "button", href: "/design" }, "New design")];
     return [h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct the image")];
   }
 
   /** What can follow a scan that is over. @returns {Node[]} */
-  offers() {
+  finishedActions() {
     const { stored, points } = this.scan.summary ?? {};
     if (!stored) return [h("a", { class: "button", href: "/design" }, "New design")];
     return [
@@ -118,14 +118,14 @@ export class Controls {
 
   /** @param {any} [more] */
   async reconstruct(more = {}) {
-    if (this.isAsking) return; // it was pressed twice
-    this.isAsking = true;
+    if (this.isSubmitting) return; // it was pressed twice
+    this.isSubmitting = true;
     try {
-      const made = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: onceOnly() });
-      location.assign(at(`/reconstructions/${made.id}`));
+      const created = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: idempotencyHeaders() });
+      location.assign(urlOf(`/reconstructions/${created.id}`));
     } catch (error) {
-      replace(this.said, ...words(error));
-      this.isAsking = false;
+      replace(this.messages, ...errorElements(error));
+      this.isSubmitting = false;
     }
   }
 
@@ -134,58 +134,58 @@ export class Controls {
       const masks = (await api.get("/masks?limit=50")).items.filter((/** @type {any} */ one) => one.id !== this.scan.mask_id);
       const select = h("select", { id: "other-mask" }, masks.map((/** @type {any} */ one) => h("option", { value: one.id }, `${one.arrangement.arrangement ?? "mask"}, ${count(one.count)} points (${one.id.slice(0, 7)}…)`)));
       const body = masks.length ? [h("label", { for: "other-mask" }, "Mask"), select] : [h("p", null, "There is no other mask yet: design one, or make it by the API.")];
-      ask("Look through another mask", "The scan as if only that mask's points had been measured.", body, masks.length ? "Reconstruct" : "", () => void this.reconstruct({ through: { mask_id: select.value } }));
+      openConfirmDialog("Look through another mask", "The scan as if only that mask's points had been measured.", body, masks.length ? "Reconstruct" : "", () => void this.reconstruct({ through: { mask_id: select.value } }));
     } catch (error) {
-      replace(this.said, ...words(error));
+      replace(this.messages, ...errorElements(error));
     }
   }
 
   /** Its scanner goes on with it; where that one is no more, a person says which. */
   async confirmMissing() {
     const { stored, points } = this.scan.summary;
-    const which = new WhichScanner();
+    const scannerChoice = new ScannerChoice();
     try {
       const { items } = await api.get("/scanners");
-      const own = items.find((/** @type {any} */ one) => one.id === this.scan.scanner_id);
-      which.show(own ? [own] : items);
+      const ownScanner = items.find((/** @type {any} */ one) => one.id === this.scan.scanner_id);
+      scannerChoice.show(ownScanner ? [ownScanner] : items);
     } catch (error) {
-      replace(this.said, ...words(error));
+      replace(this.messages, ...errorElements(error));
       return;
     }
     const text = `A new scan begins with these ${count(stored)} A-lines and measures the other ${count(points - stored)}, if film and scanner prove to be as they were. This one stays as it is. The laser fires.`;
-    ask("Measure the missing points", text, [which.host], "Measure", () => void this.complete(which));
+    openConfirmDialog("Measure the missing points", text, [scannerChoice.host], "Measure", () => void this.startCompletion(scannerChoice));
   }
 
-  /** Have a new scan measure what this one misses. @param {WhichScanner} which */
-  async complete(which) {
+  /** Have a new scan measure what this one misses. @param {ScannerChoice} scannerChoice */
+  async startCompletion(scannerChoice) {
     try {
       const { id, plan_id, labels } = this.scan;
-      const made = await startScan({ plan_id, labels, completes: id, ...which.wish });
-      location.assign(at(`/scans/${made.id}`));
+      const created = await startScan({ plan_id, labels, completes: id, ...scannerChoice.request });
+      location.assign(urlOf(`/scans/${created.id}`));
     } catch (error) {
-      replace(this.said, ...words(error));
+      replace(this.messages, ...errorElements(error));
     }
   }
 
-  confirm() {
-    ask("Stop the scan", keeps(this.stored, this.total), [], "Stop and keep", () => void this.wish("stopped"));
+  confirmStop() {
+    openConfirmDialog("Stop the scan", stopSummary(this.stored, this.total), [], "Stop and keep", () => void this.requestState("stopped"));
   }
 
   /** @param {string} state */
-  async wish(state) {
+  async requestState(state) {
     try {
-      const lease = state === "running" ? await leaseOf(this.scan.scanner_id) : null;
+      const lease = state === "running" ? await readLease(this.scan.scanner_id) : null;
       const headers = lease ? { "Scanner-Lease": String(lease.fence) } : undefined;
       await api.put(`/scans/${this.scan.id}/desired-state`, { state, reason: "asked for on the page" }, { headers });
       this.changed();
     } catch (error) {
-      replace(this.said, ...words(error));
+      replace(this.messages, ...errorElements(error));
     }
   }
 }
 
 /** @param {string} title @param {string} text @param {Node[]} body @param {string} name of what is done, none: nothing @param {() => void} act */
-function ask(title, text, body, name, act) {
+function openConfirmDialog(title, text, body, name, act) {
   const dialog = h("dialog", { "aria-labelledby": "ask-title" }, h("form", { method: "dialog" },
     h("h2", { id: "ask-title" }, title), h("p", null, text), ...body,
     h("menu", null, h("button", { value: "" }, "Cancel"), name ? h("button", { class: "primary", value: "yes" }, name) : null)));

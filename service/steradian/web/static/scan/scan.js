@@ -1,23 +1,23 @@
 // @ts-check
 // A scan as it runs: map, image, A-line, and what a person can have it do.
 import { api } from "../api.js";
-import { byId, h, identifier, replace } from "../dom.js";
+import { byId, h, pathIdentifier, replace } from "../dom.js";
 import { live } from "../event_stream.js";
-import { failed, loading } from "../panel_states.js";
+import { showError, showLoading } from "../panel_states.js";
 import { Controls } from "./controls.js";
-import { Growing } from "./live_image.js";
-import { Guards } from "./interlocks.js";
+import { LiveImage } from "./live_image.js";
+import { Interlocks } from "./interlocks.js";
 import { ScanMap } from "./scan_map.js";
 import { Shots } from "./shots.js";
 import { Signals } from "./signals/signals.js";
-import { Trace } from "./aline_plot.js";
-import { OVER } from "./states.js";
+import { AlinePlot } from "./aline_plot.js";
+import { FINAL_STATES } from "./states.js";
 
-const id = identifier();
+const id = pathIdentifier();
 const host = byId("scan");
-const MANY = 20_000; // A-lines, from which on they are looked at less often
-const QUICK = 200;
-const SLOW = 1500;
+const MANY_ALINES = 20_000; // A-lines, from which on they are looked at less often
+const SHORT_INTERVAL = 200;
+const LONG_INTERVAL = 1500;
 const FULL_SCALE = 32_767; // of 16 bits
 const panel = (/** @type {string} */ name, live = true) => h("section", { class: `panel ${live ? "live" : ""} ${name}`, "data-steradian": `scan-${name}` });
 const [head, mapPanel, imagePanel, tracePanel, signalsPanel] = [panel("head"), panel("map"), panel("image"), panel("trace"), panel("signals", false)];
@@ -28,128 +28,128 @@ let scan = null;
 let plan = null;
 /** @type {Shots | null} */
 let shots = null;
-let isRead = false; // whether any of them was told
-let lastLook = 0;
+let hasShots = false; // whether any of them was told
+let lastReadTime = 0;
 /** @type {number | null} */
-let chosen = null;
+let selectedRow = null;
 
-loading(host);
-let built = false;
-const controls = new Controls(head, () => void read());
-const guards = new Guards();
-head.append(guards.line);
-const map = new ScanMap(mapPanel, (row) => {
-  chosen = row;
-  showTrace();
+showLoading(host);
+let isBuilt = false;
+const controls = new Controls(head, () => void readScan());
+const interlocks = new Interlocks();
+head.append(interlocks.line);
+const scanMap = new ScanMap(mapPanel, (row) => {
+  selectedRow = row;
+  showAline();
 });
-const line = new Trace(tracePanel);
-line.follow.addEventListener("click", () => {
-  chosen = map.chosen = null;
-  map.plane.draw();
-  showTrace();
+const alinePlot = new AlinePlot(tracePanel);
+alinePlot.followButton.addEventListener("click", () => {
+  selectedRow = scanMap.selectedRow = null;
+  scanMap.plane.draw();
+  showAline();
 });
 const signals = new Signals(signalsPanel, id, (row) => {
-  chosen = map.chosen = row;
-  map.plane.draw();
-  showTrace();
+  selectedRow = scanMap.selectedRow = row;
+  scanMap.plane.draw();
+  showAline();
 });
 const imageBody = h("div", { class: "image-body" });
 imagePanel.append(h("h2", null, "Image"), imageBody);
-const growing = new Growing(imageBody, id, () => controls.nextSteps());
+const liveImage = new LiveImage(imageBody, id, () => controls.imageActions());
 
-async function read() {
+async function readScan() {
   try {
     scan = await api.get(`/scans/${id}`);
-    guards.of = scan.scanner_id;
-    const turned = built && growing.running === OVER.has(scan.state);
-    growing.running = !OVER.has(scan.state);
-    if (!built) await build();
-    controls.show(scan, plan, isRead ? shots?.coverage : null);
-    signals.of(map.plane.aperture, !OVER.has(scan.state));
-    if (turned) void growing.find(); // what is offered or said of the image is another thing now
-    await look();
+    interlocks.scannerId = scan.scanner_id;
+    const hasChanged = isBuilt && liveImage.running === FINAL_STATES.has(scan.state);
+    liveImage.running = !FINAL_STATES.has(scan.state);
+    if (!isBuilt) await buildPage();
+    controls.show(scan, plan, hasShots ? shots?.coverage : null);
+    signals.setScan(scanMap.plane.aperture, !FINAL_STATES.has(scan.state));
+    if (hasChanged) void liveImage.findReconstruction(); // what is offered or said of the image is another thing now
+    await readShots();
   } catch (error) {
-    if (!built) failed(host, error, read);
+    if (!isBuilt) showError(host, error, readScan);
   }
 }
 
-async function build() {
-  const [points, found] = await Promise.all([api.get(`/masks/${scan.mask_id}/points`), api.get(`/plans/${scan.plan_id}`)]);
+async function buildPage() {
+  const [points, planResponse] = await Promise.all([api.get(`/masks/${scan.mask_id}/points`), api.get(`/plans/${scan.plan_id}`)]);
   const mask = await api.get(`/masks/${scan.mask_id}`);
-  plan = found;
-  map.place(points.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), mask.aperture);
+  plan = planResponse;
+  scanMap.setPositions(points.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), mask.aperture);
   replace(host, head, mapPanel, imagePanel, tracePanel, signalsPanel);
   shots = new Shots(points.count, plan.frames * Math.max(1, plan.excitation.length));
-  map.update(shots, false);
-  built = true;
-  void growing.find();
+  scanMap.update(shots, false);
+  isBuilt = true;
+  void liveImage.findReconstruction();
 }
 
 /** Whether there is a file to look into. */
-function hasBegun() {
-  return isRead || scan.progress.done > 0 || (scan.summary?.stored ?? 0) > 0;
+function hasFile() {
+  return hasShots || scan.progress.done > 0 || (scan.summary?.stored ?? 0) > 0;
 }
 
-let asking = false;
-let due = false;
+let isReading = false;
+let isDue = false;
 
 /** Look at what is new, one look at a time, not more often than it can be shown. */
-async function look() {
-  due = true;
-  if (asking) return;
-  asking = true;
-  while (due) {
-    const wait = lastLook + ((shots?.stored.length ?? 0) > MANY ? SLOW : QUICK) - performance.now();
+async function readShots() {
+  isDue = true;
+  if (isReading) return;
+  isReading = true;
+  while (isDue) {
+    const wait = lastReadTime + ((shots?.stored.length ?? 0) > MANY_ALINES ? LONG_INTERVAL : SHORT_INTERVAL) - performance.now();
     if (wait > 0) await new Promise((go) => setTimeout(go, wait));
-    due = false;
-    lastLook = performance.now();
-    if (!shots || !hasBegun()) continue;
+    isDue = false;
+    lastReadTime = performance.now();
+    if (!shots || !hasFile()) continue;
     try {
-      shots.take(await api.get(shots.path(id)));
-      isRead = true;
-      map.update(shots, !OVER.has(scan.state));
-      controls.show(scan, plan, isRead ? shots?.coverage : null);
-      await trace();
+      shots.apply(await api.get(shots.path(id)));
+      hasShots = true;
+      scanMap.update(shots, !FINAL_STATES.has(scan.state));
+      controls.show(scan, plan, hasShots ? shots?.coverage : null);
+      await readAline();
     } catch {
       // no file yet, or the bar says that nobody answers
     }
   }
-  asking = false;
+  isReading = false;
 }
 
 /** Show the chosen A-line, or else the newest, unless it is shown already. */
-async function trace() {
-  const row = chosen;
-  line.follow.hidden = row === null;
+async function readAline() {
+  const row = selectedRow;
+  alinePlot.followButton.hidden = row === null;
   if (!shots || (row === null && shots.newest < 0)) return;
   const path = `/scans/${id}/alines${row === null ? "/latest" : `?slice=${row}`}`;
-  const headers = line.tag && row === null ? { "If-None-Match": line.tag } : undefined;
-  const answer = await api.ask("GET", path, undefined, { accept: "application/octet-stream", headers });
-  if (answer.status === 304 || row !== chosen) return;
+  const headers = alinePlot.etag && row === null ? { "If-None-Match": alinePlot.etag } : undefined;
+  const answer = await api.request("GET", path, undefined, { accept: "application/octet-stream", headers });
+  if (answer.status === 304 || row !== selectedRow) return;
   const isWhole = (answer.headers.get("X-Dtype") ?? "").endsWith("i2");
   const body = await answer.arrayBuffer();
   const point = (row ?? Number(answer.headers.get("X-Row"))) % shots.points;
-  line.tag = row === null ? (answer.headers.get("ETag") ?? "") : "";
-  line.show({
+  alinePlot.etag = row === null ? (answer.headers.get("ETag") ?? "") : "";
+  alinePlot.show({
     samples: isWhole ? new Int16Array(body) : new Float32Array(body),
     interval: plan.sampling_interval,
-    zero: row === null ? Number(answer.headers.get("X-Origin")) || 0 : shots.zero[row],
+    zero: row === null ? Number(answer.headers.get("X-Origin")) || 0 : shots.timeZero[row],
     full: isWhole ? FULL_SCALE : null,
     point,
     title: `${row === null ? "Newest" : "Chosen"}, point ${point}`,
   });
 }
 
-function showTrace() {
-  trace().catch(() => null); // the bar says that nobody answers
+function showAline() {
+  readAline().catch(() => null); // the bar says that nobody answers
 }
 
-live.on("scan", (event) => event.id === id && read());
-live.on("again", read);
+live.on("scan", (event) => event.id === id && readScan());
+live.on("again", readScan);
 live.on("progress", (event) => {
-  if (event.id !== id || !built) return;
+  if (event.id !== id || !isBuilt) return;
   scan.progress = event;
-  controls.advance(event);
-  void look();
+  controls.updateProgress(event);
+  void readShots();
 });
-setInterval(() => live.state.is === "cut" && !document.hidden && read(), SLOW);
+setInterval(() => live.state.is === "cut" && !document.hidden && readScan(), LONG_INTERVAL);

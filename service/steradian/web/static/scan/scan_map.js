@@ -1,7 +1,7 @@
 // @ts-check
 // The live map: which points are stored, flagged, missing, and where the beam is now; counts are filters of it.
 import { h, replace } from "../dom.js";
-import { Plane } from "../point_map.js";
+import { PointMap } from "../point_map.js";
 import { colour, onTheme } from "../theme.js";
 import { count } from "../units.js";
 import { FLAGS } from "./shots.js";
@@ -12,65 +12,65 @@ import { FLAGS } from "./shots.js";
 const MISSING = 0;
 const STORED = 1;
 const FLAGGED = 2;
-const ASIDE = 3;
+const FILTERED_OUT = 3;
 
 export class ScanMap {
   /**
    * @param {HTMLElement} host
-   * @param {(row: number | null) => void} chosen a point that is to be shown; null: the newest again
+   * @param {(row: number | null) => void} selectedRow a point that is to be shown; null: the newest again
    */
-  constructor(host, chosen) {
+  constructor(host, selectedRow) {
     this.filters = h("div", { class: "row filters", role: "group", "aria-label": "Show only" });
     this.frame = h("select", { "aria-label": "Frame", hidden: true, onchange: () => this.draw() });
     const stage = h("div", { class: "stage" });
     host.append(h("div", { class: "row spread" }, this.filters, this.frame), stage);
-    this.plane = new Plane(stage, "The points of the scan: stored, flagged and missing; left and right arrow choose an A-line, Escape the newest");
-    this.plane.over.push((context, to) => this.paint(context, to));
+    this.plane = new PointMap(stage, "The points of the scan: stored, flagged and missing; left and right arrow choose an A-line, Escape the newest");
+    this.plane.painters.push((context, to) => this.paint(context, to));
     this.filter = "";
     /** @type {Shots | null} */
     this.shots = null;
     /** @type {number | null} row that somebody chose */
-    this.chosen = null;
-    this.moves = false;
-    onTheme(() => this.tint());
-    this.tint();
+    this.selectedRow = null;
+    this.isMoving = false;
+    onTheme(() => this.updateColours());
+    this.updateColours();
     this.plane.canvas.addEventListener("click", (event) => {
       const point = this.plane.nearest(/** @type {PointerEvent} */ (event));
       const row = point < 0 ? -1 : this.offset + point;
-      choose(row >= 0 && row !== this.chosen && this.shots?.stored[row] ? row : null);
+      select(row >= 0 && row !== this.selectedRow && this.shots?.stored[row] ? row : null);
     });
-    const choose = (/** @type {number | null} */ row) => {
-      this.chosen = row;
+    const select = (/** @type {number | null} */ row) => {
+      this.selectedRow = row;
       this.plane.draw();
-      chosen(row);
+      selectedRow(row);
     };
     this.plane.canvas.tabIndex = 0;
     this.plane.canvas.setAttribute("role", "application"); // its arrow keys are its own
     this.plane.canvas.addEventListener("keydown", (event) => {
-      const way = { ArrowLeft: -1, ArrowRight: 1, Escape: 0 }[event.key];
-      if (way === undefined) return;
+      const direction = { ArrowLeft: -1, ArrowRight: 1, Escape: 0 }[event.key];
+      if (direction === undefined) return;
       event.preventDefault();
-      choose(way ? this.beside(way) : null);
+      select(direction ? this.neighbourOf(direction) : null);
     });
   }
 
-  /** The next A-line of this frame that is stored, or the one before. @param {number} way @returns {number | null} */
-  beside(way) {
+  /** The next A-line of this frame that is stored, or the one before. @param {number} direction @returns {number | null} */
+  neighbourOf(direction) {
     const { length } = this.plane.places;
-    let point = (this.chosen ?? this.shots?.newest ?? 0) % (length || 1);
+    let point = (this.selectedRow ?? this.shots?.newest ?? 0) % (length || 1);
     for (let n = 0; n < length; n++) {
-      point = (point + way + length) % length;
+      point = (point + direction + length) % length;
       if (this.shots?.stored[this.offset + point]) return this.offset + point;
     }
     return null;
   }
 
   /** @param {Place[]} places @param {number} aperture */
-  place(places, aperture) {
+  setPositions(places, aperture) {
     this.plane.show(places, aperture);
   }
 
-  tint() {
+  updateColours() {
     this.plane.palette = [colour("--missing"), colour("--accent"), colour("--fault"), colour("--line")];
     this.plane.draw();
   }
@@ -80,16 +80,16 @@ export class ScanMap {
     return Number(this.frame.value || 0) * this.plane.places.length;
   }
 
-  /** @param {Shots} shots @param {boolean} moves whether the beam moves over the map now */
-  update(shots, moves) {
+  /** @param {Shots} shots @param {boolean} isMoving whether the beam moves over the map now */
+  update(shots, isMoving) {
     this.shots = shots;
-    this.moves = moves;
-    this.countFrames(shots.coverage.frames);
+    this.isMoving = isMoving;
+    this.setFrameCount(shots.coverage.frames);
     this.draw();
   }
 
   /** @param {number} number */
-  countFrames(number) {
+  setFrameCount(number) {
     if (this.frame.options.length === number) return;
     replace(this.frame, Array.from({ length: number }, (_, n) => h("option", { value: n }, `Frame ${n + 1} of ${number}`)));
     this.frame.hidden = number < 2;
@@ -99,14 +99,14 @@ export class ScanMap {
     const { shots } = this;
     if (!shots) return;
     const { offset } = this;
-    const wanted = this.filter;
-    const bit = FLAGS.find(([, name]) => name === wanted)?.[0] ?? 0;
+    const activeFilter = this.filter;
+    const bit = FLAGS.find(([, name]) => name === activeFilter)?.[0] ?? 0;
     this.plane.classes = Uint8Array.from(this.plane.places, (_, point) => {
       const row = offset + point;
-      const is = !shots.stored[row] ? MISSING : shots.quality[row] ? FLAGGED : STORED;
-      if (!wanted) return is;
-      const passes = bit ? is !== MISSING && (shots.quality[row] & bit) !== 0 : wanted === "stored" ? is !== MISSING : is === MISSING;
-      return passes ? is : ASIDE;
+      const status = !shots.stored[row] ? MISSING : shots.quality[row] ? FLAGGED : STORED;
+      if (!activeFilter) return status;
+      const passes = bit ? status !== MISSING && (shots.quality[row] & bit) !== 0 : activeFilter === "stored" ? status !== MISSING : status === MISSING;
+      return passes ? status : FILTERED_OUT;
     });
     this.plane.draw();
     this.showCounts(shots);
@@ -115,7 +115,7 @@ export class ScanMap {
   /** @param {Shots} shots */
   showCounts(shots) {
     const { stored, missing, flags } = shots.coverage;
-    const flagged = FLAGS.map(([, name, told]) => /** @type {[string, number]} */ ([name, flags[told] ?? 0]));
+    const flagged = FLAGS.map(([, name, apiName]) => /** @type {[string, number]} */ ([name, flags[apiName] ?? 0]));
     const counts = new Map([["stored", stored], ["missing", missing], ...flagged]);
     const buttons = /** @type {HTMLButtonElement[]} */ ([...this.filters.children]);
     if (!buttons.length) {
@@ -131,14 +131,14 @@ export class ScanMap {
     for (const button of buttons) {
       const name = button.dataset.filter ?? "";
       const text = `${name} ${count(counts.get(name))}`;
-      const said = /** @type {HTMLElement} */ (button.lastElementChild);
-      if (said.textContent !== text) said.textContent = text;
+      const label = /** @type {HTMLElement} */ (button.lastElementChild);
+      if (label.textContent !== text) label.textContent = text;
       button.setAttribute("aria-pressed", String(this.filter === name));
       button.hidden = !counts.get(name) && name !== "stored" && name !== "missing" && this.filter !== name;
     }
   }
 
-  /** Flagged points have a form of their own beside their colour, and rings mark the newest and the chosen one. @param {CanvasRenderingContext2D} context @param {(place: Place) => Place} to */
+  /** Flagged points have a form of their own beside their colour, and rings mark the newest and the chosen one. @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to */
   paint(context, to) {
     const { classes, places, radius } = this.plane;
     const arm = radius + 2;
@@ -154,15 +154,15 @@ export class ScanMap {
       context.lineTo(x + arm, y - arm);
     }
     context.stroke();
-    if (this.moves && this.shots) this.mark(context, to, this.shots.newest, colour("--text"));
-    if (this.chosen !== null) this.mark(context, to, this.chosen, colour("--accent"));
+    if (this.isMoving && this.shots) this.mark(context, to, this.shots.newest, colour("--text"));
+    if (this.selectedRow !== null) this.mark(context, to, this.selectedRow, colour("--accent"));
   }
 
-  /** @param {CanvasRenderingContext2D} context @param {(place: Place) => Place} to @param {number} row @param {string} stroke */
+  /** @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to @param {number} row @param {string} stroke */
   mark(context, to, row, stroke) {
-    const place = this.plane.places[row - this.offset];
-    if (!place) return;
-    const [x, y] = to(place);
+    const position = this.plane.places[row - this.offset];
+    if (!position) return;
+    const [x, y] = to(position);
     context.strokeStyle = stroke;
     context.lineWidth = 2;
     context.beginPath();

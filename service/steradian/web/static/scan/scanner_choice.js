@@ -3,13 +3,13 @@
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 
-const NAME = "which-scanner";
+const SELECT_ID = "which-scanner";
 
-export class WhichScanner {
+export class ScannerChoice {
   constructor() {
-    this.select = h("select", { id: NAME, "aria-label": "Which scanner", onchange: () => { this.chosen = this.select.value; } });
-    this.host = h("label", { class: "row", for: NAME, hidden: true }, "Which scanner", this.select);
-    this.chosen = "";
+    this.select = h("select", { id: SELECT_ID, "aria-label": "Which scanner", onchange: () => { this.selected = this.select.value; } });
+    this.host = h("label", { class: "row", for: SELECT_ID, hidden: true }, "Which scanner", this.select);
+    this.selected = "";
     this.names = "";
   }
 
@@ -19,22 +19,22 @@ export class WhichScanner {
     if (names.join() === this.names) return;
     this.names = names.join();
     this.host.hidden = names.length < 2;
-    if (!names.includes(this.chosen)) this.chosen = "";
+    if (!names.includes(this.selected)) this.selected = "";
     replace(this.select, [h("option", { value: "" }, "choose …"), ...names.map((name) => h("option", { value: name }, name))]);
-    this.select.value = this.chosen;
+    this.select.value = this.selected;
   }
 
   /** What a wish for a scan says of it; raises an error where it is still to be chosen. @returns {{scanner_id?: string}} */
-  get wish() {
+  get request() {
     if (this.host.hidden) return {};
-    if (this.chosen) return { scanner_id: this.chosen };
+    if (this.selected) return { scanner_id: this.selected };
     this.select.focus();
     throw new Error("Which scanner is to run it? Choose one.");
   }
 }
 
 /** The lease that runs on a scanner, or null; where no scanner is named, that of the only one. @param {string | null} [name] */
-export async function leaseOf(name) {
+export async function readLease(name) {
   const { items } = await api.get("/scanners");
   const one = items.find((/** @type {any} */ each) => each.id === name) ?? (items.length === 1 ? items[0] : null);
   return one?.lease ?? null;

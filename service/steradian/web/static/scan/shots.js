@@ -12,28 +12,28 @@ export class Shots {
     this.points = points;
     this.stored = new Uint8Array(points * frames);
     this.quality = new Uint32Array(points * frames);
-    this.zero = new Float64Array(points * frames); // s from the pulse to the first sample
+    this.timeZero = new Float64Array(points * frames); // s from the pulse to the first sample
     /** @type {any} counts as the service tells them */
     this.coverage = { points: points * frames, frames, stored: 0, missing: points * frames, fired: 0, flags: {} };
     this.newest = -1;
-    this.next = "";
+    this.cursor = "";
   }
 
   /** Where to ask for what this does not know. @param {string} id of the scan */
   path(id) {
-    return `/scans/${id}/shots${this.next ? `?since=${encodeURIComponent(this.next)}` : ""}`;
+    return `/scans/${id}/shots${this.cursor ? `?since=${encodeURIComponent(this.cursor)}` : ""}`;
   }
 
-  /** @param {any} told an answer of that address */
-  take(told) {
-    for (let n = 0; n < told.points.length; n++) {
-      const row = told.frames[n] * this.points + told.points[n];
-      this.stored[row] = Number(told.stored[n]);
-      this.quality[row] = told.quality[n];
-      this.zero[row] = told.time_zero[n] ?? 0;
+  /** @param {any} response an answer of that address */
+  apply(response) {
+    for (let n = 0; n < response.points.length; n++) {
+      const row = response.frames[n] * this.points + response.points[n];
+      this.stored[row] = Number(response.stored[n]);
+      this.quality[row] = response.quality[n];
+      this.timeZero[row] = response.time_zero[n] ?? 0;
     }
-    this.coverage = told.coverage;
-    this.newest = told.newest ?? -1;
-    this.next = told.next;
+    this.coverage = response.coverage;
+    this.newest = response.newest ?? -1;
+    this.cursor = response.next;
   }
 }

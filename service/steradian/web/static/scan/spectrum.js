@@ -12,16 +12,16 @@ export function spectrum(samples, interval) {
   let mean = 0;
   for (let n = 0; n < samples.length; n++) mean += samples[n] / samples.length;
   for (let n = 0; n < samples.length; n++) real[n] = (samples[n] - mean) * Math.sin((Math.PI * (n + 0.5)) / samples.length) ** 2;
-  transform(real, imaginary);
+  fft(real, imaginary);
   const levels = Float64Array.from({ length: size / 2 }, (_, k) => Math.hypot(real[k], imaginary[k]));
   const strongest = levels.reduce((best, one, k) => (one > levels[best] ? k : best), 0);
-  const most = levels[strongest] || 1;
+  const maxLevel = levels[strongest] || 1;
   const step = 1 / (size * interval);
-  return { levels: levels.map((one) => 20 * Math.log10(Math.max(one / most, 1e-6))), step, peak: strongest * step };
+  return { levels: levels.map((one) => 20 * Math.log10(Math.max(one / maxLevel, 1e-6))), step, peak: strongest * step };
 }
 
 /** Fourier transform in place, of a power of two. @param {Float64Array} real @param {Float64Array} imaginary */
-function transform(real, imaginary) {
+function fft(real, imaginary) {
   const size = real.length;
   for (let n = 1, mirrored = 0; n < size; n++) {
     let bit = size >> 1;

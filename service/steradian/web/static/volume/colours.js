@@ -21,19 +21,19 @@ const KNOTS = {
 export const PRESSURE_MAPS = /** @type {const} */ (["inferno", "grey", "cividis", "depth"]);
 
 /** @type {Map<MapName, Uint32Array>} */
-const made = new Map();
+const tables = new Map();
 
 /** The table of a map; made once.
  *
  * @param {MapName} name
  */
-export function table(name) {
-  const known = made.get(name);
-  if (known) return known;
+export function colourTable(name) {
+  const cached = tables.get(name);
+  if (cached) return cached;
   const colours = Array.from({ length: 256 }, (_, n) => colourOf(name, n / 255));
-  const filled = Uint32Array.from(colours, packed);
-  made.set(name, filled);
-  return filled;
+  const pixels = Uint32Array.from(colours, toPixel);
+  tables.set(name, pixels);
+  return pixels;
 }
 
 /** @param {MapName} name  @param {number} share  @returns {Colour} */
@@ -84,7 +84,7 @@ function oklab(lightness, chroma, hue) {
 }
 
 /** @param {Colour} colour */
-function packed([red, green, blue]) {
+function toPixel([red, green, blue]) {
   return ((255 << 24) | (Math.round(blue) << 16) | (Math.round(green) << 8) | Math.round(red)) >>> 0;
 }
 
@@ -95,7 +95,7 @@ function packed([red, green, blue]) {
  * @param {[number, number]} window  values at the table's ends
  * @param {Uint32Array} out  pixels
  */
-export function rampOver(colours, [from, to], window, out) {
+export function paintRamp(colours, [from, to], window, out) {
   const values = Float64Array.from(out, (_, n) => from + ((n + 0.5) / out.length) * (to - from));
   paint({ values, shape: [out.length, 1] }, window, colours, { out });
 }
@@ -125,14 +125,14 @@ export function paint({ values, shape: [na, nb] }, [low, high], colours, { up = 
  * @param {{up?: boolean, out: Uint32Array}} how
  */
 export function paintDepths({ values, shape: [na, nb] }, depth, [low, high], { up = false, out }) {
-  const hues = table("depth");
+  const hues = colourTable("depth");
   const scale = high > low ? 1 / (high - low) : 0;
   for (let i = 0; i < na; i++) {
     for (let j = 0; j < nb; j++) {
       const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 1);
       const hue = hues[Math.min(Math.max(Math.round(255 * depth(i, j)), 0), 255)];
       const dimmed = [hue & 255, (hue >> 8) & 255, (hue >> 16) & 255].map((channel) => channel * share);
-      out[(up ? nb - 1 - j : j) * na + i] = packed(/** @type {Colour} */ (dimmed));
+      out[(up ? nb - 1 - j : j) * na + i] = toPixel(/** @type {Colour} */ (dimmed));
     }
   }
 }

@@ -1,10 +1,10 @@
 // @ts-check
 // How often which value is seen, and the window of values that the colours stand for, with a handle at either end.
-import { framed, h } from "../dom.js";
+import { oncePerFrame, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { PRESSURE, figure } from "../units.js";
-import { rampOver, table } from "./colours.js";
-import { mmOf } from "./panes.js";
+import { paintRamp, colourTable } from "./colours.js";
+import { mmText } from "./panes.js";
 
 /** @typedef {import("./shared_state.js").Stage} Stage */
 
@@ -30,21 +30,21 @@ export class Histogram {
       this.bar, this.depthScale,
       h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
         h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")));
-    this.draw = framed(() => this.drawNow());
+    this.draw = oncePerFrame(() => this.render());
     stage.store.on((_view, changed) => (changed.has("window") || changed.has("map")) && this.draw());
     onTheme(() => this.draw());
   }
 
   /** Range of values drawn: of the whole volume, wider if the window is. @returns {[number, number]} */
   get range() {
-    const { least, greatest, window } = this.stage;
-    return [Math.min(least, window[0]), Math.max(greatest, window[1])];
+    const { minValue, maxValue, window } = this.stage;
+    return [Math.min(minValue, window[0]), Math.max(maxValue, window[1])];
   }
 
-  /** @param {number} which @param {string} name */
-  handle(which, name) {
+  /** @param {number} handleIndex @param {string} name */
+  handle(handleIndex, name) {
     const handle = h("div", {
-      class: "handle", role: "slider", tabindex: 0, "aria-label": name, dataset: { handle: which ? "high" : "low" },
+      class: "handle", role: "slider", tabindex: 0, "aria-label": name, dataset: { handle: handleIndex ? "high" : "low" },
     });
     handle.addEventListener("pointerdown", (event) => {
       handle.setPointerCapture(event.pointerId);
@@ -55,34 +55,34 @@ export class Histogram {
       if (!handle.hasPointerCapture(event.pointerId)) return;
       const box = this.canvas.getBoundingClientRect();
       const [low, high] = this.range;
-      this.set(which, low + ((event.clientX - box.left) / box.width) * (high - low));
+      this.setWindow(handleIndex, low + ((event.clientX - box.left) / box.width) * (high - low));
     });
     handle.addEventListener("keydown", (event) => {
-      const way = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
-      if (!way) return;
+      const direction = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+      if (!direction) return;
       const [low, high] = this.range;
-      this.set(which, this.stage.window[which] + way * STEP * (high - low));
+      this.setWindow(handleIndex, this.stage.window[handleIndex] + direction * STEP * (high - low));
       event.preventDefault();
     });
     return handle;
   }
 
-  /** @param {number} which @param {string} name */
-  input(which, name) {
+  /** @param {number} handleIndex @param {string} name */
+  input(handleIndex, name) {
     const input = h("input", { type: "number", step: "any", "aria-label": `Window ${name}`, class: "short" });
-    input.addEventListener("change", () => Number.isFinite(input.valueAsNumber) && this.set(which, input.valueAsNumber));
+    input.addEventListener("change", () => Number.isFinite(input.valueAsNumber) && this.setWindow(handleIndex, input.valueAsNumber));
     return input;
   }
 
-  /** @param {number} which @param {number} value */
-  set(which, value) {
+  /** @param {number} handleIndex @param {number} value */
+  setWindow(handleIndex, value) {
     const window = /** @type {[number, number]} */ ([...this.stage.window]);
-    const least = (this.range[1] - this.range[0]) / 1000 || 1e-12;
-    window[which] = which ? Math.max(value, window[0] + least) : Math.min(value, window[1] - least);
+    const minWidth = (this.range[1] - this.range[0]) / 1000 || 1e-12;
+    window[handleIndex] = handleIndex ? Math.max(value, window[0] + minWidth) : Math.min(value, window[1] - minWidth);
     this.stage.store.change({ window });
   }
 
-  drawNow() {
+  render() {
     const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
     const [low, high] = this.range;
     const counts = new Float64Array(BINS);
@@ -93,11 +93,11 @@ export class Histogram {
         if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // neither what is not a number nor what lies below
       }
     }
-    const most = Math.log1p(Math.max(...counts)) || 1;
+    const maxCount = Math.log1p(Math.max(...counts)) || 1;
     context.clearRect(0, 0, WIDTH, HEIGHT);
     context.fillStyle = colour("--dim");
     counts.forEach((count, n) => {
-      const height = (Math.log1p(count) / most) * (HEIGHT - 4);
+      const height = (Math.log1p(count) / maxCount) * (HEIGHT - 4);
       context.fillRect((n * WIDTH) / BINS, HEIGHT - height, WIDTH / BINS, height);
     });
     this.stage.window.forEach((value, n) => {
@@ -115,14 +115,14 @@ export class Histogram {
 
   /** Which value has which colour, below the same value of the histogram; of colours that mean depth, which depth. */
   drawBar() {
-    const { byDepth, colours, depths, window } = this.stage;
+    const { isDepthMap: byDepth, colours, depths, window } = this.stage;
     const bar = /** @type {CanvasRenderingContext2D} */ (this.bar.getContext("2d"));
     const pixels = new ImageData(WIDTH, 1);
     const out = new Uint32Array(pixels.data.buffer);
-    if (byDepth) rampOver(table("depth"), depths, depths, out);
-    else rampOver(colours, this.range, window, out);
+    if (byDepth) paintRamp(colourTable("depth"), depths, depths, out);
+    else paintRamp(colours, this.range, window, out);
     bar.putImageData(pixels, 0, 0);
     this.depthScale.hidden = !byDepth;
-    depths.forEach((mm, n) => (this.depths[n].textContent = mmOf(mm)));
+    depths.forEach((mm, n) => (this.depths[n].textContent = mmText(mm)));
   }
 }

@@ -1,14 +1,14 @@
 // @ts-check
 // The tools: a line's profile and width, a region's statistics, and how far it stands out of a background.
 import { api } from "../api.js";
-import { aroundPoints } from "../design/fields.js";
-import { framed, h, renew, s } from "../dom.js";
+import { designQueryAround } from "../design/fields.js";
+import { oncePerFrame, h, replaceKeepingFocus, s } from "../dom.js";
 import { PRESSURE, count, figure, pressure } from "../units.js";
 import { PLANES } from "./volume_data.js";
 import { contrastToNoise, fwhm, profile, statistics } from "./measurements.js";
-import { inMm, mmOf } from "./panes.js";
+import { formatMm, mmText } from "./panes.js";
 import { lengthOf, lengthWithError, ticks } from "./scale.js";
-import { MOST_POINTS } from "./view_state.js";
+import { MAX_POINTS } from "./view_state.js";
 import { ObjectWidths } from "./object_width.js";
 
 /** @typedef {import("./shared_state.js").Stage} Stage */
@@ -16,7 +16,7 @@ import { ObjectWidths } from "./object_width.js";
 /** @typedef {import("./view_state.js").Mark} Mark */
 /** @typedef {import("./view_state.js").Triple} Triple */
 
-const TOOLS = {
+const TOOL_TEXTS = {
   crosshair: ["Crosshair", "Click or drag in a view: the others go there."],
   line: ["Line", "Drag a line across something: its profile and full width at half maximum appear here."],
   region: ["Region", "Drag a rectangle over an object: mean, deviation, extremes."],
@@ -26,39 +26,39 @@ const TOOLS = {
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 154, 40, 22, 20];
 
 export class Tools {
-  /** @param {Stage} stage @param {SliceView[]} views @param {any} about the reconstruction, of the API */
-  constructor(stage, views, about) {
+  /** @param {Stage} stage @param {SliceView[]} views @param {any} reconstruction the reconstruction, of the API */
+  constructor(stage, views, reconstruction) {
     this.stage = stage;
     this.views = views;
-    this.about = about;
+    this.reconstruction = reconstruction;
     /** @type {number | null | undefined} of the mask that sensed this (m); undefined: not asked for, null: not known */
     this.aperture = undefined;
-    this.widths = new ObjectWidths(stage, about);
-    this.buttons = Object.entries(TOOLS).map(([name, [text]], n) =>
+    this.widths = new ObjectWidths(stage, reconstruction);
+    this.buttons = Object.entries(TOOL_TEXTS).map(([name, [text]], n) =>
       h("button", { type: "button", dataset: { tool: name }, title: `Key ${n + 1}`, onclick: () => stage.store.change({ tool: name }) }, text));
     this.hint = h("p", { class: "dim small" });
     this.results = h("div", { class: "stack", "aria-live": "polite" });
     this.element = h("div", { class: "stack" }, h("div", { class: "row", role: "group", "aria-label": "Tool" }, ...this.buttons), this.hint, this.results);
-    this.show = framed(() => this.showNow());
+    this.show = oncePerFrame(() => this.render());
     stage.store.on(this.show);
-    for (const view of views) view.ears.add(this.show);
-    this.showNow();
+    for (const view of views) view.listeners.add(this.show);
+    this.render();
   }
 
   /** The plane that a mark lies in, as it is shown now. @param {Mark} mark */
-  planeOf(mark) {
+  shownPlane(mark) {
     return this.views.find((view) => view.axis === mark.plane)?.plane ?? null;
   }
 
-  showNow() {
+  render() {
     const { view } = this.stage;
     for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.tool === view.tool));
-    this.hint.textContent = TOOLS[/** @type {keyof typeof TOOLS} */ (view.tool)][1];
+    this.hint.textContent = TOOL_TEXTS[/** @type {keyof typeof TOOL_TEXTS} */ (view.tool)][1];
     const parts = [view.line && this.line(view.line), view.region && this.region(view.region, "Region", "region")];
     parts.push(view.background && this.region(view.background, "Background", "background"));
     if (view.region && view.background) parts.push(this.contrast(view.region, view.background));
     if (view.points.length || view.tool === "point") parts.push(this.points(view.points));
-    if (!renew(this.results, ...parts)) this.buttons.find((button) => button.dataset.tool === view.tool)?.focus();
+    if (!replaceKeepingFocus(this.results, ...parts)) this.buttons.find((button) => button.dataset.tool === view.tool)?.focus();
   }
 
   /** @param {string} title @param {"line" | "region" | "background"} name @param {...(Node | null)} children */
@@ -71,63 +71,63 @@ export class Tools {
 
   /** @param {Mark} mark */
   line(mark) {
-    const plane = this.planeOf(mark);
+    const plane = this.shownPlane(mark);
     if (!plane) return null;
-    const found = profile(plane, mark.from, mark.to);
-    const width = fwhm(found);
+    const measured = profile(plane, mark.from, mark.to);
+    const width = fwhm(measured);
     const length = Math.hypot(mark.to[0] - mark.from[0], mark.to[1] - mark.from[1]);
-    return this.result(`Line in ${PLANES[mark.plane].join("–")}`, "line", this.chart(found, width),
-      figures([
+    return this.result(`Line in ${PLANES[mark.plane].join("–")}`, "line", this.chart(measured, width),
+      figureList([
         ["FWHM", width ? lengthWithError(width.width, width.error) : "no peak falls to a half on both sides", "fwhm", width?.width],
         ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? `0 ${PRESSURE}` : pressure(width.base)}` : "–"],
         ["Length", lengthOf(length)],
       ]),
       width && width.error !== null ? h("p", { class: "dim small" }, "± is the repeatability under the noise, not the accuracy: the width contains the mask's own point spread.") : null,
-      width ? this.widths.of(mark) : null,
+      width ? this.widths.resultFor(mark) : null,
       width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's repeatability.") : null);
   }
 
   /** @param {Mark} mark @param {string} title @param {"region" | "background"} name */
   region(mark, title, name) {
-    const plane = this.planeOf(mark);
-    const found = plane && statistics(plane, mark);
-    if (!found) return this.result(title, name, h("p", { class: "dim" }, "No voxel's centre lies in it."));
-    return this.result(`${title} in ${PLANES[mark.plane].join("–")}`, name, figures([
-      ["Mean", pressure(found.mean), "mean", found.mean],
-      ["Deviation", pressure(found.deviation), "deviation", found.deviation],
-      ["Least, greatest", `${figure(found.least)}, ${pressure(found.greatest)}`],
-      ["Area", `${figure(found.area)} mm², ${count(found.count)} voxels`],
+    const plane = this.shownPlane(mark);
+    const measured = plane && statistics(plane, mark);
+    if (!measured) return this.result(title, name, h("p", { class: "dim" }, "No voxel's centre lies in it."));
+    return this.result(`${title} in ${PLANES[mark.plane].join("–")}`, name, figureList([
+      ["Mean", pressure(measured.mean), "mean", measured.mean],
+      ["Deviation", pressure(measured.deviation), "deviation", measured.deviation],
+      ["Least, greatest", `${figure(measured.least)}, ${pressure(measured.greatest)}`],
+      ["Area", `${figure(measured.area)} mm², ${count(measured.count)} voxels`],
     ]));
   }
 
   /** @param {Mark} region @param {Mark} background */
   contrast(region, background) {
     const [one, other] = [region, background].map((mark) => {
-      const plane = this.planeOf(mark);
+      const plane = this.shownPlane(mark);
       return plane && statistics(plane, mark);
     });
     if (!one || !other) return null;
     const ratio = contrastToNoise(one, other);
     return h("section", { dataset: { result: "contrast" } }, h("h3", null, "Contrast"),
-      figures([["Contrast-to-noise", Number.isFinite(ratio) ? figure(ratio) : "the background is constant", "contrast", ratio]]));
+      figureList([["Contrast-to-noise", Number.isFinite(ratio) ? figure(ratio) : "the background is constant", "contrast", ratio]]));
   }
 
   /** Points of interest, and the way to a mask around them. @param {Triple[]} points */
   points(points) {
-    if (points.length && this.aperture === undefined) void this.askAperture();
+    if (points.length && this.aperture === undefined) void this.loadAperture();
     const { flat } = this.stage.source;
-    const set = (/** @type {Triple[]} */ all) => this.stage.store.change({ points: all });
-    const rows = points.map((place, n) => h("li", null, `x ${inMm(place[0])}${flat ? "" : `, y ${inMm(place[1])}`}, z ${mmOf(place[2])} `,
-      h("button", { type: "button", class: "quiet", "aria-label": `Remove point ${n + 1}`, onclick: () => set(points.filter((_, m) => m !== n)) }, "remove")));
-    const add = h("button", { type: "button", disabled: points.length >= (flat ? 1 : MOST_POINTS), onclick: () => set([...points, this.stage.place]) }, "Add the crosshair");
-    const lead = h("a", { class: "button primary", href: `/design?${aroundPoints(points, flat, this.aperture ?? null)}` }, points.length > 1 ? `Mask around these ${points.length} points` : "Mask around this point");
-    return h("section", { dataset: { result: "points" } }, h("h3", null, "Points of interest"), h("ol", { class: "points" }, rows), h("div", { class: "row" }, add, points.length ? lead : null));
+    const setPoints = (/** @type {Triple[]} */ all) => this.stage.store.change({ points: all });
+    const rows = points.map((place, n) => h("li", null, `x ${formatMm(place[0])}${flat ? "" : `, y ${formatMm(place[1])}`}, z ${mmText(place[2])} `,
+      h("button", { type: "button", class: "quiet", "aria-label": `Remove point ${n + 1}`, onclick: () => setPoints(points.filter((_, m) => m !== n)) }, "remove")));
+    const addButton = h("button", { type: "button", disabled: points.length >= (flat ? 1 : MAX_POINTS), onclick: () => setPoints([...points, this.stage.position]) }, "Add the crosshair");
+    const designLink = h("a", { class: "button primary", href: `/design?${designQueryAround(points, flat, this.aperture ?? null)}` }, points.length > 1 ? `Mask around these ${points.length} points` : "Mask around this point");
+    return h("section", { dataset: { result: "points" } }, h("h3", null, "Points of interest"), h("ol", { class: "points" }, rows), h("div", { class: "row" }, addButton, points.length ? designLink : null));
   }
 
   /** Look how large the mask is that sensed this: another one is to be as large. */
-  async askAperture() {
+  async loadAperture() {
     this.aperture = null;
-    const scan = await api.get(`/scans/${this.about.scan_id}`).catch(() => null);
+    const scan = await api.get(`/scans/${this.reconstruction.scan_id}`).catch(() => null);
     const mask = scan && (await api.get(`/masks/${scan.mask_id}`).catch(() => null));
     this.aperture = mask?.aperture ?? null;
     this.show();
@@ -155,7 +155,7 @@ export class Tools {
 }
 
 /** @param {[string, string, string?, number?, string?][]} rows with the figure itself, for scripts of others, and what it is */
-export function figures(rows) {
-  return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value, what]) => [
-    h("dt", { title: what || null }, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));
+export function figureList(rows) {
+  return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value, description]) => [
+    h("dt", { title: description || null }, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));
 }

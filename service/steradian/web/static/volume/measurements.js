@@ -13,7 +13,7 @@
  * @typedef {{count: number, mean: number, deviation: number, least: number, greatest: number, area: number}} Statistics
  */
 
-const MOST_SAMPLES = 4096;
+const MAX_SAMPLES = 4096;
 
 /** Weights of the four voxels around a place by cubic convolution (R. Keys, 1981), which keeps narrow peaks as high
  * and wide as they are; between two voxels it is exact for parabolas.
@@ -21,7 +21,7 @@ const MOST_SAMPLES = 4096;
  * @param {number} t  place between the second and the third, 0 to 1
  * @returns {[number, number, number, number]}
  */
-function weights(t) {
+function cubicWeights(t) {
   return [
     t * (-0.5 + t * (1 - 0.5 * t)),
     1 + t * t * (1.5 * t - 2.5),
@@ -40,12 +40,12 @@ export function sample(plane, a, b) {
   const [na, nb] = plane.shape;
   const i = (a - plane.origin[0]) / plane.spacing[0];
   const j = (b - plane.origin[1]) / plane.spacing[1];
-  const slack = 1e-6; // a place on the outermost centre may come out a rounding beyond it
-  if (!(i >= -slack && j >= -slack && i <= na - 1 + slack && j <= nb - 1 + slack)) return NaN;
+  const tolerance = 1e-6; // a place on the outermost centre may come out a rounding beyond it
+  if (!(i >= -tolerance && j >= -tolerance && i <= na - 1 + tolerance && j <= nb - 1 + tolerance)) return NaN;
   const i0 = Math.min(Math.max(Math.floor(i), 0), Math.max(na - 2, 0));
   const j0 = Math.min(Math.max(Math.floor(j), 0), Math.max(nb - 2, 0));
-  const u = weights(i - i0);
-  const v = weights(j - j0);
+  const u = cubicWeights(i - i0);
+  const v = cubicWeights(j - j0);
   let sum = 0;
   for (let di = 0; di < 4; di++) {
     const row = Math.min(Math.max(i0 + di - 1, 0), na - 1) * nb;
@@ -67,7 +67,7 @@ export function profile(plane, from, to) {
   const [da, db] = [to[0] - from[0], to[1] - from[1]];
   const length = Math.hypot(da, db);
   const step = Math.min(plane.spacing[0], plane.spacing[1]) / 2;
-  const count = Math.min(MOST_SAMPLES, Math.max(2, Math.ceil(length / step) + 1));
+  const count = Math.min(MAX_SAMPLES, Math.max(2, Math.ceil(length / step) + 1));
   const distances = [];
   const values = [];
   for (let n = 0; n < count; n++) {
@@ -101,23 +101,23 @@ export function fwhm({ distances, values }) {
   if (values.length < 3) return null;
   let top = 0;
   for (let n = 1; n < values.length; n++) if (values[n] > values[top]) top = n;
-  let beside = /** @type {number[]} */ ([]);
+  let baseline = /** @type {number[]} */ ([]);
   let base = 0;
-  let found = crossings(distances, values, top, base);
-  for (let turn = 0; turn < 3 && found; turn++) {
-    const { left, right } = found;
-    const reach = right - left;
-    beside = [...values].filter((_, n) => distances[n] < left - reach || distances[n] > right + reach);
-    if (beside.length < 8) break;
-    base = median(beside);
-    found = crossings(distances, values, top, base);
+  let halfWidth = crossings(distances, values, top, base);
+  for (let iteration = 0; iteration < 3 && halfWidth; iteration++) {
+    const { left, right } = halfWidth;
+    const span = right - left;
+    baseline = [...values].filter((_, n) => distances[n] < left - span || distances[n] > right + span);
+    if (baseline.length < 8) break;
+    base = median(baseline);
+    halfWidth = crossings(distances, values, top, base);
   }
-  if (!found) return null;
-  const { left, right, rise, fall } = found;
+  if (!halfWidth) return null;
+  const { left, right, rise, fall } = halfWidth;
   const height = values[top] - base;
   let error = null;
-  if (beside.length >= 8) {
-    const noise = 1.4826 * median(beside.map((value) => Math.abs(value - base)));
+  if (baseline.length >= 8) {
+    const noise = 1.4826 * median(baseline.map((value) => Math.abs(value - base)));
     error = noise * Math.hypot(1 / rise, 1 / fall, 0.5 * (1 / rise + 1 / fall));
   }
   return { width: right - left, error, centre: (left + right) / 2, height, base, left, right };
@@ -133,12 +133,12 @@ export function fwhm({ distances, values }) {
 function crossings(distances, values, top, base) {
   const half = (values[top] + base) / 2;
   if (!(values[top] > base)) return null;
-  const places = [-1, 1].map((way) => {
-    for (let n = top; n + way >= 0 && n + way < values.length; n += way) {
-      if (values[n + way] > half) continue;
-      const share = (values[n] - half) / (values[n] - values[n + way]);
-      const slope = Math.abs((values[n + way] - values[n]) / (distances[n + way] - distances[n]));
-      return { at: distances[n] + share * (distances[n + way] - distances[n]), slope };
+  const places = [-1, 1].map((direction) => {
+    for (let n = top; n + direction >= 0 && n + direction < values.length; n += direction) {
+      if (values[n + direction] > half) continue;
+      const share = (values[n] - half) / (values[n] - values[n + direction]);
+      const slope = Math.abs((values[n + direction] - values[n]) / (distances[n + direction] - distances[n]));
+      return { at: distances[n] + share * (distances[n + direction] - distances[n]), slope };
     }
     return null;
   });
@@ -159,10 +159,10 @@ export function statistics(plane, { from, to }) {
     return [Math.max(0, Math.ceil(low - 1e-9)), Math.min(plane.shape[axis] - 1, Math.floor(high + 1e-9))];
   });
   let [count, sum, least, greatest] = [0, 0, Infinity, -Infinity];
-  /** @param {(value: number) => void} see */
-  const each = (see) => {
+  /** @param {(value: number) => void} visit */
+  const each = (visit) => {
     for (let i = ranges[0][0]; i <= ranges[0][1]; i++) {
-      for (let j = ranges[1][0]; j <= ranges[1][1]; j++) see(plane.values[i * plane.shape[1] + j]);
+      for (let j = ranges[1][0]; j <= ranges[1][1]; j++) visit(plane.values[i * plane.shape[1] + j]);
     }
   };
   each((value) => {

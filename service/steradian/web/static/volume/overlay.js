@@ -1,17 +1,17 @@
 // @ts-check
 // What lies over a slice: edges with ticks in mm, crosshair, marks of the tools, scale bar.
-import { PLANES, at } from "./volume_data.js";
-import { rampOver, table } from "./colours.js";
-import { lengthOf, round, ticks } from "./scale.js";
+import { PLANES, axisIndex } from "./volume_data.js";
+import { paintRamp, colourTable } from "./colours.js";
+import { lengthOf, roundDown, ticks } from "./scale.js";
 
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {[number, number]} Pair */
 
-const LINE = "#ffffff";
-const UNDER = "rgb(0 0 0 / .75)";
-const DEPTHS = 110; // pixels of the key to the depth's colours
-const GAP = 7; // pixels around the place that the crosshair leaves free
-export const MARKS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
+const LINE_COLOUR = "#ffffff";
+const SHADOW = "rgb(0 0 0 / .75)";
+const DEPTH_BAR_WIDTH = 110; // pixels of the key to the depth's colours
+const CROSSHAIR_GAP = 7; // pixels around the place that the crosshair leaves free
+export const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
 
 /** @param {SliceView} view */
 export function drawOverlay(view) {
@@ -30,8 +30,8 @@ export function drawOverlay(view) {
  *
  * @param {CanvasRenderingContext2D} context @param {string} colour @param {number} width @param {() => void} path
  */
-export function outlined(context, colour, width, path) {
-  for (const [style, wide] of /** @type {[string, number][]} */ ([[UNDER, width + 2], [colour, width]])) {
+export function strokeOutlined(context, colour, width, path) {
+  for (const [style, wide] of /** @type {[string, number][]} */ ([[SHADOW, width + 2], [colour, width]])) {
     context.beginPath();
     path();
     context.strokeStyle = style;
@@ -41,8 +41,8 @@ export function outlined(context, colour, width, path) {
 }
 
 /** @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y @param {string} [colour] */
-export function label(context, text, x, y, colour = LINE) {
-  context.strokeStyle = UNDER;
+export function drawLabel(context, text, x, y, colour = LINE_COLOUR) {
+  context.strokeStyle = SHADOW;
   context.lineWidth = 3;
   context.lineJoin = "round";
   context.strokeText(text, x, y);
@@ -53,38 +53,38 @@ export function label(context, text, x, y, colour = LINE) {
 /** @param {CanvasRenderingContext2D} context @param {SliceView} view */
 function drawTicks(context, view) {
   const [across, up] = PLANES[view.axis];
-  const [left, right] = [view.toPlace(0, 0)[0], view.toPlace(view.width, 0)[0]];
-  const vertical = [view.toPlace(0, 0)[1], view.toPlace(0, view.height)[1]].sort((one, other) => one - other);
+  const [left, right] = [view.toPosition(0, 0)[0], view.toPosition(view.width, 0)[0]];
+  const vertical = [view.toPosition(0, 0)[1], view.toPosition(0, view.height)[1]].sort((one, other) => one - other);
   const [x0, x1] = view.stage.ends(across);
   const [y0, y1] = view.stage.ends(up);
   context.textAlign = "center";
   context.textBaseline = "top";
   for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 70)) {
     const [x] = view.toPixels(mm, 0);
-    outlined(context, LINE, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
-    if (x > 22 && x < view.width - 22) label(context, String(mm).replace("-", "−"), x, 7);
+    strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
+    if (x > 22 && x < view.width - 22) drawLabel(context, String(mm).replace("-", "−"), x, 7);
   }
   context.textAlign = "left";
   context.textBaseline = "middle";
   for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), view.height / 44)) {
     const [, y] = view.toPixels(0, mm);
-    outlined(context, LINE, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
-    if (y > 22 && y < view.height - 32) label(context, String(mm).replace("-", "−"), 8, y);
+    strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
+    if (y > 22 && y < view.height - 32) drawLabel(context, String(mm).replace("-", "−"), 8, y);
   }
   context.textBaseline = "bottom";
-  label(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);
+  drawLabel(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {SliceView} view */
 function drawCrosshair(context, view) {
   const [across, up] = PLANES[view.axis];
-  const [x, y] = view.toPixels(view.stage.place[at(across)], view.stage.place[at(up)]);
+  const [x, y] = view.toPixels(view.stage.position[axisIndex(across)], view.stage.position[axisIndex(up)]);
   context.globalAlpha = 0.7;
-  outlined(context, LINE, 1, () => {
-    context.moveTo(0, y); context.lineTo(x - GAP, y);
-    context.moveTo(x + GAP, y); context.lineTo(view.width, y);
-    context.moveTo(x, 0); context.lineTo(x, y - GAP);
-    context.moveTo(x, y + GAP); context.lineTo(x, view.height);
+  strokeOutlined(context, LINE_COLOUR, 1, () => {
+    context.moveTo(0, y); context.lineTo(x - CROSSHAIR_GAP, y);
+    context.moveTo(x + CROSSHAIR_GAP, y); context.lineTo(view.width, y);
+    context.moveTo(x, 0); context.lineTo(x, y - CROSSHAIR_GAP);
+    context.moveTo(x, y + CROSSHAIR_GAP); context.lineTo(x, view.height);
   });
   context.globalAlpha = 1;
 }
@@ -97,7 +97,7 @@ function drawMarks(context, view) {
     const [x0, y0] = view.toPixels(...mark.from);
     const [x1, y1] = view.toPixels(...mark.to);
     context.setLineDash(name === "background" ? [5, 4] : []);
-    outlined(context, MARKS[name], 2, () => {
+    strokeOutlined(context, MARK_COLOURS[name], 2, () => {
       if (name === "line") { context.moveTo(x0, y0); context.lineTo(x1, y1); }
       else context.rect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
     });
@@ -112,32 +112,32 @@ function drawPoints(context, view) {
   context.textAlign = "left";
   context.textBaseline = "middle";
   view.stage.view.points.forEach((place, n) => {
-    const [x, y] = view.toPixels(place[at(across)], place[at(up)]);
-    outlined(context, LINE, 2, () => context.arc(x, y, 8, 0, 2 * Math.PI));
-    label(context, String(n + 1), x + 12, y);
+    const [x, y] = view.toPixels(place[axisIndex(across)], place[axisIndex(up)]);
+    strokeOutlined(context, LINE_COLOUR, 2, () => context.arc(x, y, 8, 0, 2 * Math.PI));
+    drawLabel(context, String(n + 1), x + 12, y);
   });
 }
 
 /** @param {CanvasRenderingContext2D} context @param {number} scale pixels a mm @param {number} width @param {number} height */
 export function drawScaleBar(context, scale, width, height) {
-  const mm = round(Math.max(width / 4, 40) / scale);
+  const mm = roundDown(Math.max(width / 4, 40) / scale);
   const [right, y] = [width - 12, height - 12];
-  outlined(context, LINE, 3, () => { context.moveTo(right - mm * scale, y); context.lineTo(right, y); });
+  strokeOutlined(context, LINE_COLOUR, 3, () => { context.moveTo(right - mm * scale, y); context.lineTo(right, y); });
   context.textAlign = "right";
   context.textBaseline = "bottom";
-  label(context, lengthOf(mm), right, y - 5);
+  drawLabel(context, lengthOf(mm), right, y - 5);
 }
 
 /** Which colour is which depth. @param {CanvasRenderingContext2D} context @param {Pair} depths in mm @param {number} height */
-export function drawDepths(context, depths, height) {
-  const pixels = new ImageData(DEPTHS, 1);
-  rampOver(table("depth"), depths, depths, new Uint32Array(pixels.data.buffer));
-  const ramp = new OffscreenCanvas(DEPTHS, 1);
+export function drawDepthBar(context, depths, height) {
+  const pixels = new ImageData(DEPTH_BAR_WIDTH, 1);
+  paintRamp(colourTable("depth"), depths, depths, new Uint32Array(pixels.data.buffer));
+  const ramp = new OffscreenCanvas(DEPTH_BAR_WIDTH, 1);
   /** @type {OffscreenCanvasRenderingContext2D} */ (ramp.getContext("2d")).putImageData(pixels, 0, 0);
   const [left, y] = [12, height - 16];
-  outlined(context, LINE, 1, () => context.rect(left, y, DEPTHS, 6));
-  context.drawImage(ramp, left, y, DEPTHS, 6);
+  strokeOutlined(context, LINE_COLOUR, 1, () => context.rect(left, y, DEPTH_BAR_WIDTH, 6));
+  context.drawImage(ramp, left, y, DEPTH_BAR_WIDTH, 6);
   context.textAlign = "left";
   context.textBaseline = "bottom";
-  label(context, `depth ${depths.map((mm) => mm.toFixed(1)).join(" … ")} mm`, left, y - 4);
+  drawLabel(context, `depth ${depths.map((mm) => mm.toFixed(1)).join(" … ")} mm`, left, y - 4);
 }

@@ -1,99 +1,99 @@
 // @ts-check
 // The four views with what stands under each: where its slice is and how thick its slab.
 import { h } from "../dom.js";
-import { AXES, PLANES, at, indexOf, placeOf } from "./volume_data.js";
+import { AXES, PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
 import { lengthOf } from "./scale.js";
 
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Triple} Triple */
 
-const STEPS = 40; // of the slab's slider, between a slice and everything
+const SLAB_STEPS = 40; // of the slab's slider, between a slice and everything
 
 /** @param {number} mm @param {number} [decimals] */
 const signed = (mm, decimals = 1) => mm.toFixed(decimals).replace("-", "−");
 
 /** As all places are told, without the unit. @param {number} mm */
-export const inMm = (mm) => signed(mm, 2);
+export const formatMm = (mm) => signed(mm, 2);
 
 /** @param {number} mm */
-export const mmOf = (mm) => `${inMm(mm)} mm`;
+export const mmText = (mm) => `${formatMm(mm)} mm`;
 
 /** A view with its controls. @param {SliceView} view */
-export function pane(view) {
+export function slicePane(view) {
   const { stage, axis } = view;
   const { source, store } = stage;
-  const n = at(axis);
+  const n = axisIndex(axis);
   const title = h("h2", null, view.name);
-  const where = h("span", { class: "dim nowrap", dataset: { where: view.name } });
+  const caption = h("span", { class: "dim nowrap", dataset: { where: view.name } });
   const slice = h("input", { type: "range", min: 0, max: source.shape[n] - 1, step: 1, "aria-label": `${axis} of the ${view.name} view` });
-  const slab = h("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": `Thickness of the ${view.name} view's slab` });
+  const slab = h("input", { type: "range", min: 0, max: SLAB_STEPS, step: 1, "aria-label": `Thickness of the ${view.name} view's slab` });
   slice.addEventListener("input", () => {
-    const place = /** @type {Triple} */ ([...stage.place]);
-    place[n] = placeOf(source, axis, Number(slice.value));
+    const place = /** @type {Triple} */ ([...stage.position]);
+    place[n] = voxelPosition(source, axis, Number(slice.value));
     store.change({ at: place });
   });
   slab.addEventListener("input", () => {
     const all = /** @type {Triple} */ ([...stage.view.slab]);
-    all[n] = thickness(Number(slab.value), source.spacing[n], stage.extent(axis));
-    store.change({ slab: all, at: stage.place });
+    all[n] = thicknessAt(Number(slab.value), source.spacing[n], stage.extent(axis));
+    store.change({ slab: all, at: stage.position });
   });
   const show = () => {
-    const [place, thick] = [stage.place[n], stage.view.slab[n]];
-    slice.value = String(indexOf(source, axis, place));
-    slice.setAttribute("aria-valuetext", `${axis} ${mmOf(place)}`);
-    slice.disabled = thick === Infinity;
-    slab.value = String(position(thick, source.spacing[n], stage.extent(axis)));
-    const words = thick === Infinity ? "all" : thick === 0 ? "slice" : lengthOf(thick);
-    slab.setAttribute("aria-valuetext", words);
-    where.textContent = view.differs ? "difference, " : "";
-    where.textContent += thick === Infinity ? `maximum along ${axis}` : `${axis} ${mmOf(place)}${thick ? `, slab ${words}` : ", slice"}`;
+    const [place, slabThickness] = [stage.position[n], stage.view.slab[n]];
+    slice.value = String(voxelIndex(source, axis, place));
+    slice.setAttribute("aria-valuetext", `${axis} ${mmText(place)}`);
+    slice.disabled = slabThickness === Infinity;
+    slab.value = String(sliderPosition(slabThickness, source.spacing[n], stage.extent(axis)));
+    const thicknessText = slabThickness === Infinity ? "all" : slabThickness === 0 ? "slice" : lengthOf(slabThickness);
+    slab.setAttribute("aria-valuetext", thicknessText);
+    caption.textContent = view.isDifference ? "difference, " : "";
+    caption.textContent += slabThickness === Infinity ? `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`;
   };
   store.on(show);
-  view.ears.add(show);
+  view.listeners.add(show);
   show();
   const controls = source.flat ? null : h("div", { class: "pane-controls" },
     h("label", null, axis, slice), h("label", null, "slab", slab));
   return h("section", { class: "pane panel", "aria-label": `${view.name} view`, dataset: { steradian: `view-${PLANES[axis].join("")}` } },
-    h("header", null, title, where), view.element, controls);
+    h("header", null, title, caption), view.element, controls);
 }
 
 /** Thickness (mm) of a slider's position: a slice, then more and more, then everything.
  *
  * @param {number} position @param {number} spacing @param {number} extent
  */
-export function thickness(position, spacing, extent) {
+export function thicknessAt(position, spacing, extent) {
   if (position <= 0) return 0;
-  if (position >= STEPS) return Infinity;
-  const least = 2 * spacing;
-  return Number((least * (extent / least) ** ((position - 1) / (STEPS - 1))).toPrecision(3));
+  if (position >= SLAB_STEPS) return Infinity;
+  const minThickness = 2 * spacing;
+  return Number((minThickness * (extent / minThickness) ** ((position - 1) / (SLAB_STEPS - 1))).toPrecision(3));
 }
 
-/** The slider's position for a thickness. @param {number} thick @param {number} spacing @param {number} extent */
-export function position(thick, spacing, extent) {
-  if (thick <= 0) return 0;
-  if (thick === Infinity) return STEPS;
-  const least = 2 * spacing;
-  const share = Math.log(Math.max(thick, least) / least) / Math.log(extent / least);
-  return Math.min(Math.max(Math.round(1 + share * (STEPS - 1)), 1), STEPS - 1);
+/** The slider's position for a thickness. @param {number} slabThickness @param {number} spacing @param {number} extent */
+export function sliderPosition(slabThickness, spacing, extent) {
+  if (slabThickness <= 0) return 0;
+  if (slabThickness === Infinity) return SLAB_STEPS;
+  const minThickness = 2 * spacing;
+  const share = Math.log(Math.max(slabThickness, minThickness) / minThickness) / Math.log(extent / minThickness);
+  return Math.min(Math.max(Math.round(1 + share * (SLAB_STEPS - 1)), 1), SLAB_STEPS - 1);
 }
 
-/** The 3-D view with its box. @param {import("./view_3d.js").SolidView} solid */
-export function solidPane(solid) {
+/** The 3-D view with its box. @param {import("./view_3d.js").View3D} solid */
+export function pane3d(solid) {
   const { stage } = solid;
-  const where = h("span", { class: "dim nowrap", dataset: { where: "3-D" } });
+  const caption = h("span", { class: "dim nowrap", dataset: { where: "3-D" } });
   const place = (/** @type {"x" | "y" | "z"} */ axis, /** @type {number} */ share) => {
     const [first, last] = stage.ends(axis);
     return first + share * (last - first);
   };
-  const tell = () => {
+  const updateCaption = () => {
     const clip = solid.clip;
     const sides = AXES.map((axis, n) => [0, 1].map((side) => place(axis, clip[2 * n + side])));
     const whole = () => sides.map(([from, to]) => (to - from).toFixed(1)).join(" × ");
     const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one)).join("…")}`).join(", ");
-    where.textContent = `${stage.view.clip ? cut() : whole()} mm`;
+    caption.textContent = `${stage.view.clip ? cut() : whole()} mm`;
   };
-  stage.store.on(tell);
-  tell();
+  stage.store.on(updateCaption);
+  updateCaption();
   const sliders = AXES.map((axis, n) => h("span", { class: "clip" }, axis,
     ...[0, 1].map((side) => {
       const slider = h("input", {
@@ -101,7 +101,7 @@ export function solidPane(solid) {
       });
       const show = () => {
         slider.value = String((stage.view.clip ?? [0, 1, 0, 1, 0, 1])[2 * n + side]);
-        slider.setAttribute("aria-valuetext", mmOf(place(axis, Number(slider.value))));
+        slider.setAttribute("aria-valuetext", mmText(place(axis, Number(slider.value))));
       };
       slider.addEventListener("input", () => {
         const clip = /** @type {any} */ ([...(stage.view.clip ?? [0, 1, 0, 1, 0, 1])]);
@@ -114,6 +114,6 @@ export function solidPane(solid) {
       return slider;
     })));
   return h("section", { class: "pane panel", "aria-label": "3-D view", dataset: { steradian: "view-3d" } },
-    h("header", null, h("h2", null, "3-D"), where),
+    h("header", null, h("h2", null, "3-D"), caption),
     solid.element, h("div", { class: "pane-controls" }, h("span", { class: "dim" }, "box"), ...sliders));
 }

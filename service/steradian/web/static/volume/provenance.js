@@ -1,69 +1,69 @@
 // @ts-check
 // How a volume was made: from what, with which parameters, by which version, and how it is made again.
 import { api } from "../api.js";
-import { copy, h, replace } from "../dom.js";
-import { failed } from "../panel_states.js";
-import { clock, count, duration, identifierOf } from "../units.js";
-import { optionsOf, requestOf, shellOf } from "../reconstructions/command.js";
-import { differences, groupsOf, spokenPath, told, valueAt } from "../reconstructions/schema.js";
-import { SERVICE } from "../urls.js";
+import { copyText, h, replace } from "../dom.js";
+import { showError } from "../panel_states.js";
+import { formatTime, count, duration, identifierElement } from "../units.js";
+import { optionsOf, curlCommand, shellCommand } from "../reconstructions/command.js";
+import { differences, parameterGroups, displayPath, formatValue, valueAt } from "../reconstructions/schema.js";
+import { SERVICE_URL } from "../urls.js";
 
-/** @param {any} about the reconstruction, of the API */
-export function made(about) {
+/** @param {any} reconstruction the reconstruction, of the API */
+export function provenance(reconstruction) {
   const element = h("div", { class: "stack" });
-  return { element, open: () => open(element, about).catch((error) => failed(element, error)) };
+  return { element, open: () => load(element, reconstruction).catch((error) => showError(element, error)) };
 }
 
-/** @param {HTMLElement} element @param {any} about */
-async function open(element, about) {
-  const [groups, scan] = await Promise.all([groupsOf("ReconstructionParameters"), api.get(`/scans/${about.scan_id}`).catch(() => null)]);
-  const { report } = about;
+/** @param {HTMLElement} element @param {any} reconstruction */
+async function load(element, reconstruction) {
+  const [groups, scan] = await Promise.all([parameterGroups("ReconstructionParameters"), api.get(`/scans/${reconstruction.scan_id}`).catch(() => null)]);
+  const { report } = reconstruction;
   const seconds = Object.values(report?.seconds ?? {}).reduce((all, one) => all + Number(one), 0);
   replace(element,
     h("dl", { class: "figures" },
-      row("Scan", h("span", null, identifierOf(about.scan_id, `/scans/${about.scan_id}`), about.simulated ? " simulated" : "")),
-      row("Plan", scan ? identifierOf(scan.plan_id) : null),
-      row("Mask", scan ? identifierOf(scan.mask_id) : null),
-      row("Through", about.mask_id ? identifierOf(about.mask_id) : null),
-      row("Labels", Object.entries(scan?.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ") || null),
-      row("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
-      row("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
-      row("Centre in the file's coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
-      row("Made", about.ended ? `${clock(about.ended)}${seconds ? `, in ${duration(seconds)}` : ""}` : null),
-      row("Method", about.parameters.method), row("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
+      entry("Scan", h("span", null, identifierElement(reconstruction.scan_id, `/scans/${reconstruction.scan_id}`), reconstruction.simulated ? " simulated" : "")),
+      entry("Plan", scan ? identifierElement(scan.plan_id) : null),
+      entry("Mask", scan ? identifierElement(scan.mask_id) : null),
+      entry("Through", reconstruction.mask_id ? identifierElement(reconstruction.mask_id) : null),
+      entry("Labels", Object.entries(scan?.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ") || null),
+      entry("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
+      entry("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
+      entry("Centre in the file's coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
+      entry("Made", reconstruction.ended ? `${formatTime(reconstruction.ended)}${seconds ? `, in ${duration(seconds)}` : ""}` : null),
+      entry("Method", reconstruction.parameters.method), entry("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
-    h("h3", null, "Parameters other than the defaults"), parameters(groups, about.parameters),
+    h("h3", null, "Parameters other than the defaults"), parameters(groups, reconstruction.parameters),
     h("div", { class: "row" },
-      h("a", { class: "button primary", href: `/reconstructions?again=${about.id}` }, "Again …"),
-      h("a", { class: "button", href: `/reconstructions/${about.id}` }, "Log and attempts")),
-    ...again(groups, about));
+      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Again …"),
+      h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Log and attempts")),
+    ...rerunCommands(groups, reconstruction));
 }
 
 /** @param {import("../reconstructions/schema.js").Group[]} groups @param {any} values */
 function parameters(groups, values) {
   const fields = differences(groups, [values, {}]);
   if (!fields.length) return h("p", { class: "dim" }, "None.");
-  return h("dl", { class: "figures" }, fields.flatMap((field) => row(spokenPath(field.path), told(field, valueAt(values, field.path)))));
+  return h("dl", { class: "figures" }, fields.flatMap((field) => entry(displayPath(field.path), formatValue(field, valueAt(values, field.path)))));
 }
 
-/** @param {import("../reconstructions/schema.js").Group[]} groups @param {any} about */
-function again(groups, about) {
-  const { options, missing } = optionsOf(groups, about.parameters);
+/** @param {import("../reconstructions/schema.js").Group[]} groups @param {any} reconstruction */
+function rerunCommands(groups, reconstruction) {
+  const { options, missing } = optionsOf(groups, reconstruction.parameters);
   const parts = [];
-  if (!about.mask_id) {
-    parts.push(h("h3", null, "On the command line"), copyable(shellOf(SERVICE, about, options), "shell"));
+  if (!reconstruction.mask_id) {
+    parts.push(h("h3", null, "On the command line"), copyableText(shellCommand(SERVICE_URL, reconstruction, options), "shell"));
     if (missing.length) parts.push(h("p", { class: "dim small" }, `It has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below says all.`));
   }
-  return [...parts, h("h3", null, "By one request"), copyable(requestOf(SERVICE, about), "request")];
+  return [...parts, h("h3", null, "By one request"), copyableText(curlCommand(SERVICE_URL, reconstruction), "request")];
 }
 
 /** @param {string} text @param {string} name */
-function copyable(text, name) {
-  const button = h("button", { type: "button", class: "quiet copy", onclick: () => copy(button, text) }, "copy");
+function copyableText(text, name) {
+  const button = h("button", { type: "button", class: "quiet copy", onclick: () => copyText(button, text) }, "copy");
   return h("div", { class: "copyable" }, h("pre", { tabindex: 0, dataset: { command: name } }, text), button);
 }
 
 /** @param {string} name @param {import("../dom.js").Child} value */
-function row(name, value) {
+function entry(name, value) {
   return value === null ? [] : [h("dt", null, name), h("dd", null, value)];
 }

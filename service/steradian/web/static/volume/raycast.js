@@ -7,7 +7,7 @@
  * @typedef {[number, number, number]} Triple
  * @typedef {{values: Float32Array | Uint8Array, shape: Triple, origin: Triple, spacing: Triple}} Block  mm; C order
  * @typedef {{camera: Triple, clip: readonly number[], window: [number, number], colours: Uint32Array, depth: boolean,
- *            depths: [number, number]}} Shown
+ *            depths: [number, number]}} RenderSettings
  *   camera: azimuth and elevation in degrees, zoom; clip: shares of the extent, x from and to, then y and z;
  *   depths: in mm, at the ends of the hues
  */
@@ -108,7 +108,7 @@ export function projection(block, camera, size) {
   return { scale, project, extent, middle, right, up, along };
 }
 
-/** A picture on a canvas; {@link make} makes it. */
+/** A picture on a canvas; {@link createRaycaster} makes it. */
 class Raycaster {
   /** @param {HTMLCanvasElement} canvas  @param {WebGL2RenderingContext} gl */
   constructor(canvas, gl) {
@@ -117,17 +117,17 @@ class Raycaster {
     /** @type {Block | null} */
     this.block = null;
     this.unit = 1;
-    this.prepare();
+    this.initialise();
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
-      this.prepare();
-      if (this.block) this.load(this.block);
+      this.initialise();
+      if (this.block) this.upload(this.block);
       canvas.dispatchEvent(new CustomEvent("restored"));
     });
   }
 
   /** Compile, and make the textures. */
-  prepare() {
+  initialise() {
     const { gl } = this;
     const program = gl.createProgram();
     for (const [kind, source] of /** @type {[number, string][]} */ ([
@@ -147,13 +147,13 @@ class Raycaster {
     this.volume = gl.createTexture();
     this.colours = gl.createTexture();
     gl.useProgram(program);
-    gl.uniform1i(this.at("volume"), 0);
-    gl.uniform1i(this.at("colours"), 1);
+    gl.uniform1i(this.uniform("volume"), 0);
+    gl.uniform1i(this.uniform("colours"), 1);
     gl.bindVertexArray(gl.createVertexArray());
   }
 
   /** @param {string} name */
-  at(name) {
+  uniform(name) {
     return this.gl.getUniformLocation(/** @type {WebGLProgram} */ (this.program), name);
   }
 
@@ -161,7 +161,7 @@ class Raycaster {
    *
    * @param {Block} block
    */
-  load(block) {
+  upload(block) {
     const { gl } = this;
     this.block = block;
     const [nx, ny, nz] = block.shape;
@@ -172,7 +172,7 @@ class Raycaster {
       this.unit = 255;
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, nz, ny, nx, 0, gl.RED, gl.UNSIGNED_BYTE, block.values);
     } else {
-      this.unit = greatest(block.values) || 1;
+      this.unit = maxMagnitude(block.values) || 1;
       const scaled = block.values.map((value) => value / this.unit);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.R16F, nz, ny, nx, 0, gl.RED, gl.FLOAT, scaled);
     }
@@ -185,7 +185,7 @@ class Raycaster {
 
   /** Draw what is loaded, at the canvas's own size.
    *
-   * @param {Shown} shown  window in units of the volume's values
+   * @param {RenderSettings} shown  window in units of the volume's values
    */
   draw(shown) {
     const { gl, block, canvas } = this;
@@ -194,24 +194,24 @@ class Raycaster {
     const { scale, extent, middle, right, up, along } = projection(block, shown.camera, canvas);
     gl.viewport(0, 0, width, height);
     gl.useProgram(this.program ?? null);
-    this.colourBy(shown.colours);
-    gl.uniform3fv(this.at("right"), right);
-    gl.uniform3fv(this.at("up"), up);
-    gl.uniform3fv(this.at("along"), along);
-    gl.uniform3fv(this.at("extent"), extent);
-    gl.uniform3fv(this.at("first"), [0, 2, 4].map((n) => shown.clip[n]));
-    gl.uniform3fv(this.at("last"), [1, 3, 5].map((n) => shown.clip[n]));
-    gl.uniform2f(this.at("half_size"), width / 2 / scale, height / 2 / scale);
-    gl.uniform2fv(this.at("window"), shown.window.map((value) => value / this.unit));
+    this.uploadColours(shown.colours);
+    gl.uniform3fv(this.uniform("right"), right);
+    gl.uniform3fv(this.uniform("up"), up);
+    gl.uniform3fv(this.uniform("along"), along);
+    gl.uniform3fv(this.uniform("extent"), extent);
+    gl.uniform3fv(this.uniform("first"), [0, 2, 4].map((n) => shown.clip[n]));
+    gl.uniform3fv(this.uniform("last"), [1, 3, 5].map((n) => shown.clip[n]));
+    gl.uniform2f(this.uniform("half_size"), width / 2 / scale, height / 2 / scale);
+    gl.uniform2fv(this.uniform("window"), shown.window.map((value) => value / this.unit));
     const top = middle[2] - extent[2] / 2;
-    gl.uniform2fv(this.at("depths"), shown.depths.map((depth) => (depth - top) / extent[2]));
-    gl.uniform1f(this.at("spacing"), Math.min(...block.spacing));
-    gl.uniform1i(this.at("by_depth"), Number(shown.depth));
+    gl.uniform2fv(this.uniform("depths"), shown.depths.map((depth) => (depth - top) / extent[2]));
+    gl.uniform1f(this.uniform("spacing"), Math.min(...block.spacing));
+    gl.uniform1i(this.uniform("by_depth"), Number(shown.depth));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   /** @param {Uint32Array} colours  table of 256 */
-  colourBy(colours) {
+  uploadColours(colours) {
     const { gl } = this;
     gl.activeTexture(gl.TEXTURE1);
     gl.bindTexture(gl.TEXTURE_2D, this.colours ?? null);
@@ -223,7 +223,7 @@ class Raycaster {
   }
 
   /** Let the graphics card have its memory back. */
-  end() {
+  dispose() {
     this.gl.deleteTexture(this.volume ?? null);
     this.gl.deleteTexture(this.colours ?? null);
     this.block = null;
@@ -231,10 +231,10 @@ class Raycaster {
 }
 
 /** @param {Float32Array} values */
-function greatest(values) {
-  let most = 0;
-  for (const value of values) most = Math.max(most, Math.abs(value));
-  return most;
+function maxMagnitude(values) {
+  let maxValue = 0;
+  for (const value of values) maxValue = Math.max(maxValue, Math.abs(value));
+  return maxValue;
 }
 
 /** Make a picture on a canvas; null where the browser has no WebGL 2.
@@ -242,8 +242,8 @@ function greatest(values) {
  * @param {HTMLCanvasElement} canvas
  * @param {{keep?: boolean}} how  keep: what is drawn can be read again later
  */
-export function make(canvas, { keep = false } = {}) {
-  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: keep });
+export function createRaycaster(canvas, { keep: preserve = false } = {}) {
+  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: preserve });
   return gl ? new Raycaster(canvas, gl) : null;
 }
 
@@ -252,17 +252,17 @@ export function make(canvas, { keep = false } = {}) {
  * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
  * @param {readonly number[]} clip
  */
-export function edges(block, clip) {
+export function boxEdges(block, clip) {
   const { extent, middle } = extentOf(block);
   const place = (/** @type {number[]} */ corner) =>
     corner.map((side, n) => middle[n] + (clip[2 * n + side] - 0.5) * extent[n]);
-  const found = [];
+  const result = [];
   for (let n = 0; n < 8; n++) {
     const corner = [n & 1, (n >> 1) & 1, (n >> 2) & 1];
     for (const axis of [0, 1, 2]) {
       if (corner[axis]) continue;
-      found.push({ axis, from: place(corner), to: place(corner.map((side, m) => (m === axis ? 1 : side))) });
+      result.push({ axis, from: place(corner), to: place(corner.map((side, m) => (m === axis ? 1 : side))) });
     }
   }
-  return found;
+  return result;
 }

@@ -5,7 +5,7 @@
  *
  * @param {number} length  above 0
  */
-export function round(length) {
+export function roundDown(length) {
   const power = 10 ** Math.floor(Math.log10(length) + 1e-9);
   const share = length / power + 1e-9;
   return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
@@ -27,24 +27,24 @@ export function lengthOf(mm) {
 export function lengthWithError(mm, error) {
   const [factor, unit] = mm < 0.999 ? [1e3, "µm"] : [1, "mm"];
   if (error === null) return `${lengthOf(mm)} ± ?`;
-  const least = mm < 0.999 ? 0.1 : 0.0001; // of the unit: finer is not believed
-  const shown = Math.max(error * factor, least);
-  const power = Math.floor(Math.log10(shown) + 1e-9);
-  const digits = Math.max(0, -power + (shown / 10 ** power < 1.95 && shown > least ? 1 : 0));
-  return `${(mm * factor).toFixed(digits)} ± ${shown.toFixed(digits)} ${unit}`;
+  const minError = mm < 0.999 ? 0.1 : 0.0001; // of the unit: finer is not believed
+  const shownError = Math.max(error * factor, minError);
+  const power = Math.floor(Math.log10(shownError) + 1e-9);
+  const digits = Math.max(0, -power + (shownError / 10 ** power < 1.95 && shownError > minError ? 1 : 0));
+  return `${(mm * factor).toFixed(digits)} ± ${shownError.toFixed(digits)} ${unit}`;
 }
 
 /** Places of ticks within a range, at most so many.
  *
  * @param {number} from
  * @param {number} to
- * @param {number} most
+ * @param {number} maxTicks
  */
-export function ticks(from, to, most) {
-  if (!(to > from) || most < 1) return [];
-  let step = round((to - from) / most);
-  while ((to - from) / step > most) step = round(step * 2.5);
-  const places = [];
-  for (let n = Math.ceil(from / step - 1e-9); n * step <= to + 1e-9 * step; n++) places.push(Number((n * step).toPrecision(12)));
-  return places;
+export function ticks(from, to, maxTicks) {
+  if (!(to > from) || maxTicks < 1) return [];
+  let step = roundDown((to - from) / maxTicks);
+  while ((to - from) / step > maxTicks) step = roundDown(step * 2.5);
+  const positions = [];
+  for (let n = Math.ceil(from / step - 1e-9); n * step <= to + 1e-9 * step; n++) positions.push(Number((n * step).toPrecision(12)));
+  return positions;
 }

@@ -1,27 +1,27 @@
 // @ts-check
 // One of the three linked views: a slice or slab across an axis, the crosshair, marks, a scale bar.
-import { framed, h } from "../dom.js";
+import { oncePerFrame, h } from "../dom.js";
 import { onTheme } from "../theme.js";
-import { failed, loading } from "../panel_states.js";
-import { PLANES, at, depthsOf, firstBelow, placeOf, planeOf } from "./volume_data.js";
-import { paint, paintDepths, table } from "./colours.js";
-import { latest } from "./latest_only.js";
+import { showError, showLoading } from "../panel_states.js";
+import { PLANES, axisIndex, fetchDepths, firstVoxelBelow, voxelPosition, fetchPlane } from "./volume_data.js";
+import { paint, paintDepths, colourTable } from "./colours.js";
+import { latestOnly } from "./latest_only.js";
 import { drawOverlay } from "./overlay.js";
-import { listen } from "./pointer.js";
+import { addPointerHandlers } from "./pointer.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
 /** @typedef {import("./measurements.js").Plane} Plane */
 /** @typedef {import("./shared_state.js").Stage} Stage */
 
-const CRISP = 4; // pixels a voxel has, from which on its edges are seen
-const REDRAWN = new Set(["apart", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
+const CRISP_PIXELS = 4; // pixels a voxel has, from which on its edges are seen
+const REDRAW_KEYS = new Set(["difference", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
 
 export class SliceView {
-  /** @param {Stage} stage @param {Axis} axis @param {(seen: any) => void} hover told what lies under the cursor */
-  constructor(stage, axis, hover) {
+  /** @param {Stage} stage @param {Axis} axis @param {(seen: any) => void} onHover told what lies under the cursor */
+  constructor(stage, axis, onHover) {
     this.stage = stage;
     this.axis = axis;
-    this.hover = hover;
+    this.onHover = onHover;
     const [across, up] = PLANES[axis];
     this.name = `${across}–${up}`;
     this.up = up === "y";
@@ -31,47 +31,47 @@ export class SliceView {
     this.other = null;
     /** @type {Plane | null} depths of the brightest, where colours show them */
     this.depth = null;
-    this.blinked = false;
+    this.isReferenceShown = false;
     this.image = h("canvas", { class: "image", dataset: { image: this.name } });
     this.overlay = h("canvas", {
       class: "overlay", tabindex: 0, role: "application", "aria-label": `${this.name} view`,
       "aria-describedby": "view-keys", dataset: { view: this.name },
     });
     this.message = h("div", { class: "message" });
-    loading(this.message);
+    showLoading(this.message);
     this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
     this.bitmap = document.createElement("canvas");
     /** @type {Set<() => void>} */
-    this.ears = new Set();
-    this.stale = true;
-    this.shown = "";
-    this.draw = framed(() => this.drawNow());
-    this.read = latest((_, signal) => this.readNow(signal), (error) => this.fail(error));
+    this.listeners = new Set();
+    this.isStale = true;
+    this.shownKey = "";
+    this.draw = oncePerFrame(() => this.render());
+    this.requestData = latestOnly((_, signal) => this.readData(signal), (error) => this.showFailure(error));
     new ResizeObserver(() => this.resize()).observe(this.element);
-    stage.store.on((_view, changed) => this.see(changed));
+    stage.store.on((_view, changed) => this.onViewChange(changed));
     onTheme(() => this.draw());
-    listen(this);
+    addPointerHandlers(this);
   }
 
   /** Where a place in the plane (mm) lies in CSS pixels. @param {number} a @param {number} b @returns {[number, number]} */
   toPixels(a, b) {
     const { scale, centre } = this.stage;
     const [across, up] = PLANES[this.axis];
-    const y = (b - centre[at(up)]) * scale;
-    return [this.width / 2 + (a - centre[at(across)]) * scale, this.height / 2 + (this.up ? -y : y)];
+    const y = (b - centre[axisIndex(up)]) * scale;
+    return [this.width / 2 + (a - centre[axisIndex(across)]) * scale, this.height / 2 + (this.up ? -y : y)];
   }
 
   /** @param {number} x @param {number} y @returns {[number, number]} */
-  toPlace(x, y) {
+  toPosition(x, y) {
     const { scale, centre } = this.stage;
     const [across, up] = PLANES[this.axis];
     const away = (y - this.height / 2) / scale;
-    return [centre[at(across)] + (x - this.width / 2) / scale, centre[at(up)] + (this.up ? -away : away)];
+    return [centre[axisIndex(across)] + (x - this.width / 2) / scale, centre[axisIndex(up)] + (this.up ? -away : away)];
   }
 
   /** Whether it shows by how much the volume and the reference differ. */
-  get differs() {
-    return this.other !== null && this.stage.view.how === "difference" && this.stage.fits;
+  get isDifference() {
+    return this.other !== null && this.stage.view.how === "difference" && this.stage.isComparable;
   }
 
   get width() {
@@ -83,36 +83,36 @@ export class SliceView {
   }
 
   /** @param {Set<string>} changed */
-  see(changed) {
-    if (changed.has("at") || changed.has("slab") || changed.has("cut") || changed.has("map")) this.read(null);
-    if (changed.has("window") || changed.has("map") || changed.has("how") || changed.has("cut") || changed.has("apart")) this.stale = true;
-    for (const name of changed) if (REDRAWN.has(name)) this.draw();
+  onViewChange(changed) {
+    if (changed.has("at") || changed.has("slab") || changed.has("cut") || changed.has("map")) this.requestData(null);
+    if (changed.has("window") || changed.has("map") || changed.has("how") || changed.has("cut") || changed.has("difference")) this.isStale = true;
+    for (const name of changed) if (REDRAW_KEYS.has(name)) this.draw();
   }
 
   /** @param {AbortSignal} signal */
-  async readNow(signal) {
-    const { source, reference, byDepth } = this.stage;
+  async readData(signal) {
+    const { source, reference, isDepthMap: byDepth } = this.stage;
     const range = this.stage.range(this.axis);
     const key = [reference?.id, range.from, range.to, byDepth].join();
-    if (key === this.shown) return;
+    if (key === this.shownKey) return;
     const [plane, other, depth] = await Promise.all([
-      planeOf(source, this.axis, range, signal),
-      reference ? planeOf(reference, this.axis, this.stage.range(this.axis, reference), signal) : null,
-      byDepth && this.axis === "z" && range.to - range.from > 1 ? depthsOf(source, range, signal) : null,
+      fetchPlane(source, this.axis, range, signal),
+      reference ? fetchPlane(reference, this.axis, this.stage.range(this.axis, reference), signal) : null,
+      byDepth && this.axis === "z" && range.to - range.from > 1 ? fetchDepths(source, range, signal) : null,
     ]);
-    this.shown = key;
+    this.shownKey = key;
     Object.assign(this, { plane, other, depth, range, stale: true });
-    if (other && this.stage.fits) this.stage.setApart(this.axis, plane.values.map((value, n) => Math.abs(value - other.values[n])));
+    if (other && this.stage.isComparable) this.stage.setDifference(this.axis, plane.values.map((value, n) => Math.abs(value - other.values[n])));
     this.message.hidden = true;
-    for (const act of this.ears) act();
-    this.drawNow();
+    for (const act of this.listeners) act();
+    this.render();
   }
 
   /** Keep the last picture, and say why there is no newer one. @param {unknown} error */
-  fail(error) {
+  showFailure(error) {
     this.message.hidden = false;
-    this.shown = "";
-    failed(this.message, error, () => this.read(null));
+    this.shownKey = "";
+    showError(this.message, error, () => this.requestData(null));
   }
 
   resize() {
@@ -124,21 +124,21 @@ export class SliceView {
     }
     const size = { axis: this.axis, width: this.width, height: this.height };
     this.stage.sizes = [...this.stage.sizes.filter((one) => one.axis !== this.axis), size];
-    for (const act of this.ears) act();
+    for (const act of this.listeners) act();
     document.dispatchEvent(new Event("steradian:resized"));
     this.draw();
   }
 
-  drawNow() {
+  render() {
     const ratio = devicePixelRatio || 1;
     const context = /** @type {CanvasRenderingContext2D} */ (this.image.getContext("2d"));
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.fillStyle = "#000";
     context.fillRect(0, 0, this.width, this.height);
     if (this.plane) {
-      const shown = this.other && this.blinked ? this.other : this.plane;
-      if (this.stale) this.paint(shown, this.plane);
-      this.drawImage(context, shown);
+      const shownPlane = this.other && this.isReferenceShown ? this.other : this.plane;
+      if (this.isStale) this.paint(shownPlane, this.plane);
+      this.drawImage(context, shownPlane);
     }
     drawOverlay(this);
   }
@@ -149,33 +149,33 @@ export class SliceView {
     const last = first.map((one, n) => one + shape[n] * spacing[n]);
     const [x0, y0] = this.toPixels(first[0], first[1]);
     const [x1, y1] = this.toPixels(last[0], last[1]);
-    context.imageSmoothingEnabled = Math.min(...spacing) * this.stage.scale < CRISP;
+    context.imageSmoothingEnabled = Math.min(...spacing) * this.stage.scale < CRISP_PIXELS;
     context.drawImage(this.bitmap, x0, Math.min(y0, y1), x1 - x0, Math.abs(y1 - y0));
     const { source, cut } = this.stage;
-    if (this.up || !firstBelow(source, cut)) return;
-    const edge = placeOf(source, "z", firstBelow(source, cut)) - source.spacing[2] / 2;
+    if (this.up || !firstVoxelBelow(source, cut)) return;
+    const edge = voxelPosition(source, "z", firstVoxelBelow(source, cut)) - source.spacing[2] / 2;
     context.clearRect(x0, y0, x1 - x0, this.toPixels(0, edge)[1] - y0); // the near field, which is left out
   }
 
-  /** @param {Plane} shown @param {Plane} plane */
-  paint(shown, plane) {
-    const [na, nb] = shown.shape;
+  /** @param {Plane} shownPlane @param {Plane} plane */
+  paint(shownPlane, plane) {
+    const [na, nb] = shownPlane.shape;
     Object.assign(this.bitmap, { width: na, height: nb });
     const pixels = new ImageData(na, nb);
     const out = new Uint32Array(pixels.data.buffer);
-    const { window, byDepth, colours, differenceEnd } = this.stage;
+    const { window, isDepthMap: byDepth, colours, differenceEnd } = this.stage;
     const other = this.other;
-    if (other && this.differs) {
+    if (other && this.isDifference) {
       const values = plane.values.map((value, n) => value - other.values[n]);
-      paint({ values, shape: plane.shape }, [-differenceEnd, differenceEnd], table("difference"), { up: this.up, out });
-    } else if (byDepth) paintDepths(shown, this.depthOf(shown), window, { up: this.up, out });
-    else paint(shown, window, colours, { up: this.up, out });
+      paint({ values, shape: plane.shape }, [-differenceEnd, differenceEnd], colourTable("difference"), { up: this.up, out });
+    } else if (byDepth) paintDepths(shownPlane, this.depthShare(shownPlane), window, { up: this.up, out });
+    else paint(shownPlane, window, colours, { up: this.up, out });
     /** @type {CanvasRenderingContext2D} */ (this.bitmap.getContext("2d")).putImageData(pixels, 0, 0);
-    this.stale = false;
+    this.isStale = false;
   }
 
   /** Depth of each voxel shown, 0 to 1 along the hues. @param {Plane} plane @returns {(i: number, j: number) => number} */
-  depthOf(plane) {
+  depthShare(plane) {
     const [first, last] = this.stage.depths;
     const { depth } = this;
     const nb = plane.shape[1];
@@ -183,13 +183,13 @@ export class SliceView {
     const share = (mm) => (mm - first) / (last - first);
     if (!this.up) return (_, j) => share(plane.origin[1] + j * plane.spacing[1]);
     if (depth && depth.values.length === plane.values.length) return (i, j) => share(depth.values[i * nb + j]);
-    return () => share(this.stage.place[2]);
+    return () => share(this.stage.position[2]);
   }
 
-  /** Show the reference instead of the image, or the image again. @param {boolean} blinked */
-  blink(blinked) {
-    this.blinked = blinked;
-    this.stale = true;
+  /** Show the reference instead of the image, or the image again. @param {boolean} isReferenceShown */
+  showReference(isReferenceShown) {
+    this.isReferenceShown = isReferenceShown;
+    this.isStale = true;
     this.draw();
   }
 }

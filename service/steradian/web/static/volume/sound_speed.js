@@ -1,57 +1,57 @@
 // @ts-check
 // Sharpness against the speed of sound: a curve from which the speed of the next reconstruction is picked.
-import { api, onceOnly } from "../api.js";
+import { api, idempotencyHeaders } from "../api.js";
 import { h, replace, s } from "../dom.js";
-import { words } from "../panel_states.js";
-import { clock } from "../units.js";
+import { errorElements } from "../panel_states.js";
+import { formatTime } from "../units.js";
 import { ticks } from "./scale.js";
 
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 172, 34, 22, 36];
-const AROUND = 0.04; // share of the speed by which the range tried goes to either side by itself
+const RANGE_SHARE = 0.04; // share of the speed by which the range tried goes to either side by itself
 
-/** @param {any} about the reconstruction, of the API */
-export function soundSpeed(about) {
+/** @param {any} reconstruction the reconstruction, of the API */
+export function soundSpeedPanel(reconstruction) {
   /** @type {number | undefined} */
-  const stated = about.report?.sound_speed_m_s;
-  const own = stated ?? 1500;
+  const reportedSpeed = reconstruction.report?.sound_speed_m_s;
+  const startSpeed = reportedSpeed ?? 1500;
   const number = (/** @type {number} */ value, /** @type {string} */ label) => h("input", { type: "number", class: "short", min: 300, max: 6000, step: 1, value: String(Math.round(value)), "aria-label": label });
-  const first = number(own * (1 - AROUND), "Lowest speed (m/s)");
-  const last = number(own * (1 + AROUND), "Highest speed (m/s)");
+  const first = number(startSpeed * (1 - RANGE_SHARE), "Lowest speed (m/s)");
+  const last = number(startSpeed * (1 + RANGE_SHARE), "Highest speed (m/s)");
   const curve = h("div", { class: "stack" });
-  const told = h("p", { class: "dim small", role: "status" });
-  const button = h("button", { type: "button", onclick: () => void ask() }, "Try 21 speeds");
+  const status = h("p", { class: "dim small", role: "status" });
+  const button = h("button", { type: "button", onclick: () => void startSearch() }, "Try 21 speeds");
   const element = h("div", { class: "stack" },
     h("p", { class: "dim small" }, "Finds the speed at which an image fits the A-lines best; the curve shows how sharp images are at each speed."),
-    h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), told, curve);
+    h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), status, curve);
 
-  async function open() {
+  async function load() {
     try {
-      const { items } = await api.get(`/jobs?kind=sound-speed&scan_id=${about.scan_id}&limit=20`);
-      const found = items.find((/** @type {any} */ job) => job.state === "succeeded" && job.result?.sharpness);
+      const { items } = await api.get(`/jobs?kind=sound-speed&scan_id=${reconstruction.scan_id}&limit=20`);
+      const finished = items.find((/** @type {any} */ job) => job.state === "succeeded" && job.result?.sharpness);
       const running = items.find((/** @type {any} */ job) => ["queued", "running"].includes(job.state));
-      if (found) show(found);
-      if (running) await follow(running);
+      if (finished) show(finished);
+      if (running) await waitForJob(running);
     } catch (error) {
-      replace(told, ...words(error));
+      replace(status, ...errorElements(error));
     }
   }
 
-  async function ask() {
+  async function startSearch() {
     button.disabled = true;
-    const { sound_speed: _speed, ...parameters } = about.parameters;
-    const asked = { kind: "sound-speed", scan_id: about.scan_id, first: first.valueAsNumber, last: last.valueAsNumber, steps: 21, parameters };
+    const { sound_speed: _speed, ...parameters } = reconstruction.parameters;
+    const body = { kind: "sound-speed", scan_id: reconstruction.scan_id, first: first.valueAsNumber, last: last.valueAsNumber, steps: 21, parameters };
     try {
-      await follow(await api.post("/jobs", asked, { headers: onceOnly() }));
+      await waitForJob(await api.post("/jobs", body, { headers: idempotencyHeaders() }));
     } catch (error) {
-      replace(told, ...words(error));
+      replace(status, ...errorElements(error));
     }
     button.disabled = false;
   }
 
   /** @param {any} job */
-  async function follow(job) {
+  async function waitForJob(job) {
     while (["queued", "running", "cancelling"].includes(job.state)) {
-      told.textContent = job.progress.total ? `${job.progress.done} of ${job.progress.total}` : "waiting for its turn …";
+      status.textContent = job.progress.total ? `${job.progress.done} of ${job.progress.total}` : "waiting for its turn …";
       job = await api.get(job.links.self, { headers: { Prefer: "wait=5" } });
     }
     if (job.state !== "succeeded") throw new Error(job.error?.detail ?? `the search ${job.state}`);
@@ -61,19 +61,19 @@ export function soundSpeed(about) {
   /** @param {any} job */
   function show(job) {
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    told.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${clock(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
-    const pick = (/** @type {number} */ speed) => `/reconstructions?again=${about.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
-    replace(curve, chart(speeds, sharpness, stated, pick),
-      h("a", { class: "button", href: pick(best) }, `Again at ${best.toFixed(1)} m/s`),
+    status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${formatTime(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
+    const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
+    replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
+      h("a", { class: "button", href: rerunUrl(best) }, `Again at ${best.toFixed(1)} m/s`),
       ...(job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`)),
-      h("p", { class: "dim small" }, `${stated && stated >= speeds[0] && stated <= speeds[speeds.length - 1] ? `Dashed: this volume's, ${stated.toFixed(1)} m/s. ` : ""}Or choose a point of the curve.`));
+      h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed: this volume's, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or choose a point of the curve.`));
   }
 
-  return { element, open };
+  return { element, open: load };
 }
 
-/** @param {number[]} speeds @param {number[]} sharpness @param {number | undefined} own @param {(speed: number) => string} pick */
-function chart(speeds, sharpness, own, pick) {
+/** @param {number[]} speeds @param {number[]} sharpness @param {number | undefined} startSpeed @param {(speed: number) => string} rerunUrl */
+function chart(speeds, sharpness, startSpeed, rerunUrl) {
   const [low, high] = [speeds[0], speeds[speeds.length - 1]];
   const x = (/** @type {number} */ speed) => LEFT + ((WIDTH - LEFT - 8) * (speed - low)) / (high - low);
   const top = Math.max(...sharpness);
@@ -84,8 +84,8 @@ function chart(speeds, sharpness, own, pick) {
     s("text", { x: 2, y: 11 }, "sharpness (% of the best)"),
     [top, bottom].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, String(Math.round((100 * value) / top)))), s("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 5, "text-anchor": "middle" }, "speed of sound (m/s)"),
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
-    own && own >= low && own <= high ? s("path", { class: "width", d: `M${x(own)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
+    startSpeed && startSpeed >= low && startSpeed <= high ? s("path", { class: "width", d: `M${x(startSpeed)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
-    speeds.map((speed, n) => s("a", { href: pick(speed), "aria-label": `Again at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
+    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Again at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
       s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));
 }

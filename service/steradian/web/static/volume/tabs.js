@@ -7,32 +7,32 @@ import { h } from "../dom.js";
  * @returns {HTMLElement}
  */
 export function tabs(panels) {
-  const seen = new Set();
+  const opened = new Set();
   const bodies = panels.map(([name, element]) => h("div", { role: "tabpanel", id: `panel-${name}`, "aria-labelledby": `tab-${name}`, tabindex: 0 }, element));
   const buttons = panels.map(([name], n) => h("button", {
-    type: "button", role: "tab", id: `tab-${name}`, "aria-controls": `panel-${name}`, dataset: { tab: name }, onclick: () => choose(n),
+    type: "button", role: "tab", id: `tab-${name}`, "aria-controls": `panel-${name}`, dataset: { tab: name }, onclick: () => selectTab(n),
   }, name));
-  /** @param {number} chosen */
-  function choose(chosen) {
-    bodies.forEach((body, n) => (body.hidden = n !== chosen));
+  /** @param {number} selectedIndex */
+  function selectTab(selectedIndex) {
+    bodies.forEach((body, n) => (body.hidden = n !== selectedIndex));
     buttons.forEach((button, n) => {
-      button.setAttribute("aria-selected", String(n === chosen));
-      button.tabIndex = n === chosen ? 0 : -1;
+      button.setAttribute("aria-selected", String(n === selectedIndex));
+      button.tabIndex = n === selectedIndex ? 0 : -1;
     });
-    const [name, , act] = panels[chosen];
-    if (!seen.has(name)) act?.();
-    seen.add(name);
+    const [name, , act] = panels[selectedIndex];
+    if (!opened.has(name)) act?.();
+    opened.add(name);
   }
   const list = h("div", { role: "tablist", class: "tabs", "aria-label": "About the volume" }, ...buttons);
   list.addEventListener("keydown", (event) => {
-    const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (!way) return;
-    const now = buttons.findIndex((button) => button.tabIndex === 0);
-    const next = (now + way + buttons.length) % buttons.length;
-    choose(next);
-    buttons[next].focus();
+    const direction = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!direction) return;
+    const selected = buttons.findIndex((button) => button.tabIndex === 0);
+    const nextIndex = (selected + direction + buttons.length) % buttons.length;
+    selectTab(nextIndex);
+    buttons[nextIndex].focus();
     event.preventDefault();
   });
-  choose(0);
+  selectTab(0);
   return h("div", { class: "tabbed" }, list, ...bodies);
 }

@@ -19,12 +19,12 @@ import { PRESSURE_MAPS } from "./colours.js";
 
 const MAPS = /** @type {readonly string[]} */ (PRESSURE_MAPS);
 export const TOOLS = ["crosshair", "line", "region", "background", "point"];
-export const MOST_POINTS = 8;
-export const WAYS = ["difference", "blink"];
-const MOST_ZOOM = 64;
+export const MAX_POINTS = 8;
+export const COMPARE_MODES = ["difference", "blink"];
+const MAX_ZOOM = 64;
 
 /** @returns {View} */
-export function fresh() {
+export function defaultView() {
   return {
     at: null, slab: [Infinity, Infinity, Infinity], window: null, map: "inferno", cut: null,
     centre: null, zoom: 1, camera: [-35, 25, 1], clip: null, line: null, region: null, background: null,
@@ -33,48 +33,48 @@ export function fresh() {
 }
 
 /** @param {number} value */
-function written(value) {
+function formatNumber(value) {
   return value === Infinity ? "all" : String(Number(value.toPrecision(6)));
 }
 
 /** @param {string} text */
-function read(text) {
+function parseNumber(text) {
   return text === "all" ? Infinity : /^-?[0-9]+(\.[0-9]*)?(e[-+]?[0-9]{1,2})?$/i.test(text) ? Number(text) : NaN;
 }
 
 /** @param {readonly number[]} values */
-const list = (values) => values.map(written).join(",");
+const formatList = (values) => values.map(formatNumber).join(",");
 
 /** Numbers of a text; null unless there are so many that all pass.
  *
  * @param {string} text
  * @param {number} count
- * @param {(value: number) => boolean} fits
+ * @param {(value: number) => boolean} isValid
  * @returns {any}
  */
-function numbers(text, count, fits = Number.isFinite) {
-  const values = text.split(",").map(read);
-  return values.length === count && values.every(fits) ? values : null;
+function parseNumbers(text, count, isValid = Number.isFinite) {
+  const values = text.split(",").map(parseNumber);
+  return values.length === count && values.every(isValid) ? values : null;
 }
 
 /** @param {Mark} mark */
-const mark = ({ plane, from, to }) => `${plane},${list([...from, ...to])}`;
+const formatMark = ({ plane, from, to }) => `${plane},${formatList([...from, ...to])}`;
 
 /** @param {string} text  @returns {Mark | null} */
-function markOf(text) {
-  const [plane, ...rest] = text.split(",");
-  const ends = numbers(rest.join(","), 4);
+function parseMark(text) {
+  const [plane, ...remainder] = text.split(",");
+  const ends = parseNumbers(remainder.join(","), 4);
   if (!ends || !["x", "y", "z"].includes(plane)) return null;
   return { plane: /** @type {Axis} */ (plane), from: [ends[0], ends[1]], to: [ends[2], ends[3]] };
 }
 
 /** @param {readonly string[]} known */
-const oneOf = (known) => (/** @type {string} */ text) => (known.includes(text) ? text : null);
+const choiceOf = (known) => (/** @type {string} */ text) => (known.includes(text) ? text : null);
 
 /** @param {string} text  @returns {Triple[] | null} */
-function pointsOf(text) {
-  const found = text.split(";").map((one) => numbers(one, 3));
-  return found.length <= MOST_POINTS && found.every((one) => one !== null) ? found : null;
+function parsePoints(text) {
+  const parsed = text.split(";").map((one) => parseNumbers(one, 3));
+  return parsed.length <= MAX_POINTS && parsed.every((one) => one !== null) ? parsed : null;
 }
 
 /** How each part is written, and read; a part that cannot be read is as it is by itself.
@@ -82,44 +82,44 @@ function pointsOf(text) {
  * @type {{[name in keyof View]: {write: (value: any) => string, read: (text: string) => any}}}
  */
 const PARTS = {
-  at: { write: list, read: (text) => numbers(text, 3) },
-  slab: { write: list, read: (text) => numbers(text, 3, (value) => value >= 0) },
-  window: { write: list, read: (text) => pair(numbers(text, 2)) },
-  map: { write: String, read: oneOf(MAPS) },
-  cut: { write: written, read: (text) => numbers(text, 1, (value) => value >= 0 && value < 1e6)?.[0] ?? null },
-  centre: { write: list, read: (text) => numbers(text, 3) },
-  zoom: { write: written, read: (text) => numbers(text, 1, (value) => value >= 0.25 && value <= MOST_ZOOM)?.[0] ?? null },
-  camera: { write: list, read: (text) => camera(numbers(text, 3)) },
-  clip: { write: list, read: (text) => numbers(text, 6, (value) => value >= 0 && value <= 1) },
-  line: { write: mark, read: markOf },
-  region: { write: mark, read: markOf },
-  background: { write: mark, read: markOf },
-  points: { write: (/** @type {Triple[]} */ all) => all.map(list).join(";"), read: pointsOf },
+  at: { write: formatList, read: (text) => parseNumbers(text, 3) },
+  slab: { write: formatList, read: (text) => parseNumbers(text, 3, (value) => value >= 0) },
+  window: { write: formatList, read: (text) => validWindow(parseNumbers(text, 2)) },
+  map: { write: String, read: choiceOf(MAPS) },
+  cut: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= 0 && value < 1e6)?.[0] ?? null },
+  centre: { write: formatList, read: (text) => parseNumbers(text, 3) },
+  zoom: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= 0.25 && value <= MAX_ZOOM)?.[0] ?? null },
+  camera: { write: formatList, read: (text) => validCamera(parseNumbers(text, 3)) },
+  clip: { write: formatList, read: (text) => parseNumbers(text, 6, (value) => value >= 0 && value <= 1) },
+  line: { write: formatMark, read: parseMark },
+  region: { write: formatMark, read: parseMark },
+  background: { write: formatMark, read: parseMark },
+  points: { write: (/** @type {Triple[]} */ all) => all.map(formatList).join(";"), read: parsePoints },
   against: { write: String, read: (text) => (/^[A-Za-z0-9]{1,64}$/.test(text) ? text : null) },
-  how: { write: String, read: oneOf(WAYS) },
-  tool: { write: String, read: oneOf(TOOLS) },
+  how: { write: String, read: choiceOf(COMPARE_MODES) },
+  tool: { write: String, read: choiceOf(TOOLS) },
 };
 
 /** @param {[number, number] | null} window */
-const pair = (window) => (window && window[0] < window[1] ? window : null);
+const validWindow = (window) => (window && window[0] < window[1] ? window : null);
 
 /** @param {Triple | null} values */
-const camera = (values) => (values && Math.abs(values[1]) <= 90 && values[2] >= 0.25 && values[2] <= MOST_ZOOM ? values : null);
+const validCamera = (values) => (values && Math.abs(values[1]) <= 90 && values[2] >= 0.25 && values[2] <= MAX_ZOOM ? values : null);
 
 /** Write a view as the fragment of an address, without its #.
  *
  * @param {View} view
  */
 export function encode(view) {
-  const plain = fresh();
+  const defaults = defaultView();
   return /** @type {(keyof View)[]} */ (Object.keys(PARTS))
-    .filter((name) => view[name] !== null && JSON.stringify(said(name, view)) !== JSON.stringify(said(name, plain)))
-    .map((name) => `${name}=${said(name, view)}`)
+    .filter((name) => view[name] !== null && JSON.stringify(formatPart(name, view)) !== JSON.stringify(formatPart(name, defaults)))
+    .map((name) => `${name}=${formatPart(name, view)}`)
     .join("&");
 }
 
 /** @param {keyof View} name  @param {View} view */
-const said = (name, view) => (view[name] === null ? "" : PARTS[name].write(view[name]));
+const formatPart = (name, view) => (view[name] === null ? "" : PARTS[name].write(view[name]));
 
 /** Read a fragment, with or without its #; whatever it is, a view comes out.
  *
@@ -128,18 +128,18 @@ const said = (name, view) => (view[name] === null ? "" : PARTS[name].write(view[
  */
 export function decode(fragment) {
   /** @type {any} */
-  const view = fresh();
+  const view = defaultView();
   for (const part of fragment.replace(/^#/, "").split("&")) {
-    const [name, ...rest] = part.split("=");
+    const [name, ...remainder] = part.split("=");
     if (!Object.hasOwn(PARTS, name)) continue;
-    const value = PARTS[/** @type {keyof View} */ (name)].read(unescaped(rest.join("=")));
+    const value = PARTS[/** @type {keyof View} */ (name)].read(decoded(remainder.join("=")));
     if (value !== null) view[name] = value;
   }
   return view;
 }
 
 /** @param {string} text */
-function unescaped(text) {
+function decoded(text) {
   try {
     return decodeURIComponent(text);
   } catch {

@@ -1,26 +1,26 @@
 // @ts-check
 // The view that all panels show: changed in one place, told to all of them, and written into the address.
-import { settled } from "../dom.js";
+import { debounce } from "../dom.js";
 import { decode, encode } from "./view_state.js";
 
 /** @typedef {import("./view_state.js").View} View */
 
-const QUIET = 200; // ms after the last change; browsers refuse addresses that change too often
+const WRITE_DELAY = 200; // ms after the last change; browsers refuse addresses that change too often
 
 export class Store {
   constructor() {
     /** @type {View} */
     this.view = decode(location.hash);
     /** @type {Set<(view: View, changed: Set<string>) => void>} */
-    this._ears = new Set();
-    this._write = settled(() => this.write(), QUIET);
-    addEventListener("hashchange", () => this._from(decode(location.hash)));
+    this._listeners = new Set();
+    this._writeSoon = debounce(() => this.write(), WRITE_DELAY);
+    addEventListener("hashchange", () => this._load(decode(location.hash)));
   }
 
   /** Be told of every change. @param {(view: View, changed: Set<string>) => void} act */
   on(act) {
-    this._ears.add(act);
-    return () => this._ears.delete(act);
+    this._listeners.add(act);
+    return () => this._listeners.delete(act);
   }
 
   /** @param {Partial<View>} parts */
@@ -29,11 +29,11 @@ export class Store {
     const changed = Object.entries(parts).filter(([name, value]) => JSON.stringify(view[name]) !== JSON.stringify(value));
     if (!changed.length) return;
     this._set({ ...this.view, ...parts }, new Set(changed.map(([name]) => name)));
-    this._write();
+    this._writeSoon();
   }
 
   /** Have everybody look again, as if these parts had changed. @param {string[]} names */
-  tell(names) {
+  notify(names) {
     this._set(this.view, new Set(names));
   }
 
@@ -46,13 +46,13 @@ export class Store {
   }
 
   /** @param {View} view */
-  _from(view) {
+  _load(view) {
     this._set(view, new Set(Object.keys(view)));
   }
 
   /** @param {View} view @param {Set<string>} changed */
   _set(view, changed) {
     this.view = view;
-    for (const act of this._ears) act(view, changed);
+    for (const act of this._listeners) act(view, changed);
   }
 }

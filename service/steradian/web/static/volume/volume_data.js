@@ -1,6 +1,6 @@
 // @ts-check
 // Numbers of a volume: slices, slabs and a coarse block, asked for as they are looked at; lengths in mm.
-import { ask } from "../api.js";
+import { request } from "../api.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
 /** @typedef {import("./view_state.js").Triple} Triple */
@@ -8,57 +8,57 @@ import { ask } from "../api.js";
 /** @typedef {{from: number, to: number}} Range voxels along an axis, `to` not among them */
 /**
  * A volume as it is looked at; of an image from a line of sensors y has one voxel.
- * @typedef {{id: string, shape: Triple, origin: Triple, spacing: Triple, near: number, flat: boolean, top: number | null}} Source
+ * @typedef {{id: string, shape: Triple, origin: Triple, spacing: Triple, near: number, flat: boolean, peak: number | null}} Source
  *   top: value at the end of the colours of the service's own picture
  */
 
 export const AXES = /** @type {const} */ (["x", "y", "z"]);
 /** The two axes that a plane across the third one shows, across and up or down. @type {Record<Axis, [Axis, Axis]>} */
 export const PLANES = { x: ["y", "z"], y: ["x", "z"], z: ["x", "y"] };
-const RAW = "application/octet-stream";
-const KEPT = 24; // planes; the largest are a megabyte or two
-const MOST_VALUES = 2048; // along an axis of a plane
-const MOST_VOXELS = 2 ** 23; // of what the 3-D view has, a byte each: the finest copy with no more
+const BINARY = "application/octet-stream";
+const MAX_CACHED_PLANES = 24; // planes; the largest are a megabyte or two
+const MAX_PLANE_SIDE = 2048; // along an axis of a plane
+const MAX_BLOCK_VOXELS = 2 ** 23; // of what the 3-D view has, a byte each: the finest copy with no more
 
 /** @param {Axis} axis */
-export const at = (axis) => AXES.indexOf(axis);
+export const axisIndex = (axis) => AXES.indexOf(axis);
 
 /**
  * Describe a reconstruction that has succeeded; null where its report does not tell where its voxels lie.
  * @param {any} view of the API
  * @returns {Source | null}
  */
-export function sourceOf(view) {
+export function createSource(view) {
   const report = view.report ?? {};
   const { shape, spacing_m: spacing, origin_m: origin } = report;
   if (!shape || !spacing || !origin) return null;
   const flat = shape.length === 2;
   /** @param {number[]} values @param {number} none @returns {Triple} */
-  const three = (values, none) => (flat ? [values[0], none, values[1]] : [values[0], values[1], values[2]]);
+  const toTriple = (values, none) => (flat ? [values[0], none, values[1]] : [values[0], values[1], values[2]]);
   const inMm = (/** @type {number[]} */ values) => values.map((/** @type {number} */ value) => value * 1e3);
   return {
-    id: view.id, flat, shape: three(shape, 1), spacing: three(inMm(spacing), 1), origin: three(inMm(origin), 0),
-    near: (report.near_field_m ?? 0) * 1e3, top: asIs(view.parameters?.display) ? report.scale_ends?.[flat ? "y" : "z"] ?? null : null,
+    id: view.id, flat, shape: toTriple(shape, 1), spacing: toTriple(inMm(spacing), 1), origin: toTriple(inMm(origin), 0),
+    near: (report.near_field_m ?? 0) * 1e3, peak: isLinear(view.parameters?.display) ? report.scale_ends?.[flat ? "y" : "z"] ?? null : null,
   };
 }
 
 /** Whether pictures show the values as they are. @param {any} display */
-const asIs = (display) => !display?.log_range_db && !display?.envelope && !display?.gain_db_per_mm;
+const isLinear = (display) => !display?.log_range_db && !display?.envelope && !display?.gain_db_per_mm;
 
 /** Voxel whose centre is nearest to a place along an axis. @param {Source} source @param {Axis} axis @param {number} mm */
-export function indexOf(source, axis, mm) {
-  const n = at(axis);
+export function voxelIndex(source, axis, mm) {
+  const n = axisIndex(axis);
   return Math.min(Math.max(Math.round((mm - source.origin[n]) / source.spacing[n]), 0), source.shape[n] - 1);
 }
 
 /** @param {Source} source @param {Axis} axis @param {number} index */
-export function placeOf(source, axis, index) {
-  const n = at(axis);
+export function voxelPosition(source, axis, index) {
+  const n = axisIndex(axis);
   return source.origin[n] + index * source.spacing[n];
 }
 
 /** First voxel from a depth on. @param {Pick<Source, "shape" | "origin" | "spacing">} source @param {number} cut */
-export function firstBelow(source, cut) {
+export function firstVoxelBelow(source, cut) {
   const first = Math.ceil((cut - source.origin[2]) / source.spacing[2] - 1e-6);
   return Math.min(Math.max(first, 0), source.shape[2] - 1);
 }
@@ -68,13 +68,13 @@ export function firstBelow(source, cut) {
  * @param {Source} source @param {Axis} axis @param {number} mm @param {number} thickness @param {number} cut
  * @returns {Range}
  */
-export function slabOf(source, axis, mm, thickness, cut) {
-  const n = at(axis);
-  const least = axis === "z" ? firstBelow(source, cut) : 0;
-  if (thickness === Infinity) return { from: least, to: source.shape[n] };
+export function slabRange(source, axis, mm, thickness, cut) {
+  const n = axisIndex(axis);
+  const minIndex = axis === "z" ? firstVoxelBelow(source, cut) : 0;
+  if (thickness === Infinity) return { from: minIndex, to: source.shape[n] };
   const half = Math.max(0, (thickness / source.spacing[n] - 1) / 2);
   const middle = (mm - source.origin[n]) / source.spacing[n];
-  const from = Math.min(Math.max(Math.round(middle - half), thickness === 0 ? 0 : least), source.shape[n] - 1);
+  const from = Math.min(Math.max(Math.round(middle - half), thickness === 0 ? 0 : minIndex), source.shape[n] - 1);
   return { from, to: Math.min(Math.max(Math.round(middle + half), from), source.shape[n] - 1) + 1 };
 }
 
@@ -82,9 +82,9 @@ export function slabOf(source, axis, mm, thickness, cut) {
  * Numbers with their axes.
  * @param {string} path @param {Record<string, string | number>} query @param {AbortSignal} [signal]
  */
-async function numbers(path, query, signal) {
-  const told = new URLSearchParams(Object.entries({ dtype: "float32", ...query }).map(([name, one]) => [name, String(one)]));
-  const answer = await ask("GET", `${path}?${told}`, undefined, { accept: RAW, signal });
+async function fetchArray(path, query, signal) {
+  const searchParams = new URLSearchParams(Object.entries({ dtype: "float32", ...query }).map(([name, one]) => [name, String(one)]));
+  const answer = await request("GET", `${path}?${searchParams}`, undefined, { accept: BINARY, signal });
   const list = (/** @type {string} */ name) => (answer.headers.get(name) ?? "").split(",").map(Number);
   const body = await answer.arrayBuffer();
   return {
@@ -97,25 +97,25 @@ async function numbers(path, query, signal) {
 }
 
 /** @param {{values: Float32Array | Uint8Array, shape: number[], origin: number[], spacing: number[]}} found @returns {Plane} */
-function asPlane({ values, shape, origin, spacing }) {
+function toPlane({ values, shape, origin, spacing }) {
   const two = (/** @type {number[]} */ line) => /** @type {[number, number]} */ ([line[0], line[1]]);
   return { values: /** @type {Float32Array} */ (values), shape: two(shape), origin: two(origin), spacing: two(spacing) };
 }
 
 /** @type {Map<string, Plane>} */
-const kept = new Map();
+const planeCache = new Map();
 
 /** Under way, by name: who else wants it waits for it. @type {Map<string, Promise<Plane>>} */
-const awaited = new Map();
+const pendingPlanes = new Map();
 
 /** @param {string} name @param {() => Promise<Plane>} read @param {AbortSignal} [signal] with it nobody else waits for it */
-async function remembered(name, read, signal) {
-  const asked = kept.get(name) ?? awaited.get(name) ?? read();
-  if (!signal && asked instanceof Promise) awaited.set(name, asked.finally(() => awaited.delete(name)));
-  const plane = await asked;
-  kept.delete(name);
-  kept.set(name, plane); // the one used last is the last to go
-  for (const oldest of kept.keys()) if (kept.size > KEPT) kept.delete(oldest);
+async function cachedPlane(name, read, signal) {
+  const promise = planeCache.get(name) ?? pendingPlanes.get(name) ?? read();
+  if (!signal && promise instanceof Promise) pendingPlanes.set(name, promise.finally(() => pendingPlanes.delete(name)));
+  const plane = await promise;
+  planeCache.delete(name);
+  planeCache.set(name, plane); // the one used last is the last to go
+  for (const oldest of planeCache.keys()) if (planeCache.size > MAX_CACHED_PLANES) planeCache.delete(oldest);
   return plane;
 }
 
@@ -124,37 +124,37 @@ async function remembered(name, read, signal) {
  * @param {Source} source @param {Axis} axis @param {Range} range @param {AbortSignal} [signal]
  * @returns {Promise<Plane>}
  */
-export function planeOf(source, axis, { from, to }, signal) {
-  const here = `/reconstructions/${source.id}`;
-  return remembered(`${source.id} ${axis} ${from}:${to}`, async () => {
-    if (source.flat) return asPlane(await numbers(`${here}/volume`, {}, signal));
+export function fetchPlane(source, axis, { from, to }, signal) {
+  const basePath = `/reconstructions/${source.id}`;
+  return cachedPlane(`${source.id} ${axis} ${from}:${to}`, async () => {
+    if (source.flat) return toPlane(await fetchArray(`${basePath}/volume`, {}, signal));
     if (to - from > 1) {
-      const slab = to - from < source.shape[at(axis)] ? { slab: `${from}:${to}` } : null; // that of everything lies in the file
-      return asPlane(await numbers(`${here}/mip`, { axis, ...slab, max_size: MOST_VALUES }, signal));
+      const slab = to - from < source.shape[axisIndex(axis)] ? { slab: `${from}:${to}` } : null; // that of everything lies in the file
+      return toPlane(await fetchArray(`${basePath}/mip`, { axis, ...slab, max_size: MAX_PLANE_SIDE }, signal));
     }
     const parts = AXES.map((one) => (one === axis ? String(from) : ":"));
-    return asPlane(await numbers(`${here}/volume`, { slice: parts.join(",") }, signal));
+    return toPlane(await fetchArray(`${basePath}/volume`, { slice: parts.join(",") }, signal));
   }, signal);
 }
 
 /** Depths (mm) of the brightest values along z. @param {Source} source @param {Range} range @param {AbortSignal} [signal] */
-export function depthsOf(source, { from, to }, signal) {
-  return remembered(`${source.id} depth ${from}:${to}`, async () => {
+export function fetchDepths(source, { from, to }, signal) {
+  return cachedPlane(`${source.id} depth ${from}:${to}`, async () => {
     const path = `/reconstructions/${source.id}/mip`;
-    const plane = asPlane(await numbers(path, { axis: "depth", slab: `${from}:${to}`, max_size: MOST_VALUES }, signal));
+    const plane = toPlane(await fetchArray(path, { axis: "depth", slab: `${from}:${to}`, max_size: MAX_PLANE_SIDE }, signal));
     return { ...plane, values: plane.values.map((metres) => metres * 1e3) };
   }, signal);
 }
 
 /**
  * The whole, coarse enough for the 3-D view, in bytes; `window`: the values of 0 and 255.
- * @param {Source} source @param {number} top the value of 255
+ * @param {Source} source @param {number} peak the value of 255
  */
-export async function blockOf(source, top) {
-  let some = source.shape;
-  while (some[0] * some[1] * some[2] > MOST_VOXELS) some = /** @type {Triple} */ (some.map((side) => Math.ceil(side / 2)));
-  const found = await numbers(`/reconstructions/${source.id}/volume`, { dtype: "uint8", window: `0,${top > 0 ? top : 1}`, max_size: Math.max(...some) });
-  return /** @type {import("./raycast.js").Block & {window: [number, number], values: Uint8Array}} */ (/** @type {unknown} */ (found));
+export async function fetchBlock(source, peak) {
+  let blockShape = source.shape;
+  while (blockShape[0] * blockShape[1] * blockShape[2] > MAX_BLOCK_VOXELS) blockShape = /** @type {Triple} */ (blockShape.map((side) => Math.ceil(side / 2)));
+  const response = await fetchArray(`/reconstructions/${source.id}/volume`, { dtype: "uint8", window: `0,${peak > 0 ? peak : 1}`, max_size: Math.max(...blockShape) });
+  return /** @type {import("./raycast.js").Block & {window: [number, number], values: Uint8Array}} */ (/** @type {unknown} */ (response));
 }
 
 /**
@@ -162,30 +162,30 @@ export async function blockOf(source, top) {
  * @param {Source} source @param {number} cut @param {AbortSignal} [signal]
  * @returns {Promise<Triple>} mm
  */
-export async function brightest(source, cut, signal) {
+export async function findBrightest(source, cut, signal) {
   const along = source.flat ? "y" : "z";
-  const plane = await planeOf(source, along, slabOf(source, along, 0, Infinity, cut), signal);
+  const plane = await fetchPlane(source, along, slabRange(source, along, 0, Infinity, cut), signal);
   if (source.flat) {
-    const top = greatestFrom(plane, firstBelow(source, cut));
-    return [placeOf(source, "x", top.i), 0, placeOf(source, "z", top.j)];
+    const peak = maxOfPlane(plane, firstVoxelBelow(source, cut));
+    return [voxelPosition(source, "x", peak.i), 0, voxelPosition(source, "z", peak.j)];
   }
-  const { i, j } = greatestFrom(plane, 0);
+  const { i, j } = maxOfPlane(plane, 0);
   const [x, y] = [plane.origin[0] + i * plane.spacing[0], plane.origin[1] + j * plane.spacing[1]];
   const path = `/reconstructions/${source.id}/volume`;
-  const slice = `${indexOf(source, "x", x)},${indexOf(source, "y", y)},:`;
-  const { values } = await numbers(path, { slice }, signal);
-  let top = firstBelow(source, cut);
-  for (let n = top; n < values.length; n++) if (values[n] > values[top]) top = n;
-  return [x, y, placeOf(source, "z", top)];
+  const slice = `${voxelIndex(source, "x", x)},${voxelIndex(source, "y", y)},:`;
+  const { values } = await fetchArray(path, { slice }, signal);
+  let peak = firstVoxelBelow(source, cut);
+  for (let n = peak; n < values.length; n++) if (values[n] > values[peak]) peak = n;
+  return [x, y, voxelPosition(source, "z", peak)];
 }
 
 /** @param {Plane} plane @param {number} first along its second axis */
-function greatestFrom({ values, shape: [na, nb] }, first) {
-  const top = { i: 0, j: first, value: -Infinity };
+function maxOfPlane({ values, shape: [na, nb] }, first) {
+  const peak = { i: 0, j: first, value: -Infinity };
   for (let i = 0; i < na; i++) {
     for (let j = first; j < nb; j++) {
-      if (values[i * nb + j] > top.value) Object.assign(top, { i, j, value: values[i * nb + j] });
+      if (values[i * nb + j] > peak.value) Object.assign(peak, { i, j, value: values[i * nb + j] });
     }
   }
-  return top;
+  return peak;
 }

@@ -6,17 +6,17 @@ import { count, figure } from "../../units.js";
 const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP] = [420, 190, 52, 34, 8];
 
 /** @param {HTMLElement} host @param {any} histogram of the answer */
-export function showCounts(host, histogram) {
+export function showCodeHistogram(host, histogram) {
   const { edges, counts } = histogram;
   const name = histogram.kind === "codes" ? "digitiser codes" : "values";
-  const most = Math.max(10, ...counts);
-  const decades = Math.ceil(Math.log10(most));
+  const maxCount = Math.max(10, ...counts);
+  const decades = Math.ceil(Math.log10(maxCount));
   const span = edges[edges.length - 1] - edges[0] || 1;
   const x = (/** @type {number} */ value) => LEFT + ((WIDTH - LEFT - 8) * (value - edges[0])) / span;
   const y = (/** @type {number} */ number) => HEIGHT - BOTTOM - (number ? ((HEIGHT - BOTTOM - TOP) * (Math.log10(number) + 0.3)) / (decades + 0.3) : 0);
   const outline = counts.map((/** @type {number} */ one, /** @type {number} */ n) => `H${x(edges[n]).toFixed(1)}V${y(one).toFixed(1)}H${x(edges[n + 1]).toFixed(1)}`).join("");
-  const facts = factsOf(histogram, name);
-  const text = (/** @type {string} */ said, /** @type {any} */ props) => s("text", { class: "tick", ...props }, said);
+  const facts = histogramFacts(histogram, name);
+  const text = (/** @type {string} */ content, /** @type {any} */ props) => s("text", { class: "tick", ...props }, content);
   const levels = Array.from({ length: decades + 1 }, (_, n) => n).filter((n) => n % Math.ceil(decades / 5) === 0);
   const chart = s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": `Histogram of ${name}, logarithmic: ${facts.join("; ")}` },
     ...levels.flatMap((n) => [
@@ -32,7 +32,7 @@ export function showCounts(host, histogram) {
 }
 
 /** @param {any} histogram @param {string} name */
-function factsOf({ clipped_low: low, clipped_high: high, missing_codes: missing, mid_scale_offset: offset }, name) {
+function histogramFacts({ clipped_low: low, clipped_high: high, missing_codes: missing, mid_scale_offset: offset }, name) {
   const known = (/** @type {any} */ one) => one !== null && one !== undefined;
   return [
     `${count(low)} samples clipped at the low end`, `${count(high)} at the high end`,

@@ -8,7 +8,7 @@ import { count, figure, mm, shortTime } from "../../units.js";
  */
 
 /** What a mend does, as the service names it. */
-const MENDS = /** @type {Record<string, string>} */ ({ "leave-out": "can be left out", sign: "can be mended by its sign", shift: "can be mended by a shift" });
+const MEND_LABELS = /** @type {Record<string, string>} */ ({ "leave-out": "can be left out", sign: "can be mended by its sign", shift: "can be mended by a shift" });
 
 /** Maps by their name in the answer: name, unit, factor from the answer's unit. */
 export const MAPS = /** @type {[string, string, string, number][]} */ ([
@@ -17,7 +17,7 @@ export const MAPS = /** @type {[string, string, string, number][]} */ ([
 ]);
 
 /** Bad A-lines by kind, the most frequent first. @param {Bad[]} bad @returns {[string, Bad[]][]} */
-export function byKind(bad) {
+export function groupByKind(bad) {
   /** @type {Map<string, Bad[]>} */
   const kinds = new Map();
   for (const one of bad) kinds.set(one.kind, [...(kinds.get(one.kind) ?? []), one]);
@@ -25,36 +25,36 @@ export function byKind(bad) {
 }
 
 /** The number of bad A-lines by kind, also of those that are not listed. @param {Signals} signals @returns {[string, number][]} */
-function numbersOf({ bad, bad_counts: counts }) {
-  return counts ? Object.entries(counts).sort(([, a], [, b]) => b - a) : byKind(bad).map(([kind, all]) => [kind, all.length]);
+function badCounts({ bad, bad_counts: counts }) {
+  return counts ? Object.entries(counts).sort(([, a], [, b]) => b - a) : groupByKind(bad).map(([kind, all]) => [kind, all.length]);
 }
 
 /** @param {Signals} signals */
-export function total(signals) {
-  const { looked_at: looked, alines, complete } = signals;
-  const of = `${count(looked)}${looked < alines ? ` of ${count(alines)}` : ""} A-lines`;
-  const sofar = complete ? "" : " so far";
+export function summaryOf(signals) {
+  const { looked_at: inspected, alines, complete } = signals;
+  const of = `${count(inspected)}${inspected < alines ? ` of ${count(alines)}` : ""} A-lines`;
+  const soFar = complete ? "" : " so far";
   const limits = signals.decidable === false ? " Inverted and shifted ones cannot be told: neighbours are not alike." : "";
-  const numbers = numbersOf(signals);
-  const number = numbers.reduce((sum, [, one]) => sum + one, 0);
-  if (!number) return `None of ${of} looked at${sofar} looks bad.${limits}`;
+  const numbers = badCounts(signals);
+  const badNumber = numbers.reduce((sum, [, one]) => sum + one, 0);
+  if (!badNumber) return `None of ${of} looked at${soFar} looks bad.${limits}`;
   const kinds = numbers.map(([kind, one]) => `${count(one)} ${kind}`).join(", ");
-  return `${count(number)} of ${of}${sofar} ${number === 1 ? "looks" : "look"} bad: ${kinds}. Nothing is left out or mended unless the reconstruction is asked to.${limits}`;
+  return `${count(badNumber)} of ${of}${soFar} ${badNumber === 1 ? "looks" : "look"} bad: ${kinds}. Nothing is left out or mended unless the reconstruction is asked to.${limits}`;
 }
 
 /** One A-line in a sentence. @param {Bad} bad */
-export function told({ aline, x, y, kind, detail, mend }) {
-  return `A-line ${count(aline)} at x ${mm(x)}, y ${mm(y)}: ${[kind, detail, MENDS[mend]].filter(Boolean).join("; ")}.`;
+export function alineText({ aline, x, y, kind, detail, mend }) {
+  return `A-line ${count(aline)} at x ${mm(x)}, y ${mm(y)}: ${[kind, detail, MEND_LABELS[mend]].filter(Boolean).join("; ")}.`;
 }
 
 /** Unit of a map: the digitiser's counts, or those of a recording whose unit is not known. @param {string} name @param {boolean} isCounts */
-export function unitOf(name, isCounts) {
+export function mapUnit(name, isCounts) {
   const [, , unit] = MAPS.find(([one]) => one === name) ?? ["", "", "", 1];
   return isCounts || name === "arrival" ? unit : unit.endsWith("²") ? "(as recorded)²" : "as recorded";
 }
 
 /** A value of a map with its unit. @param {string} name @param {number | null} value @param {boolean} isCounts */
-export function valueOf(name, value, isCounts) {
+export function mapValue(name, value, isCounts) {
   if (value === null) return "not known";
-  return name === "arrival" ? shortTime(value) : `${figure(value)}\u00a0${unitOf(name, isCounts)}`;
+  return name === "arrival" ? shortTime(value) : `${figure(value)}\u00a0${mapUnit(name, isCounts)}`;
 }

@@ -2,46 +2,46 @@
 // The inspection of a scan's signals: histogram, noise, maps, beams, frames and bad A-lines; read only while it is open.
 import { api } from "../../api.js";
 import { line } from "../../charts.js";
-import { h, renew, replace } from "../../dom.js";
-import { failed, loading, words } from "../../panel_states.js";
-import { clock, count, figure } from "../../units.js";
-import { showCounts } from "./code_histogram.js";
-import { Field, markOf } from "./signal_map.js";
-import { byKind, told, total } from "./labels.js";
+import { h, replaceKeepingFocus, replace } from "../../dom.js";
+import { showError, showLoading, errorElements } from "../../panel_states.js";
+import { formatTime, count, figure } from "../../units.js";
+import { showCodeHistogram } from "./code_histogram.js";
+import { SignalMap, markOf } from "./signal_map.js";
+import { groupByKind, alineText, summaryOf } from "./labels.js";
 
-/** @typedef {import("./labels.js").Signals} Told */
+/** @typedef {import("./labels.js").Signals} SignalsReport */
 
-const EVERY = 10; // seconds between two looks while the scan runs
-const MOST = 200; // A-lines of a kind that are listed
+const READ_INTERVAL = 10; // seconds between two looks while the scan runs
+const MAX_LISTED = 200; // A-lines of a kind that are listed
 
 export class Signals {
-  /** @param {HTMLElement} host @param {string} id of the scan @param {(aline: number) => void} chosen an A-line that is to be shown */
-  constructor(host, id, chosen) {
+  /** @param {HTMLElement} host @param {string} id of the scan @param {(aline: number) => void} onSelect an A-line that is to be shown */
+  constructor(host, id, onSelect) {
     this.path = `/scans/${id}/signals`;
-    this.chosen = chosen;
+    this.onSelect = onSelect;
     this.aperture = 0.01;
     this.running = false;
-    this.asking = false;
+    this.isReading = false;
     this.isDue = false;
-    this.isWhole = false;
-    this.total = h("p", { role: "status", dataset: { total: "" } });
-    this.when = h("p", { class: "dim small" });
+    this.isComplete = false;
+    this.summary = h("p", { role: "status", dataset: { total: "" } });
+    this.statusLine = h("p", { class: "dim small" });
     this.counts = h("div");
     this.noise = h("div", { class: "chart", role: "group" });
     this.map = h("div", { class: "stack field-map" });
     this.tables = h("div", { class: "stack" });
     this.list = h("div", { class: "stack" });
-    this.field = new Field(this.map, chosen);
+    this.signalMap = new SignalMap(this.map, onSelect);
     this.body = h("div", { class: "stack" });
-    this.view = [this.total, this.when, h("div", { class: "signals-grid" }, this.counts, h("div", null, h("h3", null, "Noise spectrum"), this.noise), this.map, h("div", { class: "stack" }, h("h3", null, "Bad A-lines"), this.list)), this.tables];
+    this.view = [this.summary, this.statusLine, h("div", { class: "signals-grid" }, this.counts, h("div", null, h("h3", null, "Noise spectrum"), this.noise), this.map, h("div", { class: "stack" }, h("h3", null, "Bad A-lines"), this.list)), this.tables];
     this.details = h("details", { ontoggle: () => this.read() }, h("summary", null, h("strong", null, "Signals"), h("span", { class: "dim" }, " histogram, noise, maps, bad A-lines")), this.body);
     host.append(this.details);
-    setInterval(() => this.running && this.read(), EVERY * 1000);
+    setInterval(() => this.running && this.read(), READ_INTERVAL * 1000);
     document.addEventListener("visibilitychange", () => this.running && this.read());
   }
 
   /** What is known of the scan. @param {number} aperture in metres @param {boolean} running */
-  of(aperture, running) {
+  setScan(aperture, running) {
     this.aperture = aperture;
     const ended = this.running && !running;
     this.running = running;
@@ -51,32 +51,32 @@ export class Signals {
 
   /** Read and show it, where somebody sees it. */
   async read() {
-    if (!this.details.open || document.hidden || this.asking || (this.isWhole && !this.running)) return;
-    this.asking = true;
+    if (!this.details.open || document.hidden || this.isReading || (this.isComplete && !this.running)) return;
+    this.isReading = true;
     this.isDue = false;
-    if (!this.body.firstChild) loading(this.body, "looking at the signals …");
+    if (!this.body.firstChild) showLoading(this.body, "looking at the signals …");
     try {
-      const signals = /** @type {Told} */ (await api.get(this.path));
-      if (!this.total.isConnected) replace(this.body, ...this.view);
+      const signals = /** @type {SignalsReport} */ (await api.get(this.path));
+      if (!this.summary.isConnected) replace(this.body, ...this.view);
       await this.show(signals);
-      this.isWhole = signals.complete && !this.running;
+      this.isComplete = signals.complete && !this.running;
     } catch (error) {
-      if (this.running && this.total.isConnected) replace(this.when, "The last look did not work, what stands here is older: ", ...words(error));
-      else failed(this.body, error, () => void this.read());
+      if (this.running && this.summary.isConnected) replace(this.statusLine, "The last look did not work, what stands here is older: ", ...errorElements(error));
+      else showError(this.body, error, () => void this.read());
     }
-    this.asking = false;
+    this.isReading = false;
     if (this.isDue) await this.read();
   }
 
-  /** @param {Told} signals */
+  /** @param {SignalsReport} signals */
   async show(signals) {
-    const said = total(signals);
-    if (this.total.textContent !== said) this.total.textContent = said;
-    this.when.textContent = this.running ? `As of ${clock(new Date())}; looked at again every ${EVERY} s while the scan runs and this is open.` : "";
-    showCounts(this.counts, signals.histogram);
-    this.field.show(signals.maps, signals.bad, this.aperture, signals.histogram.kind === "codes");
+    const summaryText = summaryOf(signals);
+    if (this.summary.textContent !== summaryText) this.summary.textContent = summaryText;
+    this.statusLine.textContent = this.running ? `As of ${formatTime(new Date())}; looked at again every ${READ_INTERVAL} s while the scan runs and this is open.` : "";
+    showCodeHistogram(this.counts, signals.histogram);
+    this.signalMap.show(signals.maps, signals.bad, this.aperture, signals.histogram.kind === "codes");
     this.showBad(signals.bad);
-    replace(this.tables, tableOf("Beams", "beam", signals.beams), tableOf("Frames", "frame", signals.frames));
+    replace(this.tables, createTable("Beams", "beam", signals.beams), createTable("Frames", "frame", signals.frames));
     await this.showNoise(signals.spectrum);
   }
 
@@ -92,21 +92,21 @@ export class Signals {
   showBad(bad) {
     const open = new Set([...this.list.querySelectorAll("details[open]")].map((one) => /** @type {HTMLElement} */ (one).dataset.kind));
     const one = (/** @type {import("./labels.js").Bad} */ each) => h("button", {
-      type: "button", class: "quiet", title: told(each), "aria-label": told(each), dataset: { aline: each.aline }, onclick: () => this.chosen(each.aline),
-      onfocus: () => this.field.light(each), onpointerenter: () => this.field.light(each), onblur: () => this.field.light(null), onpointerleave: () => this.field.light(null),
+      type: "button", class: "quiet", title: alineText(each), "aria-label": alineText(each), dataset: { aline: each.aline }, onclick: () => this.onSelect(each.aline),
+      onfocus: () => this.signalMap.highlight(each), onpointerenter: () => this.signalMap.highlight(each), onblur: () => this.signalMap.highlight(null), onpointerleave: () => this.signalMap.highlight(null),
     }, String(each.aline));
-    renew(this.list, bad.length ? byKind(bad).map(([kind, all]) => h("details", { open: open.has(kind), dataset: { kind } },
+    replaceKeepingFocus(this.list, bad.length ? groupByKind(bad).map(([kind, all]) => h("details", { open: open.has(kind), dataset: { kind } },
       h("summary", null, `${markOf(kind)} ${kind}: ${count(all.length)}`),
-      h("div", { class: "row alines" }, all.slice(0, MOST).map(one), all.length > MOST ? h("span", { class: "dim" }, `and ${count(all.length - MOST)} more`) : null))) : h("p", { class: "dim" }, "none"));
+      h("div", { class: "row alines" }, all.slice(0, MAX_LISTED).map(one), all.length > MAX_LISTED ? h("span", { class: "dim" }, `and ${count(all.length - MAX_LISTED)} more`) : null))) : h("p", { class: "dim" }, "none"));
   }
 }
 
 /** @param {string} title @param {string} name @param {any[]} rows */
-function tableOf(title, name, rows) {
+function createTable(title, name, rows) {
   if (!rows?.length) return null;
   const columns = Object.keys(rows[0]);
-  const shown = (/** @type {any} */ value) => (typeof value !== "number" ? String(value ?? "–") : Number.isInteger(value) ? count(value) : figure(value));
+  const cellText = (/** @type {any} */ value) => (typeof value !== "number" ? String(value ?? "–") : Number.isInteger(value) ? count(value) : figure(value));
   return h("div", { class: "scrolls" }, h("table", { dataset: { table: name } }, h("caption", null, title),
     h("thead", null, h("tr", null, columns.map((one) => h("th", { scope: "col", class: "number" }, one === "alines" ? "A-lines" : one.replaceAll("_", " "))))),
-    h("tbody", null, rows.map((row) => h("tr", null, columns.map((one) => h("td", { class: "number" }, shown(row[one]))))))));
+    h("tbody", null, rows.map((row) => h("tr", null, columns.map((one) => h("td", { class: "number" }, cellText(row[one]))))))));
 }
