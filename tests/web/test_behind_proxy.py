@@ -78,14 +78,14 @@ def test_the_whole_story_below_a_path(service, laboratory, open_below):
     drawn(page)
     page.click("[data-tab='Files']")
     row = page.locator("[data-format='nrrd']")
-    row.get_by_role("button", name="Make").click()
+    row.get_by_role("button", name="Create").click()
     with page.expect_download() as download:
         row.get_by_role("link", name="Download").click()
     assert download.value.path().read_bytes().startswith(b"NRRD")
     for address in PATHS:  # the rail leads there from a page of any depth
         page.locator(f"nav.rail a[href$='{address[1:]}']").click()
         expect(page).to_have_url(re.compile(f"^{laboratory.url}{address}"))
-        expect(page.locator("#scanner")).not_to_contain_text("looking")
+        expect(page.locator("#scanner")).not_to_contain_text("reading")
     (cookie,) = page.context.cookies()
     assert (cookie["path"], cookie["secure"], cookie["httpOnly"]) == ("/steradian/api/v1", True, True)
     page.reload()  # the session is found again
@@ -142,7 +142,7 @@ def test_page_below_unannounced_proxy_path_works(tmp_path, chromium):
     page.get_by_label("API key").fill(KEY)
     page.get_by_role("button", name="Sign in").last.click()
     expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
-    expect(page.locator("#scanner")).not_to_contain_text("looking")
+    expect(page.locator("#scanner")).not_to_contain_text("reading")
     assert outside == []
     assert httpx.get(f"{base}/static/urls.js").is_success
     context.close()

@@ -26,10 +26,12 @@ def test_uploaded_recording_is_inspected_and_imported_as_scan(service, open_page
     expect(page.get_by_text("<b>ball.npy", exact=True)).to_be_visible()
     figures = page.locator("dl.figures")
     expect(figures).to_contain_text("512 (int16)")
-    expect(page.locator("[data-remark=sampling_interval]")).to_contain_text("Needed: more than 0 ns; the file does not")
-    expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is a guess")
+    expect(page.locator("[data-remark=sampling_interval]")).to_contain_text(
+        "Required: more than 0 ns; not stated in the file"
+    )
+    expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is an assumption")
     expect(page.get_by_role("button", name="Import")).to_be_disabled()
-    expect(page.locator("#not-yet")).to_have_text("Not yet; needed: sampling interval.")
+    expect(page.locator("#not-yet")).to_have_text("Required for the import: sampling interval.")
     assert drawn(page) > 144  # the sensors, before anything is stored
     expect(page.locator(".chart canvas").first).to_be_visible()
     page.get_by_label("Sampling interval").fill("20")
@@ -104,11 +106,11 @@ def test_import_form_with_grid_pitch_places_sensors(service, open_page, recordin
     """Nobody says where 144 sensors are: with a pitch they are a square, centred."""
     page = open_page(service, "/data")
     page.set_input_files("#files", recording[0])
-    expect(page.get_by_text("Where the sensors are is not stated")).to_be_visible()
-    expect(page.locator("[data-remark=interval]")).to_contain_text("Needed: positions or a grid")
+    expect(page.get_by_text("Sensor positions are not stated")).to_be_visible()
+    expect(page.locator("[data-remark=interval]")).to_contain_text("Required: positions or a grid")
     page.get_by_label("Sampling interval").fill("20")
-    page.get_by_label("Pitch of a grid").fill("1")
-    expect(page.get_by_text("Where the sensors are is not stated")).to_be_hidden()
+    page.get_by_label("Grid pitch").fill("1")
+    expect(page.get_by_text("Sensor positions are not stated")).to_be_hidden()
     expect(page.get_by_role("button", name="Import")).to_be_enabled()
     assert drawn(page) > 144
     page.provoked("status of 422")  # the array alone does not say how many are on a side

@@ -41,8 +41,8 @@ def test_design_preview_shows_service_figures_and_stores_nothing(service, open_p
     assert figure(page, "Points") == str(told["mask"]["count"])
     assert figure(page, "Visible edges") == f"{100 * told['visible_share']:.0f}\N{NO-BREAK SPACE}%"
     assert page.locator(".part.limiting").inner_text().startswith(told["plan"]["limiting"])
-    expect(page.locator("section.spread")).to_contain_text("A ball of 150")
-    expect(page.get_by_text("53 points, nearest to 60")).to_be_visible()
+    expect(page.locator("section.spread")).to_contain_text("Sphere of 150")
+    expect(page.get_by_text("53 points; requested: 60")).to_be_visible()
     page.locator(FIELD.format("count")).fill("200")
     until(lambda: figure(page, "Points") not in {"53", ""})
     assert stored(service) == before
@@ -97,7 +97,7 @@ def test_every_arrangement_can_be_looked_at(service, open_page, arrangement):
         page.locator(FIELD.format("side")).fill("9")
     ready(page)
     assert int(figure(page, "Points").replace(",", "")) > 20
-    page.get_by_label("Look from another place").check()
+    page.get_by_label("Evaluate another point").check()
     ready(page)
     expect(page).to_have_url(re.compile(r"[?&]look="))
 
@@ -155,7 +155,7 @@ def test_design_form_offers_every_plan_field_of_api(service, open_page):
     expect(page.locator(FIELD.format("beams"))).to_have_value("0, 0; 1, 0")
     page.locator(FIELD.format("beams")).fill("")
     ready(page)
-    page.get_by_label("Follow with an image").uncheck()
+    page.get_by_label("Show a live image").uncheck()
     page.get_by_role("button", name="Scan this").click()
     expect(page).to_have_url(re.compile("/scans/s"))
     scan = service.get(f"/scans/{page.url.rpartition('/')[2]}").json()
@@ -181,7 +181,7 @@ def test_a_tuning_map_is_read_from_a_file(service, open_page):
         ready(page)  # what the service says of the design without a map does not wipe it away
         expect(wrong).to_contain_text(fault)
     page.set_input_files("#field-tuning_map", file_of("map.csv", rows))
-    expect(page.locator(".tuning")).to_contain_text("9 places")
+    expect(page.locator(".tuning")).to_contain_text("9 positions")
     expect(wrong).to_have_count(0)
     page.locator(FIELD.format("order")).select_option("wavelength")
     ready(page)
@@ -206,7 +206,7 @@ def test_designs_are_pinned_side_by_side(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}&label=%3Cb%3Efirst"))
     first = page.locator("dl.figures.across").inner_text().split("\n")
     page.get_by_role("button", name="Pin this design").click()
-    expect(page.locator(".pin dl.figures")).to_contain_text("A ball of 150")
+    expect(page.locator(".pin dl.figures")).to_contain_text("Sphere of 150")
     page.get_by_label("Arrangement").select_option("random")
     ready(page)
     page.get_by_role("button", name="Pin this design").click()
@@ -219,7 +219,7 @@ def test_designs_are_pinned_side_by_side(service, open_page):
     assert set(first) <= set(kept)
     page.get_by_role("button", name="Unpin Random").click()
     expect(page.locator(".pin")).to_have_count(1)
-    page.get_by_role("link", name="Work on it").click()
+    page.get_by_role("link", name="Edit this design").click()
     ready(page)
     assert page.get_by_label("Arrangement").input_value() == "equi-steradian"
 
@@ -249,16 +249,16 @@ def test_an_answer_that_is_lost_on_its_way_makes_no_second_scan(service, open_pa
 
 def test_where_there_are_several_scanners_a_person_chooses_one(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}&pulse_rate=200"))
-    expect(page.get_by_label("Which scanner", exact=True)).to_be_hidden()
+    expect(page.get_by_label("Scanner for this scan", exact=True)).to_be_hidden()
     database = Database(metadata_url(service.settings))
     other = ScannerRepository(database, scanner_id="scanner-1")
     other.ensure(simulated=True)
     try:
-        choice = page.get_by_label("Which scanner", exact=True)
+        choice = page.get_by_label("Scanner for this scan", exact=True)
         expect(choice).to_be_visible()
         before = stored(service)
         page.get_by_role("button", name="Scan this").click()
-        expect(page.locator("footer [role=alert]")).to_contain_text("Choose one")
+        expect(page.locator("footer [role=alert]")).to_contain_text("select the scanner")
         assert stored(service) == before
         choice.select_option("scanner-1")
         page.get_by_role("button", name="Scan this").click()

@@ -63,7 +63,7 @@ def test_a_dialog_does_not_take_the_stop_away(service, open_page, released):
     expect(page.locator("#stopped")).to_contain_text(DONE)
     page.get_by_role("dialog").get_by_role("button", name="Close").click()
     page.get_by_role("button", name="Release …").click()  # and the answer is in reach, too
-    expect(page.get_by_role("dialog")).to_contain_text("is it safe that a laser fires")
+    expect(page.get_by_role("dialog")).to_contain_text("is it safe to fire the laser")
     page.keyboard.press("Escape")
     expect(page.get_by_role("dialog")).to_have_count(0)
 
@@ -79,7 +79,7 @@ def test_stop_button_switches_laser_off_and_shows_confirmation(service, open_pag
     assert laser(service) == "off"
     until(lambda: service.get(f"/scans/{scan}").json()["state"] == "aborted")
     page.get_by_role("button", name="Release …").click()
-    page.get_by_label("Why it may be released").fill("the sample was moved")
+    page.get_by_label("Reason for the release").fill("the sample was moved")
     page.get_by_role("button", name="Release", exact=True).click()
     expect(page.locator("#stopped")).to_be_hidden()
     assert laser(service) is None
@@ -132,7 +132,7 @@ def test_a_scanner_that_does_not_let_its_stop_go_is_named_and_the_others_are_rel
         "**/scanners/scanner-1/emergency-stop*", lambda route: route.fulfill(status=503, json={"detail": "gone"})
     )
     page.get_by_role("button", name="Release …").click()
-    page.get_by_label("Why it may be released").fill("it was a test")
+    page.get_by_label("Reason for the release").fill("it was a test")
     page.get_by_role("button", name="Release", exact=True).click()
     expect(page.get_by_role("dialog")).to_contain_text("scanner-1: gone")
     assert laser(service) is None

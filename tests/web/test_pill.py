@@ -29,12 +29,12 @@ def shown(service, open_page):
 @pytest.mark.parametrize(
     ("fields", "told"),
     [
-        ({}, "connected|laser off|shutter closed|interlock closed|seen"),
+        ({}, "connected|laser off|shutter closed|interlock closed|updated"),
         ({"laser": "on", "shutter": "open", "state": "scanning"}, "laser on|shutter open|interlock closed"),
         ({"laser": "armed", "state": "scanning"}, "laser armed|shutter closed"),
-        ({"state": "idle", "laser": "unknown"}, "connected|laser: unknown (the scanner does not tell)"),
+        ({"state": "idle", "laser": "unknown"}, "connected|laser: unknown (not reported by the scanner)"),
         ({"laser": "off", "age": None}, "laser: unknown"),
-        ({"laser": "off", "age": 3.5}, "laser: unknown (not seen any more)"),
+        ({"laser": "off", "age": 3.5}, "laser: unknown (the status is out of date)"),
         ({"connection": "disconnected", "laser": "unknown", "age": None, "last_error": "it is gone"}, "(it is gone)"),
         ({"connection": "in-use", "holder": HOLDER, "laser": "on"}, f"in use by {HOLDER}|laser on"),
         ({"connection": "in-use", "holder": HOLDER, "laser": "unknown", "age": None}, f"in use by {HOLDER}|laser: unk"),
@@ -57,7 +57,7 @@ def test_status_pill_of_one_scanner_shows_device_state(service, shown, fields, t
         ("unconfirmed", {"laser": "on"}, "stop not confirmed|laser on", "use the hardware switch"),
         ("off", {"laser": "off"}, "stopped|laser off", "laser off (confirmed by the device"),
         ("off", {"laser": "on"}, "stopped|laser on", "but the laser is on again: use the hardware switch"),
-        ("off", {"laser": "unknown", "age": None}, "stopped|laser: unknown", "the laser now: unknown"),
+        ("off", {"laser": "unknown", "age": None}, "stopped|laser: unknown", "the laser state is now unknown"),
         (
             "idle",
             {"laser": "unknown", "age": None},
@@ -129,4 +129,4 @@ def test_pill_of_a_page_that_was_hidden_is_unknown_until_it_is_looked_at_again(s
 
 def test_status_pill_states_polling_interval(service, shown):
     _, pill = shown(scanner_of(service))
-    expect(pill).to_have_attribute("title", re.compile("every 200.ms, this page asks the service every second"))
+    expect(pill).to_have_attribute("title", re.compile("every 200.ms. This page polls the service every second"))

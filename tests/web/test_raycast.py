@@ -17,7 +17,7 @@ SCRIPT = """
     const block = {...given.block, values: Float32Array.from(given.block.values)};
     const picture = m.createRaycaster(canvas, {keep: true});
     if (!picture) return "no WebGL 2";
-    picture.load(block);
+    picture.upload(block);
     picture.draw({...given.shown, colours: colours.colourTable(given.shown.map)});
     const gl = canvas.getContext("webgl2");
     const bytes = new Uint8Array(4 * given.size ** 2);

@@ -132,7 +132,7 @@ def test_the_queue_can_be_moved_and_cancelled(open_page, service, client, scan):
     page = open_page(service, "/reconstructions")
     try:
         page.wait_for_selector(f"[data-row='{long.id}'][data-state='running']")
-        sooner = page.get_by_label(f"Sooner: {waiting[1].id}")
+        sooner = page.get_by_label(f"Raise the priority: {waiting[1].id}")
         sooner.focus()
         page.keyboard.press("Enter")
         until(lambda: client.reconstructions.get(waiting[1].id).priority == 90)
@@ -178,7 +178,7 @@ def test_double_click_on_export_sends_one_request(open_page, service, made):
     asked = []
     page.on("request", lambda one: asked.append(one.url) if one.method == "POST" else None)
     page.get_by_role("tab", name="Files").click()
-    page.locator("[data-format='nrrd']").get_by_role("button", name="Make").dblclick()
+    page.locator("[data-format='nrrd']").get_by_role("button", name="Create").dblclick()
     expect(page.locator("[data-format='nrrd'] a")).to_have_text("Download", timeout=120_000)
     assert len(asked) == 1
 
@@ -244,7 +244,7 @@ def test_reconstruction_shows_requesting_principal(open_page, service, queue):
     page = open_page(service, "/reconstructions")
     expect(page.locator(f"[data-row='{long}'] .by")).to_have_text(who)
     page.goto(f"{service.url}/reconstructions/{long}")
-    expect(page.locator("dt:text-is('By') + dd")).to_have_text(who)
+    expect(page.locator("dt:text-is('Submitted by') + dd")).to_have_text(who)
 
 
 def test_priorities_bring_a_job_to_its_place_and_leave_the_others_in_order(chromium, service):
@@ -298,7 +298,7 @@ def test_volume_without_picture_shows_reason(open_page, service, made):
     expect(page.locator(f"[data-of='{second}'] + span")).to_have_text("empty: no value above 0")
     until(lambda: page.evaluate("1") and held)
     held[0].abort()
-    expect(page.locator(f"[data-of='{first}'] + span")).to_have_text("no picture")
+    expect(page.locator(f"[data-of='{first}'] + span")).to_have_text("image unavailable")
     page.provoked("net::ERR_FAILED")  # the picture that did not come
 
 

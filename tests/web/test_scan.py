@@ -31,7 +31,7 @@ def test_the_image_that_grows_is_the_services_projection(service, open_page):
     scan = start(service, plan, {})
     live = service.done("/reconstructions", scan_id=scan, follow=True)
     page = open_page(service, f"/scans/{scan}")
-    expect(page.locator("section.image")).to_contain_text("the whole image")
+    expect(page.locator("section.image")).to_contain_text("the complete image")
     shown = page.locator("section.image canvas").evaluate(
         "c => [c.width, c.height, ...c.getContext('2d').getImageData(0, 0, c.width, c.height).data]"
     )
@@ -59,7 +59,7 @@ def test_the_image_that_grows_is_the_services_projection(service, open_page):
 def test_scan_page_pauses_resumes_and_stops_scan(service, open_page):
     scan = slow(service)
     page = open_page(service, f"/scans/{scan}")
-    expect(page.get_by_text("the others take a scan of their own")).to_be_visible()
+    expect(page.get_by_text("the missing points need another scan")).to_be_visible()
     page.get_by_role("button", name="Pause").press("Enter")
     until(lambda: state(service, scan) == "paused")
     expect(page.locator("section.head strong")).to_have_text("paused")
@@ -85,7 +85,7 @@ def test_scan_page_pauses_resumes_and_stops_scan(service, open_page):
     expect(page.locator("[data-filter=missing]")).to_have_text(f"missing {seen['missing']}")
     page.locator("section.map canvas").focus()
     page.keyboard.press("ArrowRight")
-    expect(page.locator("section.trace")).to_contain_text("Chosen, point")
+    expect(page.locator("section.trace")).to_contain_text("Selected, point")
     page.keyboard.press("Escape")
     expect(page.locator("section.trace")).to_contain_text("Newest, point")
     page.locator("[data-filter=missing]").click()

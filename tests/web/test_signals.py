@@ -70,7 +70,7 @@ def test_signals_figures_equal_the_answers(service, open_page, scan):
     page = shown(open_page, service, identifier, signals(places))
     part = page.locator("section.signals")
     expect(part.locator("[data-total]")).to_contain_text(
-        f"4 of {len(places)} A-lines look bad: 2 dead, 1 saturated, 1 inverted. Nothing is left out"
+        f"4 of {len(places)} A-lines are bad: 2 dead, 1 saturated, 1 inverted. No A-line is excluded"
     )
     for kind, numbers in {"dead": ["3", "29"], "saturated": ["17"], "inverted": ["40"]}.items():
         group = part.locator(f"details[data-kind={kind}]")
@@ -111,9 +111,9 @@ def test_signals_map_keys_tell_and_show_bad_alines(service, open_page, scan):
     said = page.locator("section.signals output")
     expect(said).to_contain_text("A-line 3 at x")
     page.keyboard.press("ArrowRight")
-    expect(said).to_contain_text("saturated; as made; can be left out")
+    expect(said).to_contain_text("saturated; as made; can be excluded")
     page.keyboard.press("Enter")
-    expect(page.locator("section.trace")).to_contain_text("Chosen, point 17")
+    expect(page.locator("section.trace")).to_contain_text("Selected, point 17")
     page.keyboard.press("Escape")
     expect(said).not_to_contain_text("A-line")
 
@@ -130,8 +130,8 @@ def test_signals_of_a_running_scan_are_read_again_while_open(service, open_page)
 
     page = shown(open_page, service, made["id"], answer)
     said = page.locator("section.signals [data-total]")
-    expect(said).to_contain_text(f"1 of 10 of {len(places)} A-lines so far looks bad: 1 dead.")
-    expect(said).to_contain_text(f"2 of 20 of {len(places)} A-lines so far look bad: 1 dead, 1 saturated.")
+    expect(said).to_contain_text(f"1 of 10 of {len(places)} A-lines so far is bad: 1 dead.")
+    expect(said).to_contain_text(f"2 of 20 of {len(places)} A-lines so far are bad: 1 dead, 1 saturated.")
     page.locator("section.signals summary").first.click()
     service.http.put(f"/scans/{made['id']}/desired-state", json={"state": "stopped"}).raise_for_status()
     until(lambda: service.get(f"/scans/{made['id']}").json()["state"] == "partial")
@@ -150,7 +150,7 @@ def test_signals_that_are_refused_say_why_and_are_tried_again(service, open_page
     page.unroute_all()
     page.route("**/signals", lambda route: route.fulfill(json=signals(places, {})))
     page.get_by_role("button", name="Try again").click()
-    expect(page.locator("section.signals [data-total]")).to_contain_text(f"None of {len(places)} A-lines")
+    expect(page.locator("section.signals [data-total]")).to_contain_text(f"0 of {len(places)} A-lines")
     page.provoked("status of 404")
 
 
@@ -172,8 +172,8 @@ def test_signals_answered_by_the_service_are_shown(service, open_page, scan):
     page.locator("section.signals summary").first.press("Enter")
     part = page.locator("section.signals")
     bad = sum(answer["bad_counts"].values())
-    expect(part.locator("[data-total]")).to_contain_text(f"{bad or 'None'} of {len(places)} A-lines")
-    undecided = " Inverted and shifted ones cannot be told" in part.locator("[data-total]").inner_text()
+    expect(part.locator("[data-total]")).to_contain_text(f"{bad} of {len(places)} A-lines")
+    undecided = " Inverted and shifted A-lines cannot be detected" in part.locator("[data-total]").inner_text()
     assert undecided is not answer["decidable"]
     clipped = answer["histogram"]["clipped_high"]
     expect(part.locator("[data-facts]")).to_contain_text(f"{clipped} at the high end")

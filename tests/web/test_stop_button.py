@@ -99,8 +99,8 @@ def test_page_without_session_has_no_stop_button_and_shows_reason(keyed, open_pa
     assert "works" not in page.locator(".under-bar").inner_text()
     presses = presses_of(page)
     page.keyboard.press("Control+.")  # it is tried, and refused
-    expect(page.locator("#stopped")).to_contain_text("not taken: use the hardware switch")
-    expect(page.locator("#stopped")).to_contain_text("It is not sent again.")
+    expect(page.locator("#stopped")).to_contain_text("not accepted: use the hardware switch")
+    expect(page.locator("#stopped")).to_contain_text("The page does not repeat the stop.")
     for _ in range(2):
         with page.expect_response("**/api/v1/emergency-stop"):  # it asks whether it could
             pass
@@ -150,7 +150,7 @@ def test_stop_of_ended_service_is_never_called_working(open_page, tmp_path):
         service.process.wait()
         expect(page.locator("#cut")).to_contain_text(SILENT)
         button(page).click()  # it is sent all the same: the service may come back
-        expect(page.locator("#stopped")).to_contain_text("it is sent again and again")
+        expect(page.locator("#stopped")).to_contain_text("the page repeats the stop")
         assert not [text for text in page.evaluate("() => [...window.said]") if "works" in text]
         assert "works" not in page.locator("body").inner_text()
         page.context.close()
@@ -162,7 +162,7 @@ def test_stop_without_event_stream_is_called_working_only_after_check(service, o
     page = open_page(service, "/healthz")
     page.route("**/api/v1/events*", lambda route: route.abort())
     page.goto(f"{service.url}/data")
-    expect(page.locator("#cut")).to_contain_text(f"trying again. {WORKS}")
+    expect(page.locator("#cut")).to_contain_text(f"reconnecting. {WORKS}")
     page.route("**/api/v1/emergency-stop", lambda route: None)
     expect(page.locator("#cut")).to_contain_text(SILENT)
     expect(page.locator("#cut")).not_to_contain_text("works")

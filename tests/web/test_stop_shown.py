@@ -237,7 +237,7 @@ def judge(drill):
             continue
         drill.claims += 1
         when = moment / 1e3
-        old = re.fullmatch(r"seen ([\d.]+) s ago", age)
+        old = re.fullmatch(r"updated ([\d.]+) s ago", age)
         if old is None:  # a press that was answered before the page had looked: its answer counts for 3 s
             assert "confirmed by the device" in text, f"{text!r} has the age {age!r}"
             assert not any(start < when - OLDEST and when < end for start, end in opened), text

@@ -75,4 +75,6 @@ def test_the_plain_view_needs_no_words(modules):
     ],
 )
 def test_an_address_without_sense_is_the_plain_view(modules, text):
-    assert modules.call(MODULE, "return JSON.stringify(m.decode(given.text)) === JSON.stringify(m.defaultView());", text=text)
+    assert modules.call(
+        MODULE, "return JSON.stringify(m.decode(given.text)) === JSON.stringify(m.defaultView());", text=text
+    )

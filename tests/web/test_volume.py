@@ -105,9 +105,9 @@ def test_the_histogram_s_bar_is_that_of_the_handles(page, made):
     red = np.array(page_.evaluate(BAR)).reshape(256, 4)[:, 0]
     assert (red[-100:] == 255).all(), "brighter than the window is as bright as its end"
     assert (np.diff(red) >= 0).all()
-    expect(page_.get_by_text("depth of the colour")).to_be_hidden()
+    expect(page_.get_by_text("depth colour scale")).to_be_hidden()
     page_.select_option("#map", "depth")
-    expect(page_.get_by_text("depth of the colour")).to_be_visible()
+    expect(page_.get_by_text("depth colour scale")).to_be_visible()
     page_.wait_for_function(f"() => {{ const [r,, b] = ({BAR})(); return r > b; }}")
 
 
@@ -170,7 +170,7 @@ def test_sound_speed_is_shown_with_error_and_unit(service, open_page, made):
     page.goto(f"{service.url}/volumes/{made[0][0]}")
     page.click("[data-tab='Speed']")
     expect(page.get_by_text("Best fit at 1500.2 ± 0.2 m/s")).to_be_visible()
-    expect(page.get_by_text(f"Dashed: this volume's, {SOUND_SPEED:.1f} m/s")).to_be_visible()
+    expect(page.get_by_text(f"Dashed line: this volume, {SOUND_SPEED:.1f} m/s")).to_be_visible()
 
 
 def test_a_ball_s_corrected_width_is_its_own(page):

@@ -126,7 +126,7 @@ def download(page, volume, path):
     page.click("[data-tab='Files']")
     row = page.locator("[data-format='nifti']")
     assert re.search(r"[0-9.]+\s.?B", row.inner_text()), "no size before the click"
-    row.get_by_role("button", name="Make").click()
+    row.get_by_role("button", name="Create").click()
     with page.expect_download() as download:
         row.get_by_role("link", name="Download").click()
     download.value.save_as(path)

@@ -7,7 +7,7 @@ export const BASE = urlOf("/api/v1");
 const MAX_CONCURRENT = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
 const HIGH_PRIORITY = { priority: /** @type {const} */ ("high") };
 
-const PROXY_LIMIT_MESSAGE = "A proxy in front of the service takes no body as large as this one, and the service never saw it. Its limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
+const PROXY_LIMIT_MESSAGE = "A proxy in front of the service does not accept request bodies of this size; the service did not receive the request. The limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
 
 /** @typedef {{pointer: string, allowed: string, detail: string, place: string}} FieldError */
 /** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, promptSignIn?: boolean}} RequestOptions  promptSignIn: false where nobody is asked to sign in */
@@ -16,8 +16,8 @@ const PROXY_LIMIT_MESSAGE = "A proxy in front of the service takes no body as la
 export class Problem extends Error {
   /** @param {number} status @param {any} body @param {Response | null} [response] */
   constructor(status, body, response) {
-    if (status === 413 && !body?.code) body = { title: "A proxy refused the size", detail: PROXY_LIMIT_MESSAGE };
-    super(body?.detail || body?.title || `the service answered ${status}`);
+    if (status === 413 && !body?.code) body = { title: "The proxy rejected the size of the request", detail: PROXY_LIMIT_MESSAGE };
+    super(body?.detail || body?.title || `the service responded with status ${status}`);
     this.name = "Problem";
     this.status = status;
     this.title = /** @type {string} */ (body?.title ?? "");

@@ -10,12 +10,12 @@ import { urlOf } from "./urls.js";
 const COMPANION_PATTERN = /\.(csv|npy|h5|hdf5)$/i;
 const FIELDS = /** @type {[string, string, string, string][]} */ ([
   ["sampling_interval", "Sampling interval", "ns", "Time between samples"],
-  ["time_zero", "Time zero", "ns", "From the laser pulse to the first sample"],
-  ["time_zero_samples", "and", "samples", "Added to it; negative where the record begins before the pulse"],
-  ["sound_speed", "Speed of sound", "m/s", "As far as it is known"],
-  ["aperture", "Aperture", "mm", "Side of the square around the origin"],
-  ["depth", "Depth of the point", "mm", "Distance of the point of interest"],
-  ["interval", "Pitch of a grid", "mm", "Where the sensors are a grid, instead of positions"],
+  ["time_zero", "Time zero", "ns", "Time from the laser pulse to the first sample"],
+  ["time_zero_samples", "Time zero offset", "samples", "Added to time zero; negative if the record starts before the laser pulse"],
+  ["sound_speed", "Speed of sound", "m/s", "In the medium, if known"],
+  ["aperture", "Aperture", "mm", "Side of the square detection area around the origin"],
+  ["depth", "Depth of the point", "mm", "Distance of the point of interest from the film"],
+  ["interval", "Grid pitch", "mm", "Replaces positions if the sensors form a grid"],
 ]);
 
 const LENGTHS = ["aperture", "depth", "interval"];
@@ -32,7 +32,7 @@ const host = byId("data");
 const files = h("input", { type: "file", multiple: true, id: "files", class: "visually-hidden", onchange: () => uploadFiles(takeSelectedFiles()) });
 const drop = h("section", { class: "panel drop", "data-steradian": "data-drop" },
   h("strong", null, "Drop a recording here"),
-  h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, .sgl, or a scan file; positions may come beside it as .csv or .npy"),
+  h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, .sgl, or a scan file; add the positions as .csv or .npy if the file does not contain them"),
   h("label", { class: "button primary", for: "files" }, "Choose files …"), files);
 const list = h("div", { class: "stack" });
 const form = h("form", { class: "panel stack", hidden: true, "data-steradian": "data-form" });
@@ -70,14 +70,14 @@ async function uploadFiles(selection) {
   replace(result);
   form.hidden = panel.hidden = true;
   for (const file of chosenFiles) {
-    const line = h("p", { class: "panel" }, h("strong", null, file.name), ` ${bytes(file.size)} is being sent …`);
+    const line = h("p", { class: "panel" }, h("strong", null, file.name), ` ${bytes(file.size)}, uploading …`);
     if (file === chosenFiles[0]) replace(list, line);
     else list.append(line);
     try {
       const created = await api.post("/uploads", file, { headers: { "Content-Type": "application/octet-stream" } });
       if (ticket !== uploadCount) return; // others were given meanwhile
       uploads.push({ file, id: created.id });
-      replace(line, h("strong", null, file.name), ` ${bytes(created.bytes)}, ${file === chosenFiles[0] ? "the recording" : "its positions"}`);
+      replace(line, h("strong", null, file.name), ` ${bytes(created.bytes)}, ${file === chosenFiles[0] ? "recording" : "positions"}`);
     } catch (error) {
       replace(line, ...errorElements(error));
       return;
@@ -95,13 +95,13 @@ const importHint = h("span", { class: "dim small", id: "not-yet" });
 function showForm() {
   replace(messages);
   replace(form,
-    h("h2", null, "What the file does not say"),
-    h("p", { class: "dim" }, "Leave empty what it says itself; what is needed is named. Below stands what was understood."),
+    h("h2", null, "Missing information"),
+    h("p", { class: "dim" }, "Leave a field empty if the file contains its value. Required fields are marked. The preview below shows how the file is interpreted."),
     h("div", { class: "row top" }, FIELDS.map(([name, label, unit, help]) => h("label", { class: "stack asked", title: help }, label,
       h("span", { class: "with-unit" }, h("input", { type: "number", step: "any", name, "aria-label": label, oninput: previewSoon }), h("span", { class: "dim" }, unit)),
       h("span", { class: "fault small", dataset: { remark: name } }))),
-      h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: previewSoon }, [["", "as the file says"], ["point, time", "point, time"], ["time, point", "time, point"], ["x, y, time", "x, y, time"], ["time, x, y", "time, x, y"]].map(([value, text]) => h("option", { value }, text))))),
-    uploads.length > 1 ? h("label", { class: "row" }, "Its positions are in", h("select", { name: "lengths", onchange: previewSoon }, [["mm", "mm (a guess)"], ["m", "m"], ["um", "µm"]].map(([value, text]) => h("option", { value }, text)))) : null,
+      h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: previewSoon }, [["", "as in the file"], ["point, time", "point, time"], ["time, point", "time, point"], ["x, y, time", "x, y, time"], ["time, x, y", "time, x, y"]].map(([value, text]) => h("option", { value }, text))))),
+    uploads.length > 1 ? h("label", { class: "row" }, "Unit of the positions", h("select", { name: "lengths", onchange: previewSoon }, [["mm", "mm (assumed)"], ["m", "m"], ["um", "µm"]].map(([value, text]) => h("option", { value }, text)))) : null,
     messages, h("div", { class: "row" }, importButton, importHint));
   form.onsubmit = (event) => {
     event.preventDefault();
@@ -121,7 +121,7 @@ async function preview() {
   const [recording, companion] = uploads;
   importButton.disabled = true;
   importHint.textContent = "";
-  replace(messages, h("p", { class: "dim" }, "looking into it …"));
+  replace(messages, h("p", { class: "dim" }, "reading the file …"));
   try {
     const preview = await api.post(`/uploads/${recording.id}/preview`, { description: readDescription(), companion_id: companion?.id ?? null });
     if (ticket !== previewCount) return;
@@ -130,7 +130,7 @@ async function preview() {
     points = preview.points;
     showMissing(preview.missing);
     importButton.disabled = preview.missing.length > 0;
-    importHint.textContent = preview.missing.length ? `Not yet; needed: ${missingLabels(preview.missing)}.` : "";
+    importHint.textContent = preview.missing.length ? `Required for the import: ${missingLabels(preview.missing)}.` : "";
     await recordingPreview.show(preview);
   } catch (error) {
     if (ticket !== previewCount) return;
@@ -141,7 +141,7 @@ async function preview() {
     }
     panel.hidden = false;
     showMissing(error instanceof Problem ? error.errors.map(({ pointer, allowed }) => ({ field: pointer.split("/").pop(), allowed })) : []);
-    importHint.textContent = "Not yet; what is wrong stands below.";
+    importHint.textContent = "Import not possible; the error is shown below.";
     recordingPreview.fail(error);
   }
 }
@@ -153,7 +153,7 @@ function missingLabels(missing) {
 }
 
 /** @param {string} value */
-const guessText = (value) => `${value} is a guess: change it if you know better.`;
+const guessText = (value) => `${value} is an assumption: change it if you know the value.`;
 
 /** What is allowed, in the unit that stands beside the field. @param {string} allowed */
 function toFieldUnit(allowed) {
@@ -161,7 +161,7 @@ function toFieldUnit(allowed) {
     const [factor, name] = FIELD_UNITS[unit];
     return `${range.replace(/-?\d[\d.]*(e[-+]?\d+)?/g, (/** @type {string} */ number) => String(Number((Number(number) * factor).toPrecision(6))))}${name}`;
   });
-  return converted.replace(/^> /, "more than ").replace(", which the file does not state", "; the file does not say it");
+  return converted.replace(/^> /, "more than ").replace(", which the file does not state", "; not stated in the file");
 }
 
 /** Say beside each field what it must be; where nobody knows, a guess is put in. @param {{field: string | undefined, allowed: string}[]} missing */
@@ -170,7 +170,7 @@ function showMissing(missing) {
     const field = remark.dataset.remark ?? "";
     const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
     const missingField = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
-    remark.textContent = missingField ? `Needed: ${toFieldUnit(missingField.allowed)}` : input.dataset.guess === input.value ? guessText(input.value) : "";
+    remark.textContent = missingField ? `Required: ${toFieldUnit(missingField.allowed)}` : input.dataset.guess === input.value ? guessText(input.value) : "";
     remark.className = missingField ? "fault small" : "dim small"; // a guess is no fault
     if (missingField) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");
@@ -215,7 +215,7 @@ async function importRecording() {
     let job = await api.post("/jobs", body, { headers: idempotencyHeaders() });
     while (["queued", "running", "cancelling"].includes(job.state)) {
       job = await api.get(`/jobs/${job.id}`, { headers: { Prefer: "wait=5" } });
-      replace(messages, h("p", { class: "dim" }, `importing: ${job.progress.stage ?? "waits for a worker"} …`));
+      replace(messages, h("p", { class: "dim" }, `importing: ${job.progress.stage ?? "waiting for a worker"} …`));
     }
     if (job.state !== "succeeded") {
       replace(messages, h("p", { class: "fault" }, job.error?.detail ?? `The import ${job.state}.`));
@@ -243,5 +243,5 @@ function showImported(id) {
       start.disabled = false;
     }
   } }, "Reconstruct");
-  replace(result, h("section", { class: "panel row spread" }, h("span", null, h("strong", null, "Imported"), " as the scan ", identifierElement(id, `/scans/${id}`)), errorBox, start));
+  replace(result, h("section", { class: "panel row spread" }, h("span", null, h("strong", null, "Imported"), " as scan ", identifierElement(id, `/scans/${id}`)), errorBox, start));
 }

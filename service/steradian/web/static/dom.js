@@ -143,7 +143,7 @@ export function debounce(act, milliseconds) {
 export async function copyText(button, text, done = "copied") {
   const before = (button.dataset.before ??= button.textContent ?? "");
   const isCopied = navigator.clipboard ? await navigator.clipboard.writeText(text).then(() => true, () => false) : false;
-  button.textContent = isCopied ? done : "not allowed here";
+  button.textContent = isCopied ? done : "copying not allowed";
   setTimeout(() => (button.textContent = before), 1500);
 }
 

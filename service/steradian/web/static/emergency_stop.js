@@ -184,7 +184,7 @@ function activeStops() {
 export function laserStatus(name) {
   const { scanners, requestedAt } = lastStatus();
   const one = scanners.find((each) => each.id === name);
-  const last = one ? statusOf(one) : { ...UNKNOWN_STATUS, age: null, reason: "the service does not know it" };
+  const last = one ? statusOf(one) : { ...UNKNOWN_STATUS, age: null, reason: "not registered with the service" };
   const answer = stopRequest?.answers?.get(name);
   if (!answer || !stopRequest || requestedAt.steady >= stopRequest.at.steady || elapsed(stopRequest.at) >= MAX_STATUS_AGE) return last;
   if (answer.laser !== "off") return { ...last, ...UNKNOWN_STATUS, age: null, reason: "the stop is not confirmed" };
@@ -204,7 +204,7 @@ function outcomeOf([name, stop]) {
   if (stop.laser === "off") {
     const durationText = stop.seconds === null ? "" : `, ${duration(stop.seconds)}`;
     if (laser === "off") return `laser off (confirmed by the device${durationText})`;
-    if (laser === "unknown") return `confirmed by the device${durationText}; the laser now: unknown (${reason})`;
+    if (laser === "unknown") return `confirmed by the device${durationText}; the laser state is now unknown (${reason})`;
     return `confirmed by the device${durationText}, but the laser is ${laser} again: ${USE_SWITCH}`;
   }
   if (stop.laser === "idle") return "no scanner is connected to this service (the built-in simulator was never started)";
@@ -223,12 +223,12 @@ function panelText() {
   if (worst) {
     const [name, stop] = worst;
     const detailText = stop.detail && (stop.laser === "unconfirmed" || laserStatus(name).laser === "off") ? `${sentence(stop.detail)} ` : "";
-    return [outcomeOf(worst), `${detailText}Pressed ${formatTime(stop.at)} by ${stop.by}${stop.reason ? `: ${stop.reason}` : ""}. No scan begins until it is released.`];
+    return [outcomeOf(worst), `${detailText}Triggered ${formatTime(stop.at)} by ${stop.by}${stop.reason ? `: ${stop.reason}` : ""}. No scan starts until the stop is released.`];
   }
   if (!stopRequest) return null;
-  if (stopRequest.answers) return [`the service knows no scanner: ${USE_SWITCH}`, `Sent ${stopRequest.sent}.`];
-  if (stopRequest.refused) return [`not taken: ${USE_SWITCH}`, `Sent ${stopRequest.sent}. ${stopRequest.refused} It is not sent again.`];
-  if (stopRequest.silent) return [`no answer: ${USE_SWITCH}`, `Sent ${stopRequest.sent}${stopRequest.reason ? `; ${stopRequest.reason}` : ""}; it is sent again and again.`];
+  if (stopRequest.answers) return [`no scanner is registered: ${USE_SWITCH}`, `Sent ${stopRequest.sent}.`];
+  if (stopRequest.refused) return [`not accepted: ${USE_SWITCH}`, `Sent ${stopRequest.sent}. ${stopRequest.refused} The page does not repeat the stop.`];
+  if (stopRequest.silent) return [`no answer: ${USE_SWITCH}`, `Sent ${stopRequest.sent}${stopRequest.reason ? `; ${stopRequest.reason}` : ""}; the page repeats the stop.`];
   return ["stop sent …", `Sent ${stopRequest.sent}.`];
 }
 

@@ -36,8 +36,8 @@ function faultElement({ id, fault }, named) {
 function openClearDialog(id, fault) {
   openReasonDialog({
     title: `Clear the fault: ${fault.title}`,
-    text: `${sentence(fault.remedy)} Nothing fires by itself afterwards: a scan that was interrupted goes on when somebody has it go on.`,
-    label: "What was done about it",
+    text: `${sentence(fault.remedy)} The laser does not fire automatically afterwards: resume an interrupted scan on its page.`,
+    label: "Action taken",
     name: "Clear the fault",
     act: async (reason) => {
       try {

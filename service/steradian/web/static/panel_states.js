@@ -34,5 +34,5 @@ export function errorElements(error) {
     return parts;
   }
   const text = error instanceof TypeError ? "the service does not answer" : String(error instanceof Error ? error.message : error);
-  return [h("strong", null, "This did not work"), h("span", null, text)];
+  return [h("strong", null, "Operation failed"), h("span", null, text)];
 }

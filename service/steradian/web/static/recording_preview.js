@@ -17,10 +17,10 @@ export class RecordingPreview {
     this.notes = h("ul", { class: "dim", "data-steradian": "data-notes" });
     this.stage = h("div", { class: "stage" });
     this.chart = h("div", { class: "chart" });
-    this.noPositions = h("div", { class: "state" }, h("strong", null, "Where the sensors are is not stated"), h("span", null, "Say the pitch of their grid, or send their positions beside the recording."));
+    this.noPositions = h("div", { class: "state" }, h("strong", null, "Sensor positions are not stated"), h("span", null, "Enter the grid pitch, or add a file with the positions."));
     this.pictures = h("div", { class: "two" }, this.stage, this.chart);
-    replace(host, h("h2", null, "What was understood"), this.errorBox, this.figures, this.notes, this.pictures);
-    this.plane = new PointMap(this.stage, "Where the sensors are");
+    replace(host, h("h2", null, "Preview"), this.errorBox, this.figures, this.notes, this.pictures);
+    this.plane = new PointMap(this.stage, "Sensor positions");
     this.stage.append(this.noPositions);
   }
 
@@ -58,8 +58,8 @@ function figuresOf({ format, points, frames, samples, dtype, sampling_interval: 
   const depthAt = (/** @type {number} */ time) => mm(Math.max(0, time) * speed, 1);
   const last = interval === null || speed === null ? null : depthAt(zero + (samples - 1) * interval);
   return [
-    ["Kind", format],
-    ["A-lines", `${count(points)}${frames > 1 ? `, ${count(frames)} times` : ""}`],
+    ["Format", format],
+    ["A-lines", `${count(points)}${frames > 1 ? `, ${count(frames)} frames` : ""}`],
     ["Samples", `${count(samples)} (${dtype})`],
     ["Sampling interval", interval === null ? NOT_STATED : `${shortTime(interval)} (${frequency(1 / interval)})`],
     ["First sample", `${shortTime(zero)} after the pulse`],

@@ -48,10 +48,10 @@ export const lastStatus = () => ({ scanners, requestedAt, failure });
 export function statusOf(one) {
   const since = elapsed(requestedAt);
   if (failure) return { ...UNKNOWN_STATUS, age: null, reason: failure };
-  if (since > MAX_STATUS_AGE) return { ...UNKNOWN_STATUS, age: null, reason: requestedAt === NEVER ? "not looked at yet" : "the service does not answer" };
+  if (since > MAX_STATUS_AGE) return { ...UNKNOWN_STATUS, age: null, reason: requestedAt === NEVER ? "not polled yet" : "the service does not answer" };
   if (typeof one.age !== "number") return { ...UNKNOWN_STATUS, age: null, reason: unknownReason(one) };
   const age = one.age + since / 1e3;
-  if (age * 1e3 > maxAge(one)) return { ...UNKNOWN_STATUS, age: null, reason: "not seen any more" };
+  if (age * 1e3 > maxAge(one)) return { ...UNKNOWN_STATUS, age: null, reason: "the status is out of date" };
   const { laser = "unknown", shutter, interlock, key } = one;
   return { laser, shutter, interlock, key, age, reason: laser === "unknown" ? unknownReason(one) : "" };
 }
@@ -61,9 +61,9 @@ const maxAge = (one) => Math.min(10_000, Math.max(MAX_STATUS_AGE, 2000 * (one.lo
 
 /** @param {any} one */
 function unknownReason({ connection, last_error: error }) {
-  if (connection === "in-use") return "the program that uses it does not tell";
+  if (connection === "in-use") return "not reported by the program that uses the scanner";
   if (connection === "disconnected") return error ?? "not connected";
-  return connection === "connected" ? "the scanner does not tell" : (error ?? "the service has not looked at it");
+  return connection === "connected" ? "not reported by the scanner" : (error ?? "the service has not polled the scanner yet");
 }
 
 export function startPolling() {

@@ -27,16 +27,16 @@ async function read() {
 
 const draw = oncePerFrame(() => {
   if (!scans.length) {
-    showEmpty(body, "No scans yet", "A scan begins with a design: where to sense, and how fast.", h("a", { class: "button primary", href: "/design" }, "Design a scan"));
+    showEmpty(body, "No scans yet", "Design a mask and a scan plan first.", h("a", { class: "button primary", href: "/design" }, "Design a scan"));
     return;
   }
   const searchText = search.value.trim().toLowerCase();
   const matches = scans.filter((scan) => !searchText || textOf(scan).includes(searchText));
   replaceKeepingFocus(body, h("table", null,
-    h("thead", null, h("tr", null, ["Scan", "State", "A-lines", "Labels", "Began"].map((name) => h("th", { scope: "col", class: name === "A-lines" ? "number" : "" }, name)))),
+    h("thead", null, h("tr", null, ["Scan", "State", "A-lines", "Labels", "Started"].map((name) => h("th", { scope: "col", class: name === "A-lines" ? "number" : "" }, name)))),
     h("tbody", null, matches.map(row))),
-    matches.length ? null : h("p", { class: "dim" }, "No scan has that."),
-    nextPage ? h("p", { class: "dim" }, "The newest 100 are shown; older ones by the API.") : null);
+    matches.length ? null : h("p", { class: "dim" }, "No scan matches the search."),
+    nextPage ? h("p", { class: "dim" }, "Only the newest 100 scans are shown; use the API to list older scans.") : null);
 });
 
 /** @param {any} scan */

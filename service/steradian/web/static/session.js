@@ -113,7 +113,7 @@ function showExpiry() {
 export function askToSignIn() {
   const button = document.getElementById("sign-out");
   if (button && signedOutAt) button.hidden = true; // the dialog has a button of that name
-  dialogResult ??= openSignInDialog("Your key opens a new session.").finally(() => (dialogResult = null));
+  dialogResult ??= openSignInDialog("Enter your key to open a new session.").finally(() => (dialogResult = null));
   return dialogResult.then((isIn) => {
     if (!isIn && signedOutAt) offerSignIn();
     return isIn;
@@ -142,7 +142,7 @@ export async function authorize(method, headers) {
 export async function signIn(response, isUserAction) {
   markSignedOut();
   if (isDeclined && !isUserAction) return false;
-  const reason = (await response.clone().json().catch(() => null))?.detail ?? "a key is needed";
+  const reason = (await response.clone().json().catch(() => null))?.detail ?? "an API key is required";
   dialogResult ??= openSignInDialog(reason).then((isIn) => {
     isDeclined = !isIn;
     if (isDeclined) offerSignIn();
@@ -163,7 +163,7 @@ async function createSession(key) {
   try {
     const answer = await fetch(SESSION, { method: "POST", headers: { Authorization: `Bearer ${key}` } });
     const result = await answer.json();
-    if (!answer.ok) return result.detail ?? `the service answered ${answer.status}`;
+    if (!answer.ok) return result.detail ?? `the service responded with status ${answer.status}`;
     storeSession(result, answer);
     channel.postMessage("in");
     return "";

@@ -35,7 +35,7 @@ function handleKey(event) {
 export function showShortcuts() {
   const dialog = h("dialog", { "aria-labelledby": "keys-title" },
     h("form", { method: "dialog" },
-      h("h2", { id: "keys-title" }, "Keys"),
+      h("h2", { id: "keys-title" }, "Keyboard shortcuts"),
       h("table", null, h("tbody", null,
         shortcuts.map((one) => h("tr", null,
           h("td", { class: "nowrap" }, one.keys.split(" ").flatMap((key) => [h("kbd", null, key), " "])),
@@ -50,7 +50,7 @@ export function startShortcuts() {
     addShortcut(`g ${link.dataset.key}`, link.textContent ?? "", () => link.click());
   }
   addShortcut("/", "Search", () => /** @type {HTMLElement | null} */ (document.querySelector("[data-search]"))?.focus());
-  addShortcut("?", "This map of keys", showShortcuts);
+  addShortcut("?", "Keyboard shortcuts", showShortcuts);
   byId("keys").addEventListener("click", showShortcuts);
   document.addEventListener("keydown", handleKey);
 }

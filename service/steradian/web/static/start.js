@@ -7,7 +7,7 @@ import { urlOf } from "./urls.js";
 
 async function redirect() {
   const panel = byId("start");
-  showLoading(panel, "looking what there is …");
+  showLoading(panel, "looking for scans …");
   try {
     const running = (await api.get("/scans?state=running&limit=1")).items[0];
     const anyScan = running ?? (await api.get("/scans?limit=1")).items[0];

@@ -37,7 +37,7 @@ function showWarnings() {
   const [isCut, signedOutSince, warning] = [is === "cut", signedOut(), stopWarning()];
   const isConfirmed = (isCut || signedOutSince) && (!isCut || acceptedSince(since)) && (!signedOutSince || acceptedSince(signedOutSince));
   const parts = [
-    signedOutSince ? "Signed out: what is shown here is not read any more." : isCut ? `Not live since ${formatTime(since)}, trying again.` : "",
+    signedOutSince ? "Signed out: the values on this page are no longer updated." : isCut ? `Not live since ${formatTime(since)}, reconnecting.` : "",
     warning || (isConfirmed ? "The emergency stop works." : ""),
   ];
   const line = byId("cut");
@@ -54,12 +54,12 @@ function showScanners() {
   const stopped = failure && scanners.length === 1 && laserStatus(scanners[0].id).laser === "off"; // a press has just been answered
   if (failure) updatePill(h("span", { class: "fault" }, failure), stopped ? h("span", { class: "dim" }, "laser off") : unknownLaser());
   else if (!scanners.length) {
-    if (requestedAt.steady > 0) updatePill(h("span", { class: "dim" }, "the service knows no scanner"));
+    if (requestedAt.steady > 0) updatePill(h("span", { class: "dim" }, "no scanner is registered"));
     return;
   } else if (scanners.length > 1) updatePill(...describeScanners(scanners));
   else updatePill(...describeScanner(scanners[0]));
   const statusAge = failure && !stopped ? null : maxAge(scanners);
-  const text = statusAge === null ? "" : `seen ${Math.max(0, statusAge).toFixed(1)} s ago`;
+  const text = statusAge === null ? "" : `updated ${Math.max(0, statusAge).toFixed(1)} s ago`;
   if (age.textContent !== text) age.textContent = text;
   if (age.parentNode !== pill) pill.append(age);
 }
@@ -88,7 +88,7 @@ function describeScanner(scanner) {
   const { connection, lease } = scanner;
   const { laser, reason, shutter, interlock } = laserStatus(scanner.id);
   const stop = stopLabel(scanner.id);
-  const intervalText = scanner.look_interval ? `The service asks the scanner every ${duration(scanner.look_interval)}, this page asks the service every second.` : "";
+  const intervalText = scanner.look_interval ? `The service polls the scanner every ${duration(scanner.look_interval)}. This page polls the service every second.` : "";
   pill.title = [scanner.last_error, intervalText].filter(Boolean).join(" ");
   return [
     h("span", { class: connection === "connected" ? "" : isNotStarted(scanner) ? "dim" : "fault" }, `${scanner.simulated ? "Simulated scanner" : "Scanner"}: ${connectionText(scanner)}`),

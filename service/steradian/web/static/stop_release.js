@@ -15,8 +15,8 @@ const stopPath = (name) => `/scanners/${encodeURIComponent(name)}/emergency-stop
 export function openReleaseDialog(activeStops, released) {
   openReasonDialog({
     title: "Release the emergency stop",
-    text: "Look at the scanner first: is it safe that a laser fires? No scan begins by itself.",
-    label: "Why it may be released",
+    text: "Check the scanner first: is it safe to fire the laser? No scan starts automatically.",
+    label: "Reason for the release",
     name: "Release",
     act: async (reason) => {
       const errors = await Promise.all(activeStops.map((one) => releaseStop(one, reason, released)));

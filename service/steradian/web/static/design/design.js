@@ -31,8 +31,8 @@ const otherPlaceCheckbox = h("input", { type: "checkbox", id: "elsewhere", check
 replace(host,
   formPanel,
   h("div", { class: "middle" }, planePanel, time),
-  h("div", { class: "beside", tabindex: 0, role: "group", "aria-label": "What the point sees" }, spread, orientation, angle),
-  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Follow with an image"), scanButton)));
+  h("div", { class: "beside", tabindex: 0, role: "group", "aria-label": "Image quality at the point" }, spread, orientation, angle),
+  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Show a live image"), scanButton)));
 
 watchScanner((first, all) => first && scannerChoice.show(all));
 const form = new Form(h("div", { class: "scrolled" }), design, onDesignChanged);
@@ -45,7 +45,7 @@ const plane = new MaskMap(planePanel, (place, over) => {
   if (over) writeQuery();
 });
 plane.controls.append(
-  h("label", { class: "row", for: "elsewhere", title: "Drag to see what another place than the mask's point of interest would" }, otherPlaceCheckbox, "Look from another place"),
+  h("label", { class: "row", for: "elsewhere", title: "Drag to evaluate a point other than the mask's point of interest" }, otherPlaceCheckbox, "Evaluate another point"),
   pinButton(/** @type {HTMLElement} */ (host.parentElement), design, writeQuery));
 plane.plane.aperture = design.mask.aperture;
 const panels = { spread: pointSpreadPanel(spread), orientation: orientationPanel(orientation), angle: solidAnglePanel(angle), time: timePanel(time) };
@@ -77,7 +77,7 @@ function latestOnly(/** @type {(isOld: () => boolean) => Promise<void>} */ task)
 }
 
 const requestPreview = latestOnly(async (isOld) => {
-  const busyTimer = setTimeout(() => replace(messages, h("span", { class: "dim" }, "working it out …")), 400);
+  const busyTimer = setTimeout(() => replace(messages, h("span", { class: "dim" }, "computing …")), 400);
   try {
     const preview = await api.post("/designs/preview", previewBody(design));
     clearTimeout(busyTimer);
@@ -132,7 +132,7 @@ function showProblem(error) {
 
 /** Say beside the button why it does nothing, and lead there. @param {ReturnType<Form["remark"]>} fault */
 function showBlockingError(fault) {
-  replace(messages, fault && h("button", { type: "button", class: "fault", title: fault.text, onclick: fault.show }, `${fault.label || "See"}: not allowed`));
+  replace(messages, fault && h("button", { type: "button", class: "fault", title: fault.text, onclick: fault.show }, `${fault.label || "Field"}: not allowed`));
 }
 
 /** Keep mask and plan, ask for the scan, and go where it can be seen. */

@@ -18,13 +18,13 @@
 
 /** @type {Record<string, Field>} */
 const MASK_FIELDS = {
-  aperture: field("aperture", "Aperture", "mm", 1e-3, 1, 30, 0.01, 13.56, "Side of the square that is scanned"),
+  aperture: field("aperture", "Aperture", "mm", 1e-3, 1, 30, 0.01, 13.56, "Side of the square detection area"),
   depth: field("depth", "Depth of point", "mm", 1e-3, 0.2, 15, 0.01, 3.6, "Distance of the point of interest from the film"),
-  x: field("x", "x of the point", "mm", 1e-3, -10, 10, 0.01, 0, "Place of the point of interest over the aperture; drag the cross"),
-  y: field("y", "y of the point", "mm", 1e-3, -10, 10, 0.01, 0, "Place of the point of interest over the aperture; drag the cross"),
-  count: { ...field("count", "Points", "", 1, 20, 20_000, 1, 1600, "Wanted number of points; the nearest that fits is taken"), log: true },
-  side: { ...field("count", "Points a side", "", 1, 2, 200, 1, 41, "Points on each axis of the grid") },
-  interval: field("interval", "Interval", "µm", 1e-6, 20, 2000, 1, 300, "Distance between neighbours"),
+  x: field("x", "x of the point", "mm", 1e-3, -10, 10, 0.01, 0, "x coordinate of the point of interest over the aperture; or drag the cross"),
+  y: field("y", "y of the point", "mm", 1e-3, -10, 10, 0.01, 0, "y coordinate of the point of interest over the aperture; or drag the cross"),
+  count: { ...field("count", "Points", "", 1, 20, 20_000, 1, 1600, "Requested number of points; the mask has the nearest possible number"), log: true },
+  side: { ...field("count", "Points per side", "", 1, 2, 200, 1, 41, "Points on each axis of the grid") },
+  interval: field("interval", "Interval", "µm", 1e-6, 20, 2000, 1, 300, "Distance between neighbouring points"),
   seed: field("seed", "Seed", "", 1, 0, 100, 1, 0, "The same seed gives the same points"),
 };
 
@@ -89,17 +89,17 @@ function fillPoint(mask, number) {
 
 /** @type {Field[]} */
 export const PLAN_FIELDS = [
-  { ...field("pulse_rate", "Pulse rate", "Hz", 1, 1, 2000, 1, 50, "Laser pulses a second"), log: true },
+  { ...field("pulse_rate", "Pulse rate", "Hz", 1, 1, 2000, 1, 50, "Laser pulses per second"), log: true },
   { ...field("averages", "Averages", "", 1, 1, 100, 1, 1, "Pulses averaged into one A-line"), log: true },
   { ...field("samples", "Samples", "", 1, 64, 8192, 16, 1024, "Samples of an A-line"), log: true },
   field("sampling_interval", "Sampling interval", "ns", 1e-9, 1, 100, 1, 8, "Time between samples"),
-  field("sound_speed", "Speed of sound", "m/s", 1, 1400, 1650, 1, 1500, "Assumed for the depth that is recorded"),
-  { ...field("frames", "Frames", "", 1, 1, 100, 1, 1, "How often the mask is measured"), log: true },
+  field("sound_speed", "Speed of sound", "m/s", 1, 1400, 1650, 1, 1500, "Determines the recorded depth"),
+  { ...field("frames", "Frames", "", 1, 1, 100, 1, 1, "Number of measurements of the whole mask"), log: true },
   {
-    ...field("order", "Order of visit", "", 1, 0, 0, 1, 0, "In which order the beam visits the points"),
-    choices: [["snake", "Snake, row by row"], ["hilbert", "Hilbert curve"], ["shortest", "Shortest way"],
+    ...field("order", "Scan order", "", 1, 0, 0, 1, 0, "Order in which the beam visits the points"),
+    choices: [["snake", "Snake, row by row"], ["hilbert", "Hilbert curve"], ["shortest", "Shortest path"],
       ["progressive", "Coarse first, then finer"], ["wavelength", "By bias wavelength"],
-      ["bands", "In bands of bias wavelength"], ["given", "As the arrangement gives them"]],
+      ["bands", "In bands of bias wavelength"], ["given", "Order of the arrangement"]],
   },
 ];
 

@@ -8,7 +8,7 @@ export function keyFigures({ mask, plan, visible_share: visible }) {
     ["Points", count(mask.count)],
     ["Spacing", mask.coarsest - mask.finest > 1e-9 ? `${length(mask.finest)} to ${length(mask.coarsest)}` : length(mask.finest)],
     ["Weight ratio", mask.weight_ratio.toFixed(2)],
-    ["Opening", degrees(mask.opening_angle)],
+    ["Opening angle", degrees(mask.opening_angle)],
     ["Visible edges", percent(visible)],
     ["Scan", duration(plan.total_seconds)],
     ["Data", bytes(plan.bytes)],

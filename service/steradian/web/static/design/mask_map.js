@@ -21,12 +21,12 @@ export class MaskMap {
     const stage = h("div", { class: "stage" });
     this.legend = h("div", { class: "legend" });
     this.countNote = h("div", { class: "asked dim small" });
-    this.order = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: 1, "aria-label": "How much of the order of visit is shown", oninput: () => this.showOrder() });
+    this.order = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: 1, "aria-label": "Shown part of the scan order", oninput: () => this.showOrder() });
     this.play = h("button", { type: "button", onclick: () => this.toggle() }, "Play order");
     stage.append(this.legend, this.countNote);
     this.controls = h("div", { class: "row" }, this.play, h("span", { class: "grow" }, this.order));
     host.append(stage, this.controls);
-    this.plane = new PointMap(stage, "The points of the mask on the film; arrow keys move the point of interest");
+    this.plane = new PointMap(stage, "Points of the mask on the film; arrow keys move the point of interest");
     this.plane.painters.push((context, to) => this.paint(context, to));
     /** @type {Place} */
     this.point = [0, 0];
@@ -43,7 +43,7 @@ export class MaskMap {
   /** @param {any} preview of the API @param {Place} point @param {Place[]} otherPoints of interest @param {number | null} requestedCount points */
   show(preview, point, otherPoints, requestedCount) {
     this.otherPoints = otherPoints;
-    this.countNote.textContent = requestedCount === null || requestedCount === preview.mask.count ? "" : `${count(preview.mask.count)} points, nearest to ${count(requestedCount)}`;
+    this.countNote.textContent = requestedCount === null || requestedCount === preview.mask.count ? "" : `${count(preview.mask.count)} points; requested: ${count(requestedCount)}`;
     this.weights = preview.weights;
     this.isLine = preview.outline?.[0]?.length === 1;
     this.visitOrder = preview.visit;

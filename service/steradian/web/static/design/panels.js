@@ -11,7 +11,7 @@ export function pointSpreadPanel(host) {
   const title = h("p", { class: "dim caption" });
   const body = h("div", { class: "picture" });
   replace(host, h("h2", null, "Point spread"), body, title);
-  showLoading(body, "simulating a ball …");
+  showLoading(body, "simulating a sphere …");
   return {
     working: () => body.classList.add("stale"),
     /** @param {unknown} error */
@@ -33,12 +33,12 @@ export function pointSpreadPanel(host) {
 export function pointSpreadText(preview) {
   const width = preview.lateral === null ? "wider than shown" : `${length(preview.lateral)} wide`;
   const height = preview.axial === null ? "deeper than shown" : `${length(preview.axial)} deep`;
-  return `A ball of ${length(preview.true_width)}: ${width}, ${height}; background ${percent(preview.background, 1)}`;
+  return `Sphere of ${length(preview.true_width)}: ${width}, ${height}; background ${percent(preview.background, 1)}`;
 }
 
 /** @param {any} seen @returns {HTMLCanvasElement} */
 export function paintSection({ x, z, section }) {
-  const canvas = h("canvas", { width: x.length, height: z.length, role: "img", "aria-label": "Image of a ball, x to the right, z down" });
+  const canvas = h("canvas", { width: x.length, height: z.length, role: "img", "aria-label": "Image of a sphere, x to the right, z down" });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   const image = context.createImageData(x.length, z.length);
   const pixels = new Uint32Array(image.data.buffer);
@@ -59,7 +59,7 @@ const span = (places) => `${mm(places[0], 1)} to ${mm(places[places.length - 1],
 
 /** @param {any} seen */
 function axisLabels({ x, z }) {
-  return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colours: 0 to the peak`);
+  return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colour scale: 0 to maximum`);
 }
 
 /** Which edges the point's surroundings show: directions of their normals, as seen from above. @param {HTMLElement} host */
@@ -89,7 +89,7 @@ export function orientationPanel(host) {
         edge ? s("polygon", { points: edge, class: "seen" }) : null,
         s("path", { d: dots, class: "dots" }),
         [30, 60, 90].map((angle) => s("text", { x: 3, y: -(100 * angle) / 90 + 12, class: "tick over" }, `${angle}°`)));
-      title.textContent = `${percent(preview.visible_share)} visible. Middle: edges parallel to the film; rim: perpendicular`;
+      title.textContent = `${percent(preview.visible_share)} visible. Centre: edges parallel to the film; rim: perpendicular`;
     },
   };
 }
@@ -105,7 +105,7 @@ function densify(corners) {
 /** Solid angle of each point against its distance: level where the mask is even. @param {HTMLElement} host */
 export function solidAnglePanel(host) {
   const title = h("p", { class: "dim caption" });
-  const plot = s("svg", { viewBox: "0 0 240 120", role: "img", "aria-label": "Solid angle of each point over its distance" });
+  const plot = s("svg", { viewBox: "0 0 240 120", role: "img", "aria-label": "Solid angle of each point against its distance" });
   replace(host, h("h2", null, "Solid angle per point"), plot, title);
   return {
     /** @param {any} preview @param {[number, number, number] | null} point */
@@ -130,7 +130,7 @@ export function solidAnglePanel(host) {
         s("text", { x: 236, y: 114, class: "tick end" }, `${mm(maxDistance, 1)} from the point`),
         s("path", { d: dots, class: "dots" }));
       const even = preview.mask.evenness;
-      title.textContent = even === null ? "" : `deviation ${percent(even, 1)} of the mean, rim left out`;
+      title.textContent = even === null ? "" : `standard deviation ${percent(even, 1)} of the mean, without the rim`;
     },
   };
 }
@@ -148,12 +148,12 @@ export function timePanel(host) {
 }
 
 const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
-  laser: ["laser", "a higher pulse rate or fewer averages help"],
-  mover: ["moving and settling", "another order of visit or a faster mover help"],
-  tuning: ["retuning", "bands of wavelengths help"],
-  gate: ["waiting for the gate", "more points a gate help"],
-  link: ["the link", "fewer samples or a faster link help"],
-  disk: ["the disk", "fewer samples help"],
+  laser: ["laser", "increase the pulse rate or reduce the averages"],
+  mover: ["motion and settling", "change the scan order or use a faster scanner"],
+  tuning: ["retuning", "scan in bands of bias wavelength"],
+  gate: ["waiting for the gate", "measure more points per gate"],
+  link: ["data link", "reduce the samples or use a faster link"],
+  disk: ["disk", "reduce the samples"],
 });
 
 /** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */

@@ -16,7 +16,7 @@ import { paintSection, pointSpreadText } from "./panels.js";
  * @param {HTMLElement} host @param {Design} design @param {() => void} changed
  */
 export function pinButton(host, design, changed) {
-  const button = h("button", { type: "button", title: "Keep this design in sight, to compare the next one with it", "aria-label": "Pin this design", onclick: () => pin() }, "Pin");
+  const button = h("button", { type: "button", title: "Keep this design visible for comparison with the next", "aria-label": "Pin this design", onclick: () => pin() }, "Pin");
   const cards = h("div", { class: "pins" });
   const panel = h("section", { class: "panel", "data-steradian": "design-pins", "aria-label": "Pinned designs" }, h("h2", null, "Pinned"), cards);
   host.append(panel);
@@ -57,10 +57,10 @@ function createCard(text, unpin, map) {
   const body = h("div", { class: "pin-body" });
   const element = h("article", { class: "pin", dataset: { pin: text } },
     h("div", { class: "row spread" }, h("h3", null, name), h("span", { class: "row" },
-      h("a", { class: "button", href: `/design?${text}` }, "Work on it"),
+      h("a", { class: "button", href: `/design?${text}` }, "Edit this design"),
       h("button", { type: "button", "aria-label": `Unpin ${name}`, onclick: () => unpin(text) }, "Unpin"))),
     body);
-  showLoading(body, "working it out …");
+  showLoading(body, "computing …");
   void fillCard(body, design);
   return element;
 }
@@ -74,7 +74,7 @@ async function fillCard(body, design) {
     const ball = spread ? [["Point spread", pointSpreadText(spread)]] : [];
     replace(body, stage, spread ? h("div", { class: "picture" }, paintSection(spread)) : null,
       h("dl", { class: "figures" }, [...keyFigures(preview), ...ball].map(([title, value]) => [h("dt", null, title), h("dd", null, value)]).flat()));
-    const plane = new PointMap(stage, "The points of the mask on the film");
+    const plane = new PointMap(stage, "Points of the mask on the film");
     plane.palette = [colour("--accent")];
     plane.classes = new Uint8Array(preview.positions.length);
     plane.show(preview.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), preview.mask.aperture);

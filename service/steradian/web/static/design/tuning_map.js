@@ -37,17 +37,17 @@ export function tuningField(design, changed) {
   function show(fault) {
     remove.hidden = !design.map;
     status.className = fault ? "fault small" : "dim small";
-    status.textContent = fault ?? (design.map ? `${design.map.wavelengths.length} places; not in the address` : "CSV with x_mm, y_mm, wavelength_nm, or JSON as the API takes it");
+    status.textContent = fault ?? (design.map ? `${design.map.wavelengths.length} positions; not stored in the URL` : "CSV with x_mm, y_mm, wavelength_nm, or JSON in the format of the API");
   }
 
   show();
-  const element = h("div", { class: "field tuning" }, h("label", { for: file.id, title: "Where on the film which wavelength reads it best; between the places it is interpolated" }, "Tuning map"), remove, file, status, remarks);
+  const element = h("div", { class: "field tuning" }, h("label", { for: file.id, title: "Optimum bias wavelength at positions on the film; interpolated between them" }, "Tuning map"), remove, file, status, remarks);
   return { element, remarks };
 }
 
 /** What the API takes, or something else. @param {any} map @returns {Design["map"]} */
 function checkedMap(map) {
-  if (!Array.isArray(map?.positions) || !Array.isArray(map.wavelengths)) throw new Error("it has no positions and wavelengths");
+  if (!Array.isArray(map?.positions) || !Array.isArray(map.wavelengths)) throw new Error("positions and wavelengths are missing");
   return map;
 }
 
@@ -56,10 +56,10 @@ function parseMap(name, text) {
   if (/\.json$/i.test(name)) return checkedMap(JSON.parse(text));
   const [head, ...rows] = text.replace("\ufeff", "").trim().split(/\r?\n/).map((line) => line.split(",").map((cell) => cell.trim()));
   const columns = COLUMNS.map((column) => head.indexOf(column));
-  if (columns.includes(-1)) throw new Error(`its first line does not name ${COLUMNS.join(", ")}`);
+  if (columns.includes(-1)) throw new Error(`the header does not contain ${COLUMNS.join(", ")}`);
   const values = rows.map((row) => columns.map((column) => Number(row[column] || NaN)));
   const invalidRow = values.findIndex((row) => !row.every(Number.isFinite));
-  if (invalidRow >= 0 || !values.length) throw new Error(`line ${invalidRow + 2} is no three numbers`);
+  if (invalidRow >= 0 || !values.length) throw new Error(`line ${invalidRow + 2} does not contain three numbers`);
   const si = (/** @type {number} */ value, /** @type {number} */ factor) => Number((value * factor).toPrecision(12));
   return { positions: values.map(([x, y]) => [si(x, 1e-3), si(y, 1e-3)]), wavelengths: values.map((row) => si(row[2], 1e-9)) };
 }

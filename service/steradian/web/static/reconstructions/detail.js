@@ -37,24 +37,24 @@ function show(one, groups, log, attempts) {
     h("div", { class: "row spread" }, h("div", { class: "row state-cell" }, stateElement(one), one.error ? h("span", { class: "fault" }, one.error.detail) : null, one.reason ? h("span", { class: "dim" }, one.reason) : null),
       h("div", { class: "row" },
         one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Open the volume") : null,
-        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again …"),
+        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Repeat …"),
         isOver ? null : h("button", { type: "button", disabled: one.desired_state === "cancelled", onclick: () => void cancel(one.id) }, "Cancel"))),
     h("div", { class: "halves" },
-      h("section", { class: "panel" }, h("h2", null, "What was asked"),
+      h("section", { class: "panel" }, h("h2", null, "Request"),
         h("dl", { class: "figures" },
           pair("Identifier", identifierElement(one.id)), pair("Scan", identifierElement(one.scan_id, `/scans/${one.scan_id}`)), pair("Method", methodText(one)),
-          pair("Asked for", formatTime(one.created)), pair("By", requesterOf(one)), pair("Began", formatTime(one.started)), pair("Ended", formatTime(one.ended)),
+          pair("Submitted", formatTime(one.created)), pair("Submitted by", requesterOf(one)), pair("Started", formatTime(one.started)), pair("Ended", formatTime(one.ended)),
           pair("Priority", String(one.priority)),
-          one.queue?.position ? pair("Place", String(one.queue.position)) : [], one.queue?.expected_end ? pair("Expected end", formatTime(one.queue.expected_end)) : [],
-          one.queue?.awaited ? pair("Waits for", one.queue.awaited) : []),
-        h("h3", null, "Parameters other than the defaults"),
+          one.queue?.position ? pair("Queue position", String(one.queue.position)) : [], one.queue?.expected_end ? pair("Expected end", formatTime(one.queue.expected_end)) : [],
+          one.queue?.awaited ? pair("Waiting for", one.queue.awaited) : []),
+        h("h3", null, "Parameters that differ from the defaults"),
         changed.length ? h("dl", { class: "figures" }, changed.flatMap((field) => pair(displayPath(field.path), formatValue(field, valueAt(one.parameters, field.path))))) : h("p", { class: "dim" }, "None.")),
       h("section", { class: "panel" }, h("h2", null, "Attempts"),
-        attempts.length ? h("table", null, h("thead", null, h("tr", null, ["", "Worker", "Began", "Took", "Outcome"].map((name) => h("th", null, name)))),
+        attempts.length ? h("table", null, h("thead", null, h("tr", null, ["", "Worker", "Started", "Duration", "Outcome"].map((name) => h("th", null, name)))),
           h("tbody", null, attempts.map((start) => h("tr", null, h("td", { class: "number" }, String(start.number)), h("td", null, start.worker ?? "–"), h("td", { class: "nowrap" }, formatTime(start.started)),
             h("td", { class: "nowrap" }, start.started && start.ended ? duration((new Date(start.ended).getTime() - new Date(start.started).getTime()) / 1e3) : "–"),
-            h("td", null, start.outcome ?? "at work", start.detail ? h("span", { class: "dim" }, ` ${start.detail}`) : null))))) : h("p", { class: "dim" }, "It has not begun."))),
-    h("section", { class: "panel" }, h("h2", null, "Log"), log ? h("pre", { class: "log", tabindex: 0 }, log) : h("p", { class: "dim" }, "Nothing was written.")));
+            h("td", null, start.outcome ?? "running", start.detail ? h("span", { class: "dim" }, ` ${start.detail}`) : null))))) : h("p", { class: "dim" }, "Not started yet."))),
+    h("section", { class: "panel" }, h("h2", null, "Log"), log ? h("pre", { class: "log", tabindex: 0 }, log) : h("p", { class: "dim" }, "The log is empty.")));
 }
 
 /** @param {string} name @param {import("../dom.js").Child} value */

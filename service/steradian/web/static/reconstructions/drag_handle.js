@@ -13,7 +13,7 @@ const MARK_CLASSES = ["is-moving", "drop-above", "drop-below"];
 export function createDragHandle(id, rows, moveTo, setHeld) {
   const button = h("button", {
     type: "button", class: "quiet grip", "aria-label": `Move: ${id}`, "aria-keyshortcuts": "ArrowUp ArrowDown",
-    title: "Drag to its place in the queue, or move it with the arrow keys", dataset: { key: `move ${id}` },
+    title: "Drag to change the position in the queue, or use the arrow keys", dataset: { key: `move ${id}` },
   }, "\u2807");
   const rowIndex = () => rows().findIndex((row) => row.dataset.row === id);
   let place = -1; // while it is held

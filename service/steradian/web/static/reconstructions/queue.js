@@ -52,7 +52,7 @@ async function load() {
 
 function show() {
   if (!items.length) {
-    showEmpty(panel, "Nothing has been reconstructed yet", "Choose a scan and its parameters, or make a scan first.",
+    showEmpty(panel, "No reconstructions yet", "Select a scan and parameters, or run a scan first.",
       h("button", { type: "button", class: "primary", onclick: () => openForm({ again: null, scan: null, set: null }) }, "Reconstruct a scan"));
     return;
   }
@@ -61,7 +61,7 @@ function show() {
   const done = items.filter(isOver);
   const focused = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset.key;
   replace(panel, messages, positionStatus, h("div", { class: "scrolls" }, h("table", { class: "queue" },
-    h("thead", null, h("tr", null, [h("span", { class: "small" }, "compare"), "State", "Method", "Scan", "Asked for, by", "Priority", ""].map((name) => h("th", null, name)))),
+    h("thead", null, h("tr", null, [h("span", { class: "small" }, "compare"), "State", "Method", "Scan", "Submitted, by", "Priority", ""].map((name) => h("th", null, name)))),
     h("tbody", null, [...open, ...done].map(row)))));
   if (focused) /** @type {HTMLElement | null} */ (panel.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
   showSelection();
@@ -93,9 +93,9 @@ function row(one) {
 /** @param {any} one */
 function timeElement(one) {
   const line = (/** @type {string} */ text) => h("div", { class: "dim small nowrap" }, text);
-  if (!isOver(one)) return one.queue?.expected_end ? line(`done at about ${formatTime(one.queue.expected_end)}`) : null;
+  if (!isOver(one)) return one.queue?.expected_end ? line(`expected end ${formatTime(one.queue.expected_end)}`) : null;
   const took = runSeconds(one);
-  return took === null ? null : line(`took ${duration(took)}`);
+  return took === null ? null : line(`duration ${duration(took)}`);
 }
 
 /** @param {any} one */
@@ -105,7 +105,7 @@ function priorityElement(one) {
     type: "button", class: "quiet", "aria-label": `${label}: ${one.id}`, title: label, dataset: { key: `${label} ${one.id}` },
     onclick: () => runAction(() => api.patch(`/reconstructions/${one.id}`, { priority: Math.min(Math.max(one.priority + by, 0), 1000) })),
   }, text);
-  return h("span", { class: "actions" }, move(-10, "↑", "Sooner"), String(one.priority), move(10, "↓", "Later"));
+  return h("span", { class: "actions" }, move(-10, "↑", "Raise the priority"), String(one.priority), move(10, "↓", "Lower the priority"));
 }
 
 const waitingRows = () => /** @type {HTMLElement[]} */ ([...panel.querySelectorAll("[data-waits]")]);
@@ -119,12 +119,12 @@ function setDragging(isActive) {
 /** Have a job begin as the one at a place among those that wait; shown at once, and taken back where it is refused. @param {string} id @param {number} to */
 function moveJob(id, to) {
   const changes = priorityChanges(waiting(), id, to);
-  if (!changes) return replace(messages, h("p", { class: "fault" }, "No priority is left there: the smallest is 0, the largest 1000."));
+  if (!changes) return replace(messages, h("p", { class: "fault" }, "No free priority at this position; allowed: 0 to 1000."));
   const before = items;
   const by = new Map(changes.map((one) => [one.id, one.priority]));
   items = items.map((one) => (by.has(one.id) ? { ...one, priority: by.get(one.id) } : one));
   show();
-  positionStatus.textContent = `Now number ${to + 1} of ${waiting().length} that wait.`;
+  positionStatus.textContent = `Now at position ${to + 1} of ${waiting().length} in the queue.`;
   const submit = async () => {
     for (const one of changes) await api.patch(`/reconstructions/${one.id}`, { priority: one.priority });
   };
@@ -138,7 +138,7 @@ function moveJob(id, to) {
 /** @param {any} one */
 function actionsOf(one) {
   const details = h("a", { class: "button", href: `/reconstructions/${one.id}` }, "Details");
-  const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Again …");
+  const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Repeat …");
   if (!isOver(one)) {
     const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
       onclick: () => runAction(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" })) }, "Cancel");

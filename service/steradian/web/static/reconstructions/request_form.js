@@ -17,7 +17,7 @@ import { urlOf } from "../urls.js";
  */
 export async function showRequestForm(panel, query, onCreated) {
   panel.hidden = false;
-  showLoading(panel, "reading what can be chosen …");
+  showLoading(panel, "loading the form …");
   try {
     const [groups, origin, scans] = await Promise.all([
       parameterGroups("ReconstructionParameters"),
@@ -49,12 +49,12 @@ function fillForm(panel, groups, origin, scans, query, onCreated) {
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
   const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", urlOf("/reconstructions")); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
-    h("h2", null, origin ? `Again: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
-    usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: make one, or import your own data."),
+    h("h2", null, origin ? `Repeat: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
+    usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: run a scan, or import your own data."),
     h("div", { class: "fields" },
       h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),
       frame.element,
-      h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (smaller first)"), priority)),
+      h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (lower runs first)"), priority)),
     form.element, errorBox, h("div", { class: "asking-foot" }, button, close, form.help));
   whole.addEventListener("submit", async (event) => {
     event.preventDefault();
@@ -124,5 +124,5 @@ function frameOption(fields, text) {
 export function scanTitle(one) {
   const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
   const stored = one.summary?.stored ?? one.progress.done;
-  return `${labels || "without labels"}, …${one.id.slice(-5)}, ${formatTime(one.created)}, ${count(stored)} A-lines`;
+  return `${labels || "no labels"}, …${one.id.slice(-5)}, ${formatTime(one.created)}, ${count(stored)} A-lines`;
 }

@@ -47,7 +47,7 @@ function fillPanel(panel, groups, reconstructions, stages, store) {
   };
   choice.addEventListener("change", show);
   const close = h("a", { class: "button", href: "/reconstructions" }, "Close");
-  replace(panel, h("header", null, h("h2", null, "Side by side"), choice, h("span", { class: "dim", dataset: { scale: "" } }, `colours of all: 0 to ${pressure(stages[0]?.defaultWindow[1] ?? NaN)}`), cursor, close), tiles, comparisonTable(groups, reconstructions));
+  replace(panel, h("header", null, h("h2", null, "Side by side"), choice, h("span", { class: "dim", dataset: { scale: "" } }, `common colour scale: 0 to ${pressure(stages[0]?.defaultWindow[1] ?? NaN)}`), cursor, close), tiles, comparisonTable(groups, reconstructions));
   show();
 }
 
@@ -75,5 +75,5 @@ function comparisonTable(groups, reconstructions) {
       line("A-lines", (one) => count(one.report?.sensors)),
       line("Voxels", (one) => one.report?.shape?.join(" × ") ?? "–"),
       line("Misfit", (one) => (one.report?.fit?.misfit === null || one.report?.fit?.misfit === undefined ? "–" : figure(one.report.fit.misfit))),
-      line("Took", (one) => duration(runSeconds(one))))));
+      line("Duration", (one) => duration(runSeconds(one))))));
 }

@@ -33,9 +33,9 @@ export function stateElement(one) {
     const bar = h("progress", { "aria-label": "Progress", ...(progress.total ? { value: progress.done, max: progress.total } : {}) });
     const [stage, ...more] = (progress.stage ?? "running").split(", "); // iterations, misfit 47.8 %
     const share = progress.total ? ` ${percent(progress.done / progress.total)}` : "";
-    return h("span", { class: "stack tight live" }, h("span", null, one.desired_state === "cancelled" ? "being cancelled" : [`${stage}${share}`, ...more].join(", ")), bar);
+    return h("span", { class: "stack tight live" }, h("span", null, one.desired_state === "cancelled" ? "cancelling" : [`${stage}${share}`, ...more].join(", ")), bar);
   }
-  if (one.state === "queued") return h("span", { class: "live" }, one.queue?.position ? `waiting, ${one.queue.position === 1 ? "next" : `number ${one.queue.position}`}` : "waiting");
+  if (one.state === "queued") return h("span", { class: "live" }, one.queue?.position ? `queued, ${one.queue.position === 1 ? "next" : `position ${one.queue.position}`}` : "queued");
   if (one.state === "failed") return h("span", { class: "fault", title: one.error?.detail }, "failed");
   return h("span", { class: one.state === "succeeded" ? "good" : "dim" }, one.state);
 }

@@ -18,7 +18,7 @@ export class AlinePlot {
     this.title = h("span", { class: "dim" });
     this.timeButton = this.createButton("A-line", false);
     this.spectrumButton = this.createButton("Spectrum", true);
-    this.followButton = h("button", { type: "button", hidden: true }, "Follow the newest");
+    this.followButton = h("button", { type: "button", hidden: true }, "Show the newest");
     this.canvas = h("canvas", { role: "img", "aria-label": "A-line", style: { width: "100%", height: "100%" } });
     const stage = h("div", { class: "strip" }, this.canvas);
     host.append(h("div", { class: "row spread" }, h("div", { class: "row" }, this.timeButton, this.spectrumButton, this.followButton), this.title), stage);
@@ -90,7 +90,7 @@ export class AlinePlot {
   /** @param {Line} line */
   spectrumPlot({ samples, interval, title }) {
     const { levels, step, peak } = spectrum(samples, interval);
-    replace(this.title, `${title}: strongest at ${frequency(peak)}`);
+    replace(this.title, `${title}: maximum at ${frequency(peak)}`);
     return { values: levels, from: 0, to: (step * (levels.length - 1)) / 1e6, low: MIN_LEVEL, high: 0, across: "frequency (MHz)", along: "level (dB)", marks: [], full: null };
   }
 }

@@ -18,7 +18,7 @@ export class Controls {
     this.changed = changed;
     this.state = h("div", { class: "row" });
     this.pace = h("span", { class: "dim", role: "status" });
-    this.buttons = h("div", { class: "row", tabindex: -1, role: "group", "aria-label": "What can be done" });
+    this.buttons = h("div", { class: "row", tabindex: -1, role: "group", "aria-label": "Actions" });
     this.advice = h("p", { class: "dim caption" });
     this.messages = h("div", { class: "remarks", role: "alert" });
     this.bar = h("progress", { max: 1, value: 0, "aria-label": "A-lines stored" });
@@ -73,7 +73,7 @@ export class Controls {
     const left = this.eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
     const parts = [`${count(this.stored)} of ${count(this.total)} A-lines`];
     if (this.unusedShots) parts.push(`${count(this.unusedShots)} shots without an A-line`);
-    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} a second`, ...(left ? [`${duration(left)} left`] : []));
+    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} per second`, ...(left ? [`${duration(left)} left`] : []));
     this.pace.textContent = parts.join(", ");
     this.bar.max = this.total || 1;
     this.bar.value = this.stored;
@@ -91,7 +91,7 @@ export class Controls {
     replace(this.labels, labels, completes);
     const transitions = (TRANSITIONS[scan.state] ?? []).filter((state) => state !== scan.desired_state || scan.state === "interrupted");
     const focused = this.buttons.contains(document.activeElement) ? document.activeElement : null;
-    replace(this.buttons, transitions.map((state) => h("button", { type: "button", onclick: () => (state === "stopped" ? this.confirmStop() : void this.requestState(state)) }, scan.state === "interrupted" && state === "running" ? "Go on" : ACTION_LABELS[state])),
+    replace(this.buttons, transitions.map((state) => h("button", { type: "button", onclick: () => (state === "stopped" ? this.confirmStop() : void this.requestState(state)) }, ACTION_LABELS[state])),
       FINAL_STATES.has(scan.state) ? this.finishedActions() : null);
     const sameButton = [...this.buttons.querySelectorAll("button")].find((one) => one.textContent === focused?.textContent && focused !== this.buttons);
     if (focused) (sameButton ?? this.buttons).focus(); // else the place: another button would be pressed by a key that is held down
@@ -111,7 +111,7 @@ export class Controls {
     return [
       h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct"),
       ...(stored < points ? [h("button", { type: "button", onclick: () => void this.confirmMissing() }, "Measure the missing points …")] : []),
-      h("button", { type: "button", onclick: () => void this.chooseMask() }, "Through another mask …"),
+      h("button", { type: "button", onclick: () => void this.chooseMask() }, "Undersample with another mask …"),
       h("a", { class: "button", href: `/api/v1/scans/${this.scan.id}/file`, download: `${this.scan.id}.h5` }, "Download HDF5"),
     ];
   }
@@ -133,8 +133,8 @@ export class Controls {
     try {
       const masks = (await api.get("/masks?limit=50")).items.filter((/** @type {any} */ one) => one.id !== this.scan.mask_id);
       const select = h("select", { id: "other-mask" }, masks.map((/** @type {any} */ one) => h("option", { value: one.id }, `${one.arrangement.arrangement ?? "mask"}, ${count(one.count)} points (${one.id.slice(0, 7)}…)`)));
-      const body = masks.length ? [h("label", { for: "other-mask" }, "Mask"), select] : [h("p", null, "There is no other mask yet: design one, or make it by the API.")];
-      openConfirmDialog("Look through another mask", "The scan as if only that mask's points had been measured.", body, masks.length ? "Reconstruct" : "", () => void this.reconstruct({ through: { mask_id: select.value } }));
+      const body = masks.length ? [h("label", { for: "other-mask" }, "Mask"), select] : [h("p", null, "There is no other mask yet: create one in Design or with the API.")];
+      openConfirmDialog("Retrospective undersampling", "Reconstructs the scan as if only the points of this mask had been measured.", body, masks.length ? "Reconstruct" : "", () => void this.reconstruct({ through: { mask_id: select.value } }));
     } catch (error) {
       replace(this.messages, ...errorElements(error));
     }
@@ -152,7 +152,7 @@ export class Controls {
       replace(this.messages, ...errorElements(error));
       return;
     }
-    const text = `A new scan begins with these ${count(stored)} A-lines and measures the other ${count(points - stored)}, if film and scanner prove to be as they were. This one stays as it is. The laser fires.`;
+    const text = `A new scan starts with these ${count(stored)} A-lines and measures the other ${count(points - stored)}, if the checks find film and scanner unchanged. This scan is not modified. The laser fires.`;
     openConfirmDialog("Measure the missing points", text, [scannerChoice.host], "Measure", () => void this.startCompletion(scannerChoice));
   }
 
@@ -168,7 +168,7 @@ export class Controls {
   }
 
   confirmStop() {
-    openConfirmDialog("Stop the scan", stopSummary(this.stored, this.total), [], "Stop and keep", () => void this.requestState("stopped"));
+    openConfirmDialog("Stop the scan", stopSummary(this.stored, this.total), [], "Stop and keep the data", () => void this.requestState("stopped"));
   }
 
   /** @param {string} state */

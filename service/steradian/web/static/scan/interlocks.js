@@ -25,11 +25,11 @@ export class Interlocks {
     const { scanners, failure } = lastStatus();
     const one = scanners.find(({ id }) => id === this.scannerId) ?? (this.scannerId === null && scanners.length === 1 ? scanners[0] : null);
     const now = one && statusOf(one);
-    this.age.textContent = now && now.age !== null ? `seen ${Math.max(0, now.age).toFixed(1)} s ago` : "";
+    this.age.textContent = now && now.age !== null ? `updated ${Math.max(0, now.age).toFixed(1)} s ago` : "";
     const lease = failure ? null : one?.lease;
-    const heldText = lease ? `reserved by ${lease.holder} until ${formatTime(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "not reserved by anybody";
+    const heldText = lease ? `reserved by ${lease.holder} until ${formatTime(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "not reserved";
     this.leaseText.textContent = one && !failure ? heldText : "";
-    const reason = one ? (now?.reason ?? "") : (failure ?? (scanners.length ? `${this.scannerId ?? "its scanner"} is not there` : "not looked at yet"));
+    const reason = one ? (now?.reason ?? "") : (failure ?? (scanners.length ? `${this.scannerId ?? "the scanner"} is not registered` : "not polled yet"));
     const text = JSON.stringify([reason, now?.laser, now?.interlock, now?.key, now?.shutter]);
     if (text === this.shownKey) return;
     this.shownKey = text;

@@ -17,7 +17,7 @@ export class LiveImage {
     this.host = host;
     this.scanId = scanId;
     this.actions = actions;
-    this.canvas = h("canvas", { role: "img", "aria-label": "Maximum of the image along z" });
+    this.canvas = h("canvas", { role: "img", "aria-label": "Maximum-intensity projection along z" });
     this.caption = h("p", { class: "dim caption" });
     this.outcome = h("p", { class: "caption", role: "status", hidden: true });
     /** @type {any} the reconstruction */
@@ -54,11 +54,11 @@ export class LiveImage {
 
   showOffer() {
     if (!this.running) {
-      showEmpty(this.host, "No image was followed", "What is stored can be reconstructed now.", ...this.actions());
+      showEmpty(this.host, "No live image", "The stored A-lines can be reconstructed now.", ...this.actions());
       return;
     }
-    const start = h("button", { type: "button", class: "primary", onclick: () => { start.disabled = true; void this.startFollowing(); } }, "Watch the image grow");
-    showEmpty(this.host, "No image yet", "A worker can reconstruct what is there every few seconds.", start);
+    const start = h("button", { type: "button", class: "primary", onclick: () => { start.disabled = true; void this.startFollowing(); } }, "Start a live image");
+    showEmpty(this.host, "No image yet", "A worker can reconstruct the stored A-lines every few seconds.", start);
   }
 
   async startFollowing() {
@@ -79,10 +79,10 @@ export class LiveImage {
 
   showWaiting() {
     const { state, progress } = this.reconstruction;
-    if (state === "queued") showEmpty(this.host, "The image waits", "for a worker that is free.");
-    else if (state === "running" && !this.running) showEmpty(this.host, "The final image is being made", "It will be here.");
-    else if (state === "running") showEmpty(this.host, "The image begins", progress.stage && progress.stage !== "A-lines" ? `A worker is at it: ${progress.stage}.` : "as soon as enough A-lines are there.");
-    else showEmpty(this.host, "No image", `Its reconstruction ${state}.`, h("a", { class: "button", href: `/reconstructions/${this.reconstruction.id}` }, "Why"));
+    if (state === "queued") showEmpty(this.host, "Image queued", "Waiting for a free worker.");
+    else if (state === "running" && !this.running) showEmpty(this.host, "The final image is being computed", "The image appears here when complete.");
+    else if (state === "running") showEmpty(this.host, "Image started", progress.stage && progress.stage !== "A-lines" ? `Current step: ${progress.stage}.` : "Waiting for a sufficient number of A-lines.");
+    else showEmpty(this.host, "No image", `The reconstruction ${state}.`, h("a", { class: "button", href: `/reconstructions/${this.reconstruction.id}` }, "Details"));
   }
 
   /** Ask for a revision newer than the one that is shown; once more, where another came meanwhile. */
@@ -141,7 +141,7 @@ export class LiveImage {
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
-    const description = !revision.final ? `revision ${revision.number}, of ${of}` : whole ? `the whole image of ${count(revision.points)} A-lines` : `the final image, of ${of}`;
+    const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image, from ${of}`;
     this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.reconstruction.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
@@ -156,7 +156,7 @@ export class LiveImage {
     const { id, state } = this.reconstruction;
     const isFailed = ["failed", "cancelled"].includes(state);
     this.outcome.classList.toggle("fault", isFailed);
-    if (isFailed) replace(this.outcome, `The final image was not made: its reconstruction ${state}. `, h("a", { href: `/reconstructions/${id}` }, "Why"));
-    else replace(this.outcome, "The final image is being made …");
+    if (isFailed) replace(this.outcome, `The final image was not created: the reconstruction ${state}. `, h("a", { href: `/reconstructions/${id}` }, "Details"));
+    else replace(this.outcome, "The final image is being computed …");
   }
 }

@@ -136,7 +136,7 @@ async function readAline() {
     zero: row === null ? Number(answer.headers.get("X-Origin")) || 0 : shots.timeZero[row],
     full: isWhole ? FULL_SCALE : null,
     point,
-    title: `${row === null ? "Newest" : "Chosen"}, point ${point}`,
+    title: `${row === null ? "Newest" : "Selected"}, point ${point}`,
   });
 }
 

@@ -24,7 +24,7 @@ export class ScanMap {
     this.frame = h("select", { "aria-label": "Frame", hidden: true, onchange: () => this.draw() });
     const stage = h("div", { class: "stage" });
     host.append(h("div", { class: "row spread" }, this.filters, this.frame), stage);
-    this.plane = new PointMap(stage, "The points of the scan: stored, flagged and missing; left and right arrow choose an A-line, Escape the newest");
+    this.plane = new PointMap(stage, "Points of the scan: stored, flagged and missing; the left and right arrow keys select an A-line, Escape selects the newest");
     this.plane.painters.push((context, to) => this.paint(context, to));
     this.filter = "";
     /** @type {Shots | null} */

@@ -7,8 +7,8 @@ const SELECT_ID = "which-scanner";
 
 export class ScannerChoice {
   constructor() {
-    this.select = h("select", { id: SELECT_ID, "aria-label": "Which scanner", onchange: () => { this.selected = this.select.value; } });
-    this.host = h("label", { class: "row", for: SELECT_ID, hidden: true }, "Which scanner", this.select);
+    this.select = h("select", { id: SELECT_ID, "aria-label": "Scanner for this scan", onchange: () => { this.selected = this.select.value; } });
+    this.host = h("label", { class: "row", for: SELECT_ID, hidden: true }, "Scanner for this scan", this.select);
     this.selected = "";
     this.names = "";
   }
@@ -20,7 +20,7 @@ export class ScannerChoice {
     this.names = names.join();
     this.host.hidden = names.length < 2;
     if (!names.includes(this.selected)) this.selected = "";
-    replace(this.select, [h("option", { value: "" }, "choose …"), ...names.map((name) => h("option", { value: name }, name))]);
+    replace(this.select, [h("option", { value: "" }, "select …"), ...names.map((name) => h("option", { value: name }, name))]);
     this.select.value = this.selected;
   }
 
@@ -29,7 +29,7 @@ export class ScannerChoice {
     if (this.host.hidden) return {};
     if (this.selected) return { scanner_id: this.selected };
     this.select.focus();
-    throw new Error("Which scanner is to run it? Choose one.");
+    throw new Error("Several scanners are available; select the scanner for this scan.");
   }
 }
 

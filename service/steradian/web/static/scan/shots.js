@@ -3,7 +3,7 @@
 
 /** Quality flags of the scanner: their bits, how the page calls them, and how the service does. */
 export const FLAGS = /** @type {[number, string, string][]} */ ([
-  [1, "saturated", "saturated"], [2, "mistuned", "mistuned"], [4, "misfired", "misfired"], [8, "averaged in part", "partial"],
+  [1, "saturated", "saturated"], [2, "mistuned", "mistuned"], [4, "misfired", "misfired"], [8, "partially averaged", "partial"],
 ]);
 
 export class Shots {

@@ -4,9 +4,9 @@ import { count } from "../units.js";
 
 /** States in words, and whether they are faults. */
 export const STATE_LABELS = /** @type {Record<string, string>} */ ({
-  queued: "waits", arming: "begins", running: "runs", pausing: "is being paused", paused: "paused", stopping: "is being stopped",
-  recovering: "finds its scanner again", completing: "ends", aborting: "is being ended at once", interrupted: "interrupted",
-  complete: "complete", partial: "stopped, part is kept", aborted: "ended at once", failed: "failed",
+  queued: "queued", arming: "arming", running: "running", pausing: "pausing", paused: "paused", stopping: "stopping",
+  recovering: "reconnecting to the scanner", completing: "completing", aborting: "aborting", interrupted: "interrupted",
+  complete: "complete", partial: "stopped, partial data", aborted: "aborted", failed: "failed",
 });
 
 export const FINAL_STATES = new Set(["complete", "partial", "aborted", "failed"]);
@@ -18,6 +18,6 @@ export const TRANSITIONS = {
 
 /** What stopping would keep. @param {number} stored @param {number} total */
 export function stopSummary(stored, total) {
-  if (!stored) return "Stop keeps nothing: no A-line is stored yet.";
-  return `Stop keeps ${count(stored)} of ${count(total)} A-lines, which can be reconstructed; the others take a scan of their own. Pause can be resumed.`;
+  if (!stored) return "Stop keeps no data: no A-line is stored yet.";
+  return `Stop keeps ${count(stored)} of ${count(total)} A-lines for reconstruction; the missing points need another scan. A paused scan can be resumed.`;
 }

@@ -12,16 +12,16 @@ import { figureList } from "./measure_tools.js";
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 
 const BLINK_INTERVAL = 700; // ms for which each of the two is seen
-const BRIGHT_REGION = "over what has at least 4 % of the reference's maximum";
+const BRIGHT_REGION = "over voxels with at least 4 % of the reference's maximum";
 const SHARPNESS_NOTE = "normalised Tenenbaum function: larger is sharper";
 /** Figures of the service: name and what it is. */
 const METRICS = /** @type {Record<string, [string, string]>} */ ({
-  volume_correlation: ["Correlation", "Pearson's, over all voxels"], volume_correlation_of_interest: ["Correlation of the bright", `Pearson's, ${BRIGHT_REGION}`],
-  ...Object.fromEntries(["x", "y", "z"].map((axis) => [`mip_${axis}_correlation`, [`Correlation along ${axis}`, `Pearson's, of the maxima along ${axis}, ${BRIGHT_REGION}`]])),
+  volume_correlation: ["Correlation", "Pearson correlation over all voxels"], volume_correlation_of_interest: ["Correlation of bright voxels", `Pearson correlation ${BRIGHT_REGION}`],
+  ...Object.fromEntries(["x", "y", "z"].map((axis) => [`mip_${axis}_correlation`, [`Correlation along ${axis}`, `Pearson correlation of the maxima along ${axis}, ${BRIGHT_REGION}`]])),
   mip_z_sharpness: ["Sharpness along z", `Of the maximum along z of this image; ${SHARPNESS_NOTE}`], mip_z_reference_sharpness: ["– of the reference", `Of the maximum along z of the reference; ${SHARPNESS_NOTE}`],
   volume_sharpness: ["Sharpness", `Of this image; ${SHARPNESS_NOTE}`], volume_reference_sharpness: ["– of the reference", `Of the reference; ${SHARPNESS_NOTE}`],
-  volume_amplitude: ["Amplitude", "How many times the reference this image holds: 1 is as bright"],
-  volume_error: ["Relative error (l2)", "Distance to the reference over its norm, after the best common factor"],
+  volume_amplitude: ["Amplitude", "Scale factor between reference and image; 1 means equal brightness"],
+  volume_error: ["Relative error (l2)", "Norm of the difference relative to the norm of the reference, after optimum scaling"],
 });
 
 export class Compare {
@@ -40,7 +40,7 @@ export class Compare {
     this.metrics = h("div", { class: "stack" });
     this.element = h("div", { class: "stack" },
       h("label", { class: "stack" }, "Reference", this.choice),
-      h("div", { class: "row", role: "group", "aria-label": "How they are compared" }, ...this.modeButtons, this.toggleButton),
+      h("div", { class: "row", role: "group", "aria-label": "Comparison mode" }, ...this.modeButtons, this.toggleButton),
       this.status, this.correlations, this.metrics);
     this.isReferenceShown = false;
     this.show = oncePerFrame(() => this.render());
@@ -58,7 +58,7 @@ export class Compare {
       const { items } = await api.get("/reconstructions?state=succeeded&limit=200");
       const candidates = items.filter((/** @type {any} */ one) => one.id !== this.reconstruction.id && one.report?.shape);
       const isSameScan = (/** @type {any} */ one) => one.scan_id === this.reconstruction.scan_id;
-      replace(this.choice, h("option", { value: "" }, candidates.length ? "none" : "there is no other reconstruction yet"),
+      replace(this.choice, h("option", { value: "" }, candidates.length ? "none" : "no other reconstruction"),
         ...[["Of the same scan", candidates.filter(isSameScan)], ["Of other scans", candidates.filter((/** @type {any} */ one) => !isSameScan(one))]]
           .filter(([, group]) => group.length)
           .map(([label, group]) => h("optgroup", { label }, group.map((/** @type {any} */ one) => h("option", { value: one.id }, reconstructionTitle(one))))));
@@ -110,10 +110,10 @@ export class Compare {
   updateStatus() {
     const { reference, view } = this.stage;
     const blink = view.how === "blink";
-    this.status.textContent = !reference ? "Choose a reconstruction to compare this one with."
-      : blink ? `Seen now: ${this.isReferenceShown ? "the reference" : "this image"}.`
-        : this.stage.isComparable ? `Blue: less than the reference; orange: more; dark: alike. Colours end at ±${pressure(this.stage.differenceEnd)}; projections: the difference of the two maxima; 3-D: this image alone`
-          : "They are of different voxels and cannot be subtracted: blink between them, or reconstruct with the same modes and depths.";
+    this.status.textContent = !reference ? "Select a reference reconstruction."
+      : blink ? `Shown now: ${this.isReferenceShown ? "the reference" : "this image"}.`
+        : this.stage.isComparable ? `Blue: below the reference; orange: above; dark: equal. Colour range ±${pressure(this.stage.differenceEnd)}. Projections show the difference of the two maxima; 3-D shows this image only.`
+          : "The voxel grids differ, so the images cannot be subtracted: use Blink, or reconstruct with the same modes and depth range.";
   }
 
   render() {
@@ -130,7 +130,7 @@ export class Compare {
       const value = correlation(one.plane.values, one.other.values);
       rows.push([PLANES[one.axis].join("–"), figure(value), `correlation-${one.axis}`, value]);
     }
-    replace(this.correlations, ...(rows.length ? [h("h3", null, "Correlation of what is seen"), h("p", { class: "dim small" }, "Pearson's, of the pixels that each view shows now: 1 where they are alike.")] : []), rows.length ? figureList(rows) : null);
+    replace(this.correlations, ...(rows.length ? [h("h3", null, "Correlation of the visible images"), h("p", { class: "dim small" }, "Pearson correlation of the pixels in each view; 1 means identical.")] : []), rows.length ? figureList(rows) : null);
   }
 
   /** What the service found when it compared the volumes, or a button that has it done. @param {string} reference */
@@ -143,7 +143,7 @@ export class Compare {
         const [label, description] = METRICS[name.replace(/^image_/, "volume_")] ?? [name.replaceAll("_", " "), ""];
         return [label, value === null ? "–" : figure(Number(value)), name, Number(value), description];
       });
-      replace(this.metrics, h("h3", null, "Whole volumes"), h("p", { class: "dim small" }, `As the service compares them. Of the bright: ${BRIGHT_REGION}.`), figureList(/** @type {any} */ (rows)));
+      replace(this.metrics, h("h3", null, "Whole volumes"), h("p", { class: "dim small" }, `Computed by the service. Bright voxels: ${BRIGHT_REGION}.`), figureList(/** @type {any} */ (rows)));
     } else if (this.stage.isComparable) {
       replace(this.metrics, h("button", { type: "button", onclick: () => this.computeMetrics(reference) }, "Compare the whole volumes"));
     }

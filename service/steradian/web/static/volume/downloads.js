@@ -13,7 +13,7 @@ const FORMATS = /** @type {[string, string, string, boolean][]} name, what it is
   ["vtkhdf", "VTKHDF: ParaView", ".vtkhdf", true],
   ["nrrd", "NRRD: 3D Slicer", ".nrrd", true],
   ["hdf5", "HDF5: MATLAB, Octave, h5py", ".h5", true],
-  ["png", "PNG: the projections as pictures", ".projections", true],
+  ["png", "PNG: projections", ".projections", true],
 ]);
 
 export class Downloads {
@@ -49,13 +49,13 @@ export class Downloads {
   }
 
   show() {
-    const numpyRow = h("tr", null, h("td", null, "NumPy: the values alone"), h("td", { class: "number nowrap" }, bytes(this.valueBytes + 128)),
+    const numpyRow = h("tr", null, h("td", null, "NumPy: values only"), h("td", { class: "number nowrap" }, bytes(this.valueBytes + 128)),
       h("td", null, h("a", { class: "button", href: `${BASE}/reconstructions/${this.reconstruction.id}/volume`, download: `${this.reconstruction.id}.npy` }, "Download")));
     replace(this.element,
       h("table", null,
         h("thead", null, h("tr", null, h("th", null, "Format"), h("th", { class: "number" }, "Size"), h("th", null, ""))),
         h("tbody", null, FORMATS.map((format) => this.row(format)), numpyRow)),
-      h("p", { class: "dim small" }, "Voxel sizes travel along in all but NumPy. What is not made yet takes a job of a few seconds."));
+      h("p", { class: "dim small" }, "All formats except NumPy contain the voxel size. Creating a file takes a job of a few seconds."));
   }
 
   /** @param {[string, string, string, boolean]} format */
@@ -63,11 +63,11 @@ export class Downloads {
     const job = this.jobs.get(name);
     const isDone = job?.state === "succeeded" && job.files.length;
     const size = isDone ? bytes(job.result?.bytes) : name === "png" ? "small" : `${compressed ? "≤" : "≈"} ${bytes(this.valueBytes)}`;
-    const progressText = job && !isDone ? `making … ${job.progress.total ? percent(job.progress.done / job.progress.total) : ""}` : null;
+    const progressText = job && !isDone ? `creating … ${job.progress.total ? percent(job.progress.done / job.progress.total) : ""}` : null;
     const button = isDone
       ? h("a", { class: "button", href: `${BASE}/jobs/${job.id}/files/${encodeURIComponent(job.files[0])}`, download: job.files[0] }, "Download")
       : progressText ? h("span", { class: "dim", role: "status" }, progressText)
-        : h("button", { type: "button", onclick: () => this.exportFormat(name) }, "Make");
+        : h("button", { type: "button", onclick: () => this.exportFormat(name) }, "Create");
     return h("tr", { dataset: { format: name } }, h("td", null, description), h("td", { class: "number nowrap" }, size), h("td", null, button));
   }
 

@@ -27,7 +27,7 @@ async function load() {
     listedCount = response.items.length;
     items = response.items.filter((/** @type {any} */ one) => one.report?.shape);
     if (!items.length) {
-      showEmpty(panel, "There is no volume yet", "Reconstruct a scan, and it will be here.", h("a", { class: "button primary", href: "/reconstructions?scan" }, "Reconstruct a scan"));
+      showEmpty(panel, "No volumes yet", "Reconstruct a scan to create a volume.", h("a", { class: "button primary", href: "/reconstructions?scan" }, "Reconstruct a scan"));
       return;
     }
     show();
@@ -39,8 +39,8 @@ async function load() {
 function show() {
   const searchText = search.value.trim().toLowerCase();
   const matches = items.filter((one) => [one.id, one.scan_id, scanLabels.get(one.scan_id), methodText(one), ...(one.report.notes ?? [])].join(" ").toLowerCase().includes(searchText));
-  const note = h("p", { class: "dim small" }, `Maxima along z (sections of lines), each with its own scale.${listedCount === MAX_LISTED ? ` The newest ${MAX_LISTED} are searched.` : ""}`);
-  const grid = h("div", { class: "stack" }, matches.length ? [note, h("ul", { class: "gallery" }, matches.map(createCard))] : h("p", { class: "dim" }, "Nothing has all of this."));
+  const note = h("p", { class: "dim small" }, `Maximum-intensity projections along z (line scans: sections), each with its own colour scale.${listedCount === MAX_LISTED ? ` The search covers the newest ${MAX_LISTED} volumes.` : ""}`);
+  const grid = h("div", { class: "stack" }, matches.length ? [note, h("ul", { class: "gallery" }, matches.map(createCard))] : h("p", { class: "dim" }, "No volume matches the search."));
   if (panel.contains(search)) panel.lastElementChild?.replaceWith(grid);
   else replace(panel, h("header", null, search), grid);
 }
@@ -52,7 +52,7 @@ function createCard(one) {
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
     thumbnail(one, axis),
-    h("strong", null, scanLabels.get(one.scan_id) || "without labels"), h("span", null, `made ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
 }
 
 /** Pictures are read when they come into sight. */
@@ -105,8 +105,8 @@ async function drawThumbnail(canvas) {
     canvas.getContext("2d")?.putImageData(pixels, 0, 0);
     setCaption(canvas, values.some((value) => value > 0) ? "" : "empty: no value above 0");
   } catch {
-    setCaption(canvas, "no picture");
-    canvas.setAttribute("aria-label", "There is no picture of it");
+    setCaption(canvas, "image unavailable");
+    canvas.setAttribute("aria-label", "Image unavailable");
   }
 }
 

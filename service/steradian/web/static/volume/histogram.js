@@ -1,5 +1,5 @@
 // @ts-check
-// How often which value is seen, and the window of values that the colours stand for, with a handle at either end.
+// Histogram of the visible values, and the window of values that the colours stand for, with a handle at either end.
 import { oncePerFrame, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { PRESSURE, figure } from "../units.js";
@@ -17,19 +17,19 @@ export class Histogram {
   constructor(stage, planes) {
     this.stage = stage;
     this.planes = planes;
-    this.canvas = h("canvas", { width: WIDTH, height: HEIGHT, role: "img", "aria-label": "How often which value is seen" });
+    this.canvas = h("canvas", { width: WIDTH, height: HEIGHT, role: "img", "aria-label": "Histogram of the visible values" });
     this.bar = h("canvas", { width: WIDTH, height: 1, class: "colour-bar", "aria-hidden": "true" });
-    this.handles = [this.handle(0, "Darkest value"), this.handle(1, "Brightest value")];
+    this.handles = [this.handle(0, "Lower end of the window"), this.handle(1, "Upper end of the window")];
     this.inputs = [this.input(0, "From"), this.input(1, "to")];
     this.ends = [h("span", { dataset: { end: "least" } }), h("span", { dataset: { end: "greatest" } })];
     this.depths = [h("span"), h("span")];
-    this.depthScale = h("div", { class: "scale dim small" }, this.depths[0], h("span", null, "depth of the colour"), this.depths[1]);
+    this.depthScale = h("div", { class: "scale dim small" }, this.depths[0], h("span", null, "depth colour scale"), this.depths[1]);
     this.element = h("div", { class: "histogram" },
       h("div", { class: "handles" }, this.canvas, ...this.handles),
       h("div", { class: "scale dim small" }, this.ends[0], h("span", null, `initial pressure (${PRESSURE})`), this.ends[1]),
       this.bar, this.depthScale,
       h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
-        h("button", { type: "button", title: "Window from 0 to where the brightest thousandth begins", onclick: () => stage.store.change({ window: null }) }, "auto")));
+        h("button", { type: "button", title: "Window from 0 to the 99.9th percentile", onclick: () => stage.store.change({ window: null }) }, "auto")));
     this.draw = oncePerFrame(() => this.render());
     stage.store.on((_view, changed) => (changed.has("window") || changed.has("map")) && this.draw());
     onTheme(() => this.draw());

@@ -17,11 +17,11 @@ import { ObjectWidths } from "./object_width.js";
 /** @typedef {import("./view_state.js").Triple} Triple */
 
 const TOOL_TEXTS = {
-  crosshair: ["Crosshair", "Click or drag in a view: the others go there."],
-  line: ["Line", "Drag a line across something: its profile and full width at half maximum appear here."],
-  region: ["Region", "Drag a rectangle over an object: mean, deviation, extremes."],
-  background: ["Background", "Drag a rectangle beside the object: its contrast against it appears here."],
-  point: ["Point", "Click what a mask should see well, and drag its ring in another view to its depth; then design the mask."],
+  crosshair: ["Crosshair", "Click or drag in a view to move the crosshair in all views."],
+  line: ["Line", "Drag a line across an object to measure its profile and full width at half maximum."],
+  region: ["Region", "Drag a rectangle over an object to measure mean, standard deviation and extremes."],
+  background: ["Background", "Drag a rectangle next to the object to measure the contrast-to-noise ratio."],
+  point: ["Point", "Click a point that a mask should image well, drag its ring in another view to set the depth, then design the mask."],
 };
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 154, 40, 22, 20];
 
@@ -35,7 +35,7 @@ export class Tools {
     this.aperture = undefined;
     this.widths = new ObjectWidths(stage, reconstruction);
     this.buttons = Object.entries(TOOL_TEXTS).map(([name, [text]], n) =>
-      h("button", { type: "button", dataset: { tool: name }, title: `Key ${n + 1}`, onclick: () => stage.store.change({ tool: name }) }, text));
+      h("button", { type: "button", dataset: { tool: name }, title: `Shortcut: ${n + 1}`, onclick: () => stage.store.change({ tool: name }) }, text));
     this.hint = h("p", { class: "dim small" });
     this.results = h("div", { class: "stack", "aria-live": "polite" });
     this.element = h("div", { class: "stack" }, h("div", { class: "row", role: "group", "aria-label": "Tool" }, ...this.buttons), this.hint, this.results);
@@ -78,24 +78,24 @@ export class Tools {
     const length = Math.hypot(mark.to[0] - mark.from[0], mark.to[1] - mark.from[1]);
     return this.result(`Line in ${PLANES[mark.plane].join("–")}`, "line", this.chart(measured, width),
       figureList([
-        ["FWHM", width ? lengthWithError(width.width, width.error) : "no peak falls to a half on both sides", "fwhm", width?.width],
+        ["FWHM", width ? lengthWithError(width.width, width.error) : "no peak falls to half its height on both sides", "fwhm", width?.width],
         ["Peak above base", width ? `${figure(width.height)} above ${Math.abs(width.base) < 1e-3 * width.height ? `0 ${PRESSURE}` : pressure(width.base)}` : "–"],
         ["Length", lengthOf(length)],
       ]),
-      width && width.error !== null ? h("p", { class: "dim small" }, "± is the repeatability under the noise, not the accuracy: the width contains the mask's own point spread.") : null,
+      width && width.error !== null ? h("p", { class: "dim small" }, "± is the repeatability under noise, not the accuracy: the width includes the point spread of the mask.") : null,
       width ? this.widths.resultFor(mark) : null,
-      width && width.error === null ? h("p", { class: "dim small" }, "A longer line tells the noise, and with it the width's repeatability.") : null);
+      width && width.error === null ? h("p", { class: "dim small" }, "Draw a longer line to estimate the noise and the repeatability of the width.") : null);
   }
 
   /** @param {Mark} mark @param {string} title @param {"region" | "background"} name */
   region(mark, title, name) {
     const plane = this.shownPlane(mark);
     const measured = plane && statistics(plane, mark);
-    if (!measured) return this.result(title, name, h("p", { class: "dim" }, "No voxel's centre lies in it."));
+    if (!measured) return this.result(title, name, h("p", { class: "dim" }, "The rectangle does not contain a voxel centre."));
     return this.result(`${title} in ${PLANES[mark.plane].join("–")}`, name, figureList([
       ["Mean", pressure(measured.mean), "mean", measured.mean],
-      ["Deviation", pressure(measured.deviation), "deviation", measured.deviation],
-      ["Least, greatest", `${figure(measured.least)}, ${pressure(measured.greatest)}`],
+      ["Standard deviation", pressure(measured.deviation), "deviation", measured.deviation],
+      ["Minimum, maximum", `${figure(measured.least)}, ${pressure(measured.greatest)}`],
       ["Area", `${figure(measured.area)} mm², ${count(measured.count)} voxels`],
     ]));
   }

@@ -60,7 +60,7 @@ export class ObjectWidths {
     const body = { kind: "width", scan_id, reconstruction_id: this.reconstruction.id, start, end, frame, wavelength, average };
     let job = await api.post("/jobs", body, { headers: idempotencyHeaders() });
     while (["queued", "running", "cancelling"].includes(job.state)) {
-      status.textContent = job.progress.total ? `image ${job.progress.done} of about ${job.progress.total} …` : "waiting for its turn …";
+      status.textContent = job.progress.total ? `image ${job.progress.done} of about ${job.progress.total} …` : "queued …";
       job = await api.get(job.links.self, { headers: { Prefer: "wait=5" } });
     }
     if (job.state !== "succeeded") throw new Error(job.error?.detail ?? `the measurement ${job.state}`);

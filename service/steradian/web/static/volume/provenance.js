@@ -24,17 +24,17 @@ async function load(element, reconstruction) {
       entry("Scan", h("span", null, identifierElement(reconstruction.scan_id, `/scans/${reconstruction.scan_id}`), reconstruction.simulated ? " simulated" : "")),
       entry("Plan", scan ? identifierElement(scan.plan_id) : null),
       entry("Mask", scan ? identifierElement(scan.mask_id) : null),
-      entry("Through", reconstruction.mask_id ? identifierElement(reconstruction.mask_id) : null),
+      entry("Undersampled with mask", reconstruction.mask_id ? identifierElement(reconstruction.mask_id) : null),
       entry("Labels", Object.entries(scan?.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ") || null),
       entry("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
       entry("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
-      entry("Centre in the file's coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
-      entry("Made", reconstruction.ended ? `${formatTime(reconstruction.ended)}${seconds ? `, in ${duration(seconds)}` : ""}` : null),
+      entry("Centre in file coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
+      entry("Created", reconstruction.ended ? `${formatTime(reconstruction.ended)}${seconds ? `, computed in ${duration(seconds)}` : ""}` : null),
       entry("Method", reconstruction.parameters.method), entry("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
-    h("h3", null, "Parameters other than the defaults"), parameters(groups, reconstruction.parameters),
+    h("h3", null, "Parameters that differ from the defaults"), parameters(groups, reconstruction.parameters),
     h("div", { class: "row" },
-      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Again …"),
+      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Repeat …"),
       h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Log and attempts")),
     ...rerunCommands(groups, reconstruction));
 }
@@ -51,10 +51,10 @@ function rerunCommands(groups, reconstruction) {
   const { options, missing } = optionsOf(groups, reconstruction.parameters);
   const parts = [];
   if (!reconstruction.mask_id) {
-    parts.push(h("h3", null, "On the command line"), copyableText(shellCommand(SERVICE_URL, reconstruction, options), "shell"));
-    if (missing.length) parts.push(h("p", { class: "dim small" }, `It has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below says all.`));
+    parts.push(h("h3", null, "Command line"), copyableText(shellCommand(SERVICE_URL, reconstruction, options), "shell"));
+    if (missing.length) parts.push(h("p", { class: "dim small" }, `The command line has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below contains all parameters.`));
   }
-  return [...parts, h("h3", null, "By one request"), copyableText(curlCommand(SERVICE_URL, reconstruction), "request")];
+  return [...parts, h("h3", null, "HTTP request"), copyableText(curlCommand(SERVICE_URL, reconstruction), "request")];
 }
 
 /** @param {string} text @param {string} name */

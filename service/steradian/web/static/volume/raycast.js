@@ -141,7 +141,7 @@ class Raycaster {
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
-      throw new Error(`the 3-D view cannot be drawn here: ${gl.getProgramInfoLog(program)}`);
+      throw new Error(`WebGL cannot render the 3-D view: ${gl.getProgramInfoLog(program)}`);
     }
     this.program = program;
     this.volume = gl.createTexture();

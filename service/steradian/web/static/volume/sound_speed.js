@@ -21,7 +21,7 @@ export function soundSpeedPanel(reconstruction) {
   const status = h("p", { class: "dim small", role: "status" });
   const button = h("button", { type: "button", onclick: () => void startSearch() }, "Try 21 speeds");
   const element = h("div", { class: "stack" },
-    h("p", { class: "dim small" }, "Finds the speed at which an image fits the A-lines best; the curve shows how sharp images are at each speed."),
+    h("p", { class: "dim small" }, "Finds the speed of sound whose image fits the A-lines best. The curve shows the sharpness at each speed."),
     h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), status, curve);
 
   async function load() {
@@ -51,7 +51,7 @@ export function soundSpeedPanel(reconstruction) {
   /** @param {any} job */
   async function waitForJob(job) {
     while (["queued", "running", "cancelling"].includes(job.state)) {
-      status.textContent = job.progress.total ? `${job.progress.done} of ${job.progress.total}` : "waiting for its turn …";
+      status.textContent = job.progress.total ? `${job.progress.done} of ${job.progress.total}` : "queued …";
       job = await api.get(job.links.self, { headers: { Prefer: "wait=5" } });
     }
     if (job.state !== "succeeded") throw new Error(job.error?.detail ?? `the search ${job.state}`);
@@ -61,12 +61,12 @@ export function soundSpeedPanel(reconstruction) {
   /** @param {any} job */
   function show(job) {
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, tried ${formatTime(job.ended)}${edge ? ". It is at the edge: move the range" : ""}.`;
+    status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
     const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
-      h("a", { class: "button", href: rerunUrl(best) }, `Again at ${best.toFixed(1)} m/s`),
+      h("a", { class: "button", href: rerunUrl(best) }, `Repeat at ${best.toFixed(1)} m/s`),
       ...(job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`)),
-      h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed: this volume's, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or choose a point of the curve.`));
+      h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed line: this volume, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or select a point of the curve.`));
   }
 
   return { element, open: load };
@@ -81,11 +81,11 @@ function chart(speeds, sharpness, startSpeed, rerunUrl) {
   const y = (/** @type {number} */ value) => HEIGHT - BOTTOM - ((HEIGHT - BOTTOM - TOP) * (value - bottom)) / (top - bottom || 1);
   return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "group", "aria-label": "Sharpness against the speed of sound" },
     ticks(low, high, 4).map((speed) => s("text", { x: x(speed), y: HEIGHT - 22, "text-anchor": "middle" }, String(speed))),
-    s("text", { x: 2, y: 11 }, "sharpness (% of the best)"),
+    s("text", { x: 2, y: 11 }, "sharpness (% of maximum)"),
     [top, bottom].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, String(Math.round((100 * value) / top)))), s("text", { x: (LEFT + WIDTH) / 2, y: HEIGHT - 5, "text-anchor": "middle" }, "speed of sound (m/s)"),
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
     startSpeed && startSpeed >= low && startSpeed <= high ? s("path", { class: "width", d: `M${x(startSpeed)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
-    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Again at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
+    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Repeat at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
       s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));
 }

@@ -3,15 +3,15 @@
 import { h } from "../dom.js";
 
 /**
- * @param {[string, HTMLElement, (() => unknown) | null][]} panels name, what it holds, what to do when it is first seen
+ * @param {[string, HTMLElement, (() => unknown) | null, string?][]} panels name, what it holds, what to do when it is first seen
  * @returns {HTMLElement}
  */
 export function tabs(panels) {
   const opened = new Set();
   const bodies = panels.map(([name, element]) => h("div", { role: "tabpanel", id: `panel-${name}`, "aria-labelledby": `tab-${name}`, tabindex: 0 }, element));
-  const buttons = panels.map(([name], n) => h("button", {
+  const buttons = panels.map(([name, , , label], n) => h("button", {
     type: "button", role: "tab", id: `tab-${name}`, "aria-controls": `panel-${name}`, dataset: { tab: name }, onclick: () => selectTab(n),
-  }, name));
+  }, label ?? name));
   /** @param {number} selectedIndex */
   function selectTab(selectedIndex) {
     bodies.forEach((body, n) => (body.hidden = n !== selectedIndex));
@@ -23,7 +23,7 @@ export function tabs(panels) {
     if (!opened.has(name)) act?.();
     opened.add(name);
   }
-  const list = h("div", { role: "tablist", class: "tabs", "aria-label": "About the volume" }, ...buttons);
+  const list = h("div", { role: "tablist", class: "tabs", "aria-label": "Volume panels" }, ...buttons);
   list.addEventListener("keydown", (event) => {
     const direction = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (!direction) return;

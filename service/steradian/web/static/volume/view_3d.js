@@ -25,7 +25,7 @@ export class View3D {
     this.stage = stage;
     this.image = h("canvas", { class: "image", dataset: { image: "3-D" } });
     this.overlay = h("canvas", {
-      class: "overlay", tabindex: 0, role: "application", "aria-label": "3-D view, arrows turn it", dataset: { view: "3-D" },
+      class: "overlay", tabindex: 0, role: "application", "aria-label": "3-D view, the arrow keys rotate it", dataset: { view: "3-D" },
     });
     this.message = h("div", { class: "message" });
     this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
@@ -52,10 +52,10 @@ export class View3D {
   /** Read the coarse copy and show it. */
   async load() {
     if (!this.raycaster) {
-      showError(this.message, new Error("this browser has no WebGL 2; the slices show the same numbers"));
+      showError(this.message, new Error("this browser does not support WebGL 2; the slices show the same values"));
       return;
     }
-    showLoading(this.message, "loading a coarse copy …");
+    showLoading(this.message, "loading a low-resolution copy …");
     try {
       this.block = await fetchBlock(this.stage.source, this.stage.maxValue);
       this.raycaster.upload(this.block);
@@ -141,7 +141,7 @@ export class View3D {
     if (this.wasTurned) return;
     context.textAlign = "left";
     context.textBaseline = "top";
-    drawLabel(context, "drag to turn, scroll to zoom", 8, 7);
+    drawLabel(context, "drag to rotate, scroll to zoom", 8, 7);
   }
 
   /** Turn, and draw less finely until it rests. @param {Triple} camera */

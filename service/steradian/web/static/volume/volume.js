@@ -42,8 +42,8 @@ async function openVolume() {
 
 /** Say why there is no volume. @param {HTMLElement} panel @param {any} reconstruction */
 function showAbsent(panel, reconstruction) {
-  const reason = reconstruction.error ? reconstruction.error.detail : reconstruction.state === "succeeded" ? "Its report does not tell where its voxels lie." : `The reconstruction is ${reconstruction.state}.`;
-  showEmpty(panel, "There is no volume here", reason, h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Its reconstruction"));
+  const reason = reconstruction.error ? reconstruction.error.detail : reconstruction.state === "succeeded" ? "The report does not contain the voxel positions." : `The reconstruction is ${reconstruction.state}.`;
+  showEmpty(panel, "No volume", reason, h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Show the reconstruction"));
 }
 
 /** @param {HTMLElement} panel @param {any} reconstruction @param {import("./volume_data.js").Source} source */
@@ -66,7 +66,7 @@ async function show(panel, reconstruction, source) {
     ["Measure", tools.element, null],
     ["Compare", compare.element, null],
     ["Speed", speed.element, speed.open],
-    ["Made", provenancePanel.element, provenancePanel.open],
+    ["Made", provenancePanel.element, provenancePanel.open, "Origin"],
     ["Files", downloads.element, () => void downloads.load()],
   ]);
   replace(panel,
@@ -74,7 +74,7 @@ async function show(panel, reconstruction, source) {
     h("div", { class: source.flat ? "volume flat" : "volume" },
       h("div", { class: "views" }, slicePane(views[0]), solid ? pane3d(solid) : null, ...views.slice(1).map(slicePane)),
       h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
-    h("p", { class: "visually-hidden", id: "view-keys" }, "Arrows move the crosshair, Page up and down the slice, plus and minus zoom, 0 shows everything, m changes between slice and projection."));
+    h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection."));
   const overview = loadOverview(stage, views, histogram); // before the views ask: they wait for the same numbers
   for (const view of views) {
     view.listeners.add(histogram.draw);
@@ -101,12 +101,12 @@ async function loadOverview(stage, views, histogram) {
 
 /** @param {any} reconstruction @param {HTMLElement} cursor */
 function createHeading(reconstruction, cursor) {
-  const link = h("button", { type: "button", title: "The address holds the whole view", onclick: () => copyText(link, location.href, "Link copied") }, "Copy link");
+  const link = h("button", { type: "button", title: "The URL contains the complete view", onclick: () => copyText(link, location.href, "Link copied") }, "Copy link");
   const sample = h("strong", { dataset: { sample: "" } });
   void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
   return h("header", { class: "volume-head" }, sample, h("span", null, methodText(reconstruction)),
-    h("span", null, reconstruction.simulated ? "simulated, " : "", `made ${formatTime(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
-    h("span", null, "of ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), cursor, link);
+    h("span", null, reconstruction.simulated ? "simulated, " : "", `created ${formatTime(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
+    h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), cursor, link);
 }
 
 /** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string, whose: string}} seen */
@@ -125,7 +125,7 @@ function colourChoice(stage) {
     PRESSURE_MAPS.filter((name) => name !== "depth" || !stage.source.flat).map((name) => h("option", { value: name }, COLOUR_MAP_NAMES[name])));
   const show = () => {
     choice.value = stage.view.map;
-    legend.textContent = stage.isDepthMap ? "The hue is the depth, the brightness the value." : "";
+    legend.textContent = stage.isDepthMap ? "Hue shows depth, brightness shows the value." : "";
   };
   stage.store.on(show);
   show();
@@ -135,17 +135,17 @@ function colourChoice(stage) {
 /** @param {Stage} stage */
 function nearFieldControl(stage) {
   const [first, last] = stage.ends("z");
-  const slider = h("input", { type: "range", min: 0, max: Math.max(last, first), step: stage.source.spacing[2], "aria-label": "Near field left out up to (mm)" });
+  const slider = h("input", { type: "range", min: 0, max: Math.max(last, first), step: stage.source.spacing[2], "aria-label": "Hidden near field, up to (mm)" });
   const status = h("output", null);
   slider.addEventListener("input", () => stage.store.change({ cut: Number(slider.value) }));
   const show = () => {
     slider.value = String(stage.cut);
-    status.textContent = stage.cut ? `up to ${mmText(stage.cut)}` : "nothing";
+    status.textContent = stage.cut ? `up to ${mmText(stage.cut)}` : "none";
   };
   stage.store.on(show);
   show();
-  const autoButton = h("button", { type: "button", title: "Where the sensors' own noise ends, as the reconstruction found", onclick: () => stage.store.change({ cut: null }) }, "auto");
-  return h("div", { class: "stack" }, h("div", { class: "row spread" }, h("span", null, "Near field left out: ", status), autoButton), slider);
+  const autoButton = h("button", { type: "button", title: "End of the near field as determined by the reconstruction", onclick: () => stage.store.change({ cut: null }) }, "auto");
+  return h("div", { class: "stack" }, h("div", { class: "row spread" }, h("span", null, "Hidden near field: ", status), autoButton), slider);
 }
 
 /** Where one may go at once. @param {Stage} stage */
@@ -155,8 +155,8 @@ function positionControls(stage) {
   stage.store.on(update);
   update();
   return h("div", { class: "stack" }, h("h3", null, "Crosshair"), show, h("div", { class: "row" },
-    h("button", { type: "button", title: "Key b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
-    h("button", { type: "button", title: "Key 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
+    h("button", { type: "button", title: "Shortcut: b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
+    h("button", { type: "button", title: "Shortcut: 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
     h("button", { type: "button", onclick: () => stage.store.change({ slab: [0, 0, 0], at: stage.position }) }, "Slices"),
     h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections")));
 }
@@ -172,11 +172,11 @@ function addShortcuts(stage, side) {
     stage.store.change({ tool });
     /** @type {HTMLElement | null} */ (side.querySelector('[role="tab"][data-tab="Measure"]'))?.click();
   }));
-  addShortcut("b", "Crosshair to the brightest voxel", () => void moveToBrightest(stage));
-  addShortcut("0", "Show everything", () => stage.store.change({ zoom: 1, centre: null }));
+  addShortcut("b", "Move the crosshair to the brightest voxel", () => void moveToBrightest(stage));
+  addShortcut("0", "Reset the view", () => stage.store.change({ zoom: 1, centre: null }));
   for (const [key, description] of /** @type {[string, string][]} */ ([
-    ["←", "Move the crosshair (in a view; with Shift by ten)"], ["PageDown", "Next slice"], ["m", "Slice or projection"],
-    ["+", "Zoom"], ["Shift drag", "Window: across its width, up and down its level"], ["Alt drag", "Move the picture"],
+    ["←", "Move the crosshair (in a view; with Shift by ten voxels)"], ["PageDown", "Next slice"], ["m", "Slice or projection"],
+    ["+", "Zoom"], ["Shift drag", "Set the window: width horizontally, level vertically"], ["Alt drag", "Pan the image"],
   ])) addShortcut(key, description, null);
 }
 

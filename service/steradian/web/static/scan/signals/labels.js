@@ -8,7 +8,7 @@ import { count, figure, mm, shortTime } from "../../units.js";
  */
 
 /** What a mend does, as the service names it. */
-const MEND_LABELS = /** @type {Record<string, string>} */ ({ "leave-out": "can be left out", sign: "can be mended by its sign", shift: "can be mended by a shift" });
+const MEND_LABELS = /** @type {Record<string, string>} */ ({ "leave-out": "can be excluded", sign: "can be corrected by inverting the sign", shift: "can be corrected by a shift" });
 
 /** Maps by their name in the answer: name, unit, factor from the answer's unit. */
 export const MAPS = /** @type {[string, string, string, number][]} */ ([
@@ -34,12 +34,12 @@ export function summaryOf(signals) {
   const { looked_at: inspected, alines, complete } = signals;
   const of = `${count(inspected)}${inspected < alines ? ` of ${count(alines)}` : ""} A-lines`;
   const soFar = complete ? "" : " so far";
-  const limits = signals.decidable === false ? " Inverted and shifted ones cannot be told: neighbours are not alike." : "";
+  const limits = signals.decidable === false ? " Inverted and shifted A-lines cannot be detected, because neighbouring A-lines differ too much." : "";
   const numbers = badCounts(signals);
   const badNumber = numbers.reduce((sum, [, one]) => sum + one, 0);
-  if (!badNumber) return `None of ${of} looked at${soFar} looks bad.${limits}`;
+  if (!badNumber) return `0 of ${of}${soFar} are bad.${limits}`;
   const kinds = numbers.map(([kind, one]) => `${count(one)} ${kind}`).join(", ");
-  return `${count(badNumber)} of ${of}${soFar} ${badNumber === 1 ? "looks" : "look"} bad: ${kinds}. Nothing is left out or mended unless the reconstruction is asked to.${limits}`;
+  return `${count(badNumber)} of ${of}${soFar} ${badNumber === 1 ? "is" : "are"} bad: ${kinds}. No A-line is excluded or corrected unless the reconstruction requests it.${limits}`;
 }
 
 /** One A-line in a sentence. @param {Bad} bad */
@@ -55,6 +55,6 @@ export function mapUnit(name, isCounts) {
 
 /** A value of a map with its unit. @param {string} name @param {number | null} value @param {boolean} isCounts */
 export function mapValue(name, value, isCounts) {
-  if (value === null) return "not known";
+  if (value === null) return "unknown";
   return name === "arrival" ? shortTime(value) : `${figure(value)}\u00a0${mapUnit(name, isCounts)}`;
 }

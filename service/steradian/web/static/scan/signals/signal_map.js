@@ -98,7 +98,7 @@ export class SignalMap {
     this.plane.palette = [...palette("cividis", COLOUR_STEPS), colour("--missing")];
     this.colourBar.style.background = `linear-gradient(to right, ${this.plane.palette.slice(0, COLOUR_STEPS).join(", ")})`;
     [this.minLabel.textContent, this.maxLabel.textContent] = [figure(minValue * factor), `${figure(maxValue * factor)} ${mapUnit(name, this.isCounts)}`];
-    const description = `Map of the A-lines' ${title.toLowerCase()}, most between ${mapValue(name, minValue, this.isCounts)} and ${mapValue(name, maxValue, this.isCounts)}, ${count(this.bad.length)} bad ones marked; left and right arrow go from one to the next, Enter shows its A-line, Escape ends it`;
+    const description = `Map of the A-lines' ${title.toLowerCase()}, most between ${mapValue(name, minValue, this.isCounts)} and ${mapValue(name, maxValue, this.isCounts)}, ${count(this.bad.length)} bad A-lines marked; the left and right arrow keys select the next one, Enter shows it, Escape clears the selection`;
     this.plane.canvas.setAttribute("aria-label", description);
     this.plane.draw();
   }

@@ -54,14 +54,14 @@ export class Signals {
     if (!this.details.open || document.hidden || this.isReading || (this.isComplete && !this.running)) return;
     this.isReading = true;
     this.isDue = false;
-    if (!this.body.firstChild) showLoading(this.body, "looking at the signals …");
+    if (!this.body.firstChild) showLoading(this.body, "inspecting the signals …");
     try {
       const signals = /** @type {SignalsReport} */ (await api.get(this.path));
       if (!this.summary.isConnected) replace(this.body, ...this.view);
       await this.show(signals);
       this.isComplete = signals.complete && !this.running;
     } catch (error) {
-      if (this.running && this.summary.isConnected) replace(this.statusLine, "The last look did not work, what stands here is older: ", ...errorElements(error));
+      if (this.running && this.summary.isConnected) replace(this.statusLine, "The update failed; these values are older: ", ...errorElements(error));
       else showError(this.body, error, () => void this.read());
     }
     this.isReading = false;
@@ -72,7 +72,7 @@ export class Signals {
   async show(signals) {
     const summaryText = summaryOf(signals);
     if (this.summary.textContent !== summaryText) this.summary.textContent = summaryText;
-    this.statusLine.textContent = this.running ? `As of ${formatTime(new Date())}; looked at again every ${READ_INTERVAL} s while the scan runs and this is open.` : "";
+    this.statusLine.textContent = this.running ? `As of ${formatTime(new Date())}; updated every ${READ_INTERVAL} s while the scan runs and this panel is open.` : "";
     showCodeHistogram(this.counts, signals.histogram);
     this.signalMap.show(signals.maps, signals.bad, this.aperture, signals.histogram.kind === "codes");
     this.showBad(signals.bad);
