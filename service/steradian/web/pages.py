@@ -81,14 +81,14 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
     def read_bokeh_file(request: Request, name: str) -> Response:
         """Give one of Bokeh's scripts; raises :class:`NotFound`."""
         if name not in BOKEH:
-            raise NotFound("file of the page", name)
+            raise NotFound("static file", name)
         return _file(request, _bokeh(), name)
 
     @router.get("/static/lab/{name:path}")
     def read_lab_file(request: Request, name: str) -> Response:
         """Give a file of the laboratory's own; raises :class:`NotFound`."""
         if lab is None:
-            raise NotFound("file of the page", name)
+            raise NotFound("static file", name)
         return _file(request, lab, name)
 
     @router.get("/static/{name:path}")
@@ -112,7 +112,7 @@ def _file(request: Request, folder: Path, name: str) -> Response:
     """Return a static file, or 304 if the client's copy is current; raises :class:`NotFound`."""
     path, root = (folder / name).resolve(), folder.resolve()
     if path.suffix not in CONTENT_TYPES or not path.is_relative_to(root) or not path.is_file():
-        raise NotFound("file of the page", name)
+        raise NotFound("static file", name)
     body = path.read_bytes()
     tag = hashlib.blake2s(body, digest_size=12).hexdigest()  # the files of a wheel may all have the same time
     headers = {"ETag": f'"{tag}"'}

@@ -46,7 +46,7 @@ def read_start_script() -> Response:
 def read_page_file(name: str, conditions: ReadPreconditionsDep) -> Response:
     """Return a file of the documentation page from the wheel of ``fastapi-offline``; raises :class:`NotFound`."""
     if name not in _FILES:
-        raise NotFound("file of the page", name)
+        raise NotFound("static file", name)
     path = _folder() / name
     etag = etag_of_file(path)
     conditions.tag(etag)

@@ -1,18 +1,18 @@
 // @ts-check
-// The HTTP API as the page's only back end: JSON in and out, problems as errors, a key where one is needed.
+// Client of the HTTP API: JSON requests, RFC 9457 problems as errors, sign-in on demand.
 import { authorize, signIn, readSession } from "./session.js";
 import { urlOf } from "./urls.js";
 
 export const BASE = urlOf("/api/v1");
-const MAX_CONCURRENT = 3; // of six connections that a browser opens: one is the event stream's, two are for looks, which give way to the stop
+const MAX_CONCURRENT = 3; // of a browser's six connections: one carries the event stream, two are left for status polls and the emergency stop
 const HIGH_PRIORITY = { priority: /** @type {const} */ ("high") };
 
 const PROXY_LIMIT_MESSAGE = "A proxy in front of the service does not accept request bodies of this size; the service did not receive the request. The limit is client_max_body_size in nginx, request_body max_size in Caddy, LimitRequestBody in Apache.";
 
 /** @typedef {{pointer: string, allowed: string, detail: string, place: string}} FieldError */
-/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, promptSignIn?: boolean}} RequestOptions  promptSignIn: false where nobody is asked to sign in */
+/** @typedef {{signal?: AbortSignal, headers?: Record<string, string>, accept?: string, urgent?: boolean, promptSignIn?: boolean}} RequestOptions  promptSignIn: false suppresses the sign-in dialog */
 
-/** What the service refused, in its words. */
+/** Problem response (RFC 9457) of the service. */
 export class Problem extends Error {
   /** @param {number} status @param {any} body @param {Response | null} [response] */
   constructor(status, body, response) {
@@ -30,10 +30,10 @@ export class Problem extends Error {
 }
 
 let activeRequests = 0;
-let urgentRequests = 0; // requests that cannot wait; while there is one, no other begins
+let urgentRequests = 0; // running urgent requests; other requests wait until there are none
 /** @type {Set<(none: null) => void>} */
 const waitingRequests = new Set();
-/** @type {Set<AbortController>} those that only read: they are given up for one that cannot wait, and asked again */
+/** @type {Set<AbortController>} reads that an urgent request aborts; they are sent again afterwards */
 const abortableReads = new Set();
 
 /** @param {AbortSignal} [signal] */
@@ -55,7 +55,7 @@ function releaseConnection() {
   next?.(null);
 }
 
-/** Leave connections and service to a request that cannot wait: downloads may hold what this page does not. */
+/** Free connections for an urgent request by aborting running reads. */
 function beginUrgent() {
   urgentRequests += 1;
   for (const one of abortableReads) one.abort();
@@ -63,15 +63,15 @@ function beginUrgent() {
 
 function endUrgent() {
   urgentRequests -= 1;
-  for (const resolve of waitingRequests) resolve(null); // each looks whether it has its turn
+  for (const resolve of waitingRequests) resolve(null); // each checks again whether a connection is free
   waitingRequests.clear();
 }
 
 /**
- * Ask for something and return the whole answer; raises {@link Problem} for what is refused.
+ * Send a request and return the complete response; throw {@link Problem} on an error status.
  * @param {string} method
  * @param {string} path below /api/v1, or a link of a resource
- * @param {any} [body] sent as JSON; a Blob as it is
+ * @param {any} [body] sent as JSON; a Blob unchanged
  * @param {RequestOptions} [options]
  * @returns {Promise<Response>}
  */
@@ -80,14 +80,14 @@ export async function request(method, path, body, options = {}) {
   if (response.ok || response.status === 304) return response;
   const problem = new Problem(response.status, await response.json().catch(() => null), response);
   if (problem.code !== "cross-site") throw problem;
-  await readSession(); // another page of this browser has signed in since
+  await readSession(); // another page of this browser has started a new session
   const second = await sendAuthorized(method, path, body, options);
   if (second.ok) return second;
   throw new Problem(second.status, await second.json().catch(() => null), second);
 }
 
 /**
- * The same, whatever the answer; who must sign in is asked to.
+ * Send a request with the credentials of the session; open the sign-in dialog on status 401.
  * @param {string} method @param {string} path @param {any} body @param {RequestOptions} options
  * @returns {Promise<Response>}
  */
@@ -108,12 +108,12 @@ async function sendAuthorized(method, path, body, options) {
     if (options.urgent) endUrgent();
     else releaseConnection();
   }
-  if (!response) return sendAuthorized(method, path, body, options); // it gave way
+  if (!response) return sendAuthorized(method, path, body, options); // aborted by an urgent request
   return response.status === 401 && options.promptSignIn !== false && (await signIn(response, method !== "GET")) ? sendAuthorized(method, path, body, options) : response;
 }
 
 /**
- * Send it and wait for the whole body, as the connection is busy for so long.
+ * Send a request and read the whole body, because the connection stays busy until then.
  * @param {string} method @param {string} address @param {any} body @param {RequestOptions} options
  * @param {AbortController | null} controller aborted when it is to give way
  */
@@ -129,8 +129,8 @@ async function send(method, address, body, options, controller) {
 }
 
 /**
- * Look at something small that must not wait for what else is under way; a press of the stop aborts it (AbortError).
- * Raises {@link Problem} for what is refused, at once: who must sign in is asked to meanwhile, where that is wanted.
+ * Poll a small resource with high priority; an emergency stop aborts the poll (AbortError).
+ * Throw {@link Problem} on an error status; on status 401, open the sign-in dialog if `promptSignIn` is set.
  * @param {string} path below /api/v1
  * @param {number} timeout milliseconds for the whole answer
  * @param {{headers?: Record<string, string>, promptSignIn?: boolean}} [how]
@@ -169,7 +169,7 @@ export const api = {
   request,
 };
 
-/** A key under which a request that is sent twice makes one thing. */
+/** Return headers with a new idempotency key. */
 export function idempotencyHeaders() {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
   return { "Idempotency-Key": [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("") };

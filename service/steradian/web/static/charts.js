@@ -1,5 +1,5 @@
 // @ts-check
-// Charts with axes that one can move about in, by BokehJS, which is loaded when the first one is drawn.
+// Interactive charts with axes, drawn by BokehJS, which is loaded with the first chart.
 import { h, replace } from "./dom.js";
 import { colour, onTheme } from "./theme.js";
 import { palette } from "./palette.js";
@@ -8,10 +8,10 @@ import { urlOf } from "./urls.js";
 /** @type {Promise<any> | null} */
 let loaded = null;
 
-/** BokehJS, from the service's own wheel. @returns {Promise<any>} */
+/** Load BokehJS from the service. @returns {Promise<any>} */
 export function loadBokeh() {
   loaded ??= load("bokeh.min.js").then(() => load("bokeh-api.min.js")).then(() => /** @type {any} */ (window).Bokeh).catch((error) => {
-    loaded = null; // to be tried again
+    loaded = null; // allow another attempt
     throw error;
   });
   return loaded;
@@ -29,7 +29,7 @@ function load(name) {
 }
 
 /**
- * A figure in the page's colours.
+ * Create a figure in the colours of the page.
  * @param {any} Bokeh @param {{x: string, y: string}} labels with units
  */
 export function figure(Bokeh, labels) {
@@ -47,7 +47,7 @@ export function figure(Bokeh, labels) {
   return bokehFigure;
 }
 
-/** A line's name and colour, beneath the chart so that it covers none; it shows the line or not. @param {string} name @param {string} tint @param {any} glyph */
+/** Create the legend entry of a line: a button that shows or hides the line. @param {string} name @param {string} tint @param {any} glyph */
 function legendOf(name, tint, glyph) {
   const button = h("button", { type: "button", class: "quiet", "aria-pressed": "true" }, h("span", { class: "swatch", style: { background: tint } }), name);
   button.addEventListener("click", () => {
@@ -57,11 +57,11 @@ function legendOf(name, tint, glyph) {
   return button;
 }
 
-/** What each place shows now. @type {WeakMap<HTMLElement, () => Promise<void>>} */
+/** Current draw function of each host element. @type {WeakMap<HTMLElement, () => Promise<void>>} */
 const redraws = new WeakMap();
 
 /**
- * Draw lines, again whenever the theme changes; in place of those that were there.
+ * Draw lines in place of earlier ones; redraw when the theme changes.
  * @param {HTMLElement} host
  * @param {{name: string, x: number[], y: number[]}[]} lines
  * @param {{x: string, y: string}} labels

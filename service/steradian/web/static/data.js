@@ -1,5 +1,5 @@
 // @ts-check
-// Data: a recording that is dropped here becomes a scan; what the file does not say is asked for.
+// Data view: upload, preview and import of a recording.
 import { api, idempotencyHeaders, Problem } from "./api.js";
 import { byId, h, replace, debounce } from "./dom.js";
 import { errorElements } from "./panel_states.js";
@@ -19,13 +19,13 @@ const FIELDS = /** @type {[string, string, string, string][]} */ ([
 ]);
 
 const LENGTHS = ["aperture", "depth", "interval"];
-/** @type {Record<string, number>} of a mm: units in which positions may come */
+/** @type {Record<string, number>} length units of positions, relative to mm */
 const LENGTH_UNITS = { mm: 1, m: 1e-3, um: 1e3 };
 
-/** @type {Record<string, [number, string]>} SI units of what the service allows, in those of the fields */
+/** @type {Record<string, [number, string]>} factors and units of the fields by SI unit */
 const FIELD_UNITS = { s: [1e9, "ns"], m: [1e3, "mm"] };
 
-/** @type {Record<string, number>} what is tried where nobody knows */
+/** @type {Record<string, number>} initial values of required fields that the file does not contain */
 const GUESSED_VALUES = { sound_speed: 1500 };
 
 const host = byId("data");
@@ -41,7 +41,7 @@ const result = h("div", { class: "stack", role: "status" });
 replace(host, h("div", { class: "stack" }, drop, list, form, result, panel));
 const recordingPreview = new RecordingPreview(panel);
 
-/** @type {{file: File, id: string}[]} the recording first, then what describes it */
+/** @type {{file: File, id: string}[]} the recording first, then its companion file */
 let uploads = [];
 let uploadCount = 0;
 
@@ -52,14 +52,14 @@ drop.addEventListener("drop", (event) => {
   uploadFiles([...(event.dataTransfer?.files ?? [])]);
 });
 
-/** What was chosen; the same may be chosen again. */
+/** Return the selected files and reset the input, so that the same file can be selected again. */
 function takeSelectedFiles() {
   const selection = [...(files.files ?? [])];
   files.value = "";
   return selection;
 }
 
-/** The largest file is the recording, a smaller one beside it its positions. @param {File[]} selection */
+/** Upload the largest file as the recording and one smaller file as its positions. @param {File[]} selection */
 async function uploadFiles(selection) {
   if (!selection.length) return;
   const ticket = (uploadCount += 1);
@@ -75,7 +75,7 @@ async function uploadFiles(selection) {
     else list.append(line);
     try {
       const created = await api.post("/uploads", file, { headers: { "Content-Type": "application/octet-stream" } });
-      if (ticket !== uploadCount) return; // others were given meanwhile
+      if (ticket !== uploadCount) return; // replaced by a later upload
       uploads.push({ file, id: created.id });
       replace(line, h("strong", null, file.name), ` ${bytes(created.bytes)}, ${file === chosenFiles[0] ? "recording" : "positions"}`);
     } catch (error) {
@@ -91,7 +91,7 @@ const messages = h("div", { class: "remarks", role: "alert" });
 const importButton = h("button", { class: "primary", disabled: true, "aria-describedby": "not-yet" }, "Import");
 const importHint = h("span", { class: "dim small", id: "not-yet" });
 
-/** The short form: all of it may stay empty where the file says it itself. */
+/** Show the form; fields stay empty if the file contains their values. */
 function showForm() {
   replace(messages);
   replace(form,
@@ -113,9 +113,9 @@ function showForm() {
 const previewSoon = debounce(() => void preview(), 400);
 let previewCount = 0;
 let points = 0;
-let gridSide = 0; // of a square grid, where the array does not say how its points lie
+let gridSide = 0; // points per side of a square grid, if the array does not state the arrangement
 
-/** See what would be understood, and name what is missing. */
+/** Request a preview of the recording and show the missing fields. */
 async function preview() {
   const ticket = (previewCount += 1);
   const [recording, companion] = uploads;
@@ -155,7 +155,7 @@ function missingLabels(missing) {
 /** @param {string} value */
 const guessText = (value) => `${value} is an assumption: change it if you know the value.`;
 
-/** What is allowed, in the unit that stands beside the field. @param {string} allowed */
+/** Convert an allowed range to the unit of the field. @param {string} allowed */
 function toFieldUnit(allowed) {
   const converted = allowed.replace(/^([^;(]*)\(([sm])\)/, (_, range, unit) => {
     const [factor, name] = FIELD_UNITS[unit];
@@ -164,14 +164,14 @@ function toFieldUnit(allowed) {
   return converted.replace(/^> /, "more than ").replace(", which the file does not state", "; not stated in the file");
 }
 
-/** Say beside each field what it must be; where nobody knows, a guess is put in. @param {{field: string | undefined, allowed: string}[]} missing */
+/** Show the requirement of each missing field; fill in an assumed value if there is one. @param {{field: string | undefined, allowed: string}[]} missing */
 function showMissing(missing) {
   for (const remark of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-remark]"))) {
     const field = remark.dataset.remark ?? "";
     const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
     const missingField = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
     remark.textContent = missingField ? `Required: ${toFieldUnit(missingField.allowed)}` : input.dataset.guess === input.value ? guessText(input.value) : "";
-    remark.className = missingField ? "fault small" : "dim small"; // a guess is no fault
+    remark.className = missingField ? "fault small" : "dim small"; // an assumed value is not an error
     if (missingField) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");
     if (!missingField || !(field in GUESSED_VALUES) || input.value !== "") continue;
@@ -192,7 +192,7 @@ function readDescription() {
     if (text !== "") description[name] = Number(text);
   }
   const called = uploads[0]?.file.name ?? "";
-  if (/\.sgl$/i.test(called)) description.file_name = called.slice(0, 300); // its name says more than the file
+  if (/\.sgl$/i.test(called)) description.file_name = called.slice(0, 300); // the file name contains metadata
   if (formData.get("axes")) description.axes = formData.get("axes");
   const lengths = String(formData.get("lengths") ?? "mm");
   for (const name of LENGTHS) if (description[name] !== undefined) description[name] = Number((description[name] * LENGTH_UNITS[lengths]).toPrecision(12));
@@ -200,12 +200,12 @@ function readDescription() {
     description.grid = { interval: [description.interval, description.interval], ...(gridSide ? { count: [gridSide, gridSide] } : {}) };
     delete description.interval;
   }
-  if (uploads.length > 1 || description.grid || LENGTHS.some((name) => description[name] !== undefined)) description.lengths = lengths; // of these alone
+  if (uploads.length > 1 || description.grid || LENGTHS.some((name) => description[name] !== undefined)) description.lengths = lengths; // only for fields that are lengths
   if (description.sampling_interval !== undefined || description.time_zero !== undefined) description.times = "ns";
   return description;
 }
 
-/** Import, and wait for what comes of it. */
+/** Import the recording and wait for the job. */
 async function importRecording() {
   importButton.disabled = true;
   replace(messages, h("p", { class: "dim" }, "importing …"));
@@ -230,7 +230,7 @@ async function importRecording() {
   }
 }
 
-/** Say what it has become, and what comes next. @param {string} id of the scan */
+/** Show the created scan and the next step. @param {string} id of the scan */
 function showImported(id) {
   const errorBox = h("div", { class: "remarks", role: "alert" });
   const start = h("button", { type: "button", class: "primary", onclick: async () => {

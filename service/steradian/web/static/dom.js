@@ -1,16 +1,16 @@
 // @ts-check
-// Elements from values. Text goes in as text, never as markup: a label may hold whatever somebody typed.
+// DOM helpers. Children are inserted as text, never as markup, because labels are arbitrary user input.
 import { urlOf } from "./urls.js";
 
 /** @typedef {Node | string | number | false | null | undefined} Child */
 /** @typedef {Record<string, any>} Props */
 
 /**
- * Make an element.
+ * Create an HTML element.
  *
- * `class` and attributes are set as such, `on…` functions listen, `dataset` and `style` take objects, `value`,
- * `checked` and `disabled` are properties; what is null, undefined or false is left out. An `href` is an address of
- * this service, as {@link urlOf} takes it.
+ * `on…` functions are event listeners, `dataset` and `style` are objects, `value`, `checked` and `disabled` are
+ * properties; `class` and other names are attributes. Null, undefined and false are omitted. An `href` is a path of
+ * this service, see {@link urlOf}.
  * @template {keyof HTMLElementTagNameMap} T
  * @param {T} tag
  * @param {Props | null} [props]
@@ -22,7 +22,7 @@ export function h(tag, props, ...children) {
 }
 
 /**
- * Make an element of SVG.
+ * Create an SVG element.
  * @template {keyof SVGElementTagNameMap} T
  * @param {T} tag
  * @param {Props | null} [props]
@@ -55,7 +55,7 @@ function fill(element, props, children) {
 }
 
 /**
- * Append children to an element; nothing is appended for what is null or false.
+ * Append children to an element; skip null and false.
  * @param {Element} element
  * @param {...(Child | Child[])} children
  */
@@ -67,7 +67,7 @@ export function append(element, ...children) {
 }
 
 /**
- * Have an element hold these children alone.
+ * Replace all children of an element.
  * @param {Element} element
  * @param {...(Child | Child[])} children
  */
@@ -77,7 +77,7 @@ export function replace(element, ...children) {
 }
 
 /**
- * The same while somebody may be at it: what had the focus has it again, if there is something of its name.
+ * Replace all children of an element and restore the focus to the control of the same name.
  * @param {Element} element
  * @param {...(Child | Child[])} children
  * @returns {boolean} false where the focus is lost
@@ -91,11 +91,11 @@ export function replaceKeepingFocus(element, ...children) {
   return match !== undefined;
 }
 
-/** What tells a control from others. @param {Element | null} control */
+/** Return the name of a control. @param {Element | null} control */
 const controlName = (control) => control?.getAttribute("aria-label") ?? control?.getAttribute("href") ?? control?.textContent ?? null;
 
 /**
- * Find an element that the shell has.
+ * Return an element of the page shell; throw if it does not exist.
  * @param {string} id
  * @returns {HTMLElement}
  */
@@ -106,7 +106,7 @@ export function byId(id) {
 }
 
 /**
- * Have a function called once before the next frame, however often it is asked for.
+ * Return a function that calls `draw` once before the next frame, however often it is called.
  * @param {() => void} draw
  * @returns {() => void}
  */
@@ -122,7 +122,7 @@ export function oncePerFrame(draw) {
 }
 
 /**
- * Have a function called once things have been quiet for a while.
+ * Return a function that calls `act` after `milliseconds` without a further call.
  * @param {() => void} act
  * @param {number} milliseconds
  * @returns {() => void}
@@ -136,8 +136,8 @@ export function debounce(act, milliseconds) {
 }
 
 /**
- * Put a text on the clipboard and say on the button for a while whether it is there: a page that came by plain HTTP
- * from another machine may not.
+ * Copy a text to the clipboard and show the result on the button. Browsers do not allow this on pages loaded by plain
+ * HTTP from another machine.
  * @param {HTMLElement} button @param {string} text @param {string} [done]
  */
 export async function copyText(button, text, done = "copied") {
@@ -147,14 +147,14 @@ export async function copyText(button, text, done = "copied") {
   setTimeout(() => (button.textContent = before), 1500);
 }
 
-/** The last part of the page's address: what it is about. */
+/** Return the last part of the page's path: the identifier of its resource. */
 export function pathIdentifier() {
   return decodeURIComponent(location.pathname.split("/").pop() ?? "");
 }
 
 /**
- * Ask something above the page, which can do nothing else meanwhile but stop the scanner: a dialog that the browser
- * itself made modal would take the emergency stop away from mouse and touch.
+ * Open a dialog that leaves the emergency stop usable: a modal dialog of the browser would block the stop for mouse
+ * and touch.
  * @param {HTMLDialogElement} dialog gone when it is closed
  */
 export function openDialog(dialog) {

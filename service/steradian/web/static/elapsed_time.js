@@ -1,13 +1,13 @@
 // @ts-check
-// How long ago something was, also across the sleep of a computer, during which one of the two clocks stands still.
+// Elapsed time that includes the sleep of the computer, during which one of the two clocks stops.
 
 /** @typedef {{steady: number, wall: number}} Timestamp */
 
-/** The present moment. @returns {Timestamp} */
+/** Return the present time. @returns {Timestamp} */
 export const timestamp = () => ({ steady: performance.now(), wall: Date.now() });
 
-/** A moment that is longer ago than anything. @type {Timestamp} */
+/** Time before every other. @type {Timestamp} */
 export const NEVER = { steady: -Infinity, wall: -Infinity };
 
-/** Milliseconds since a moment: the greater of what both clocks say, so that nothing seems newer than it is. @param {Timestamp} since */
+/** Return the milliseconds since a timestamp: the larger value of both clocks, so that no status appears newer than it is. @param {Timestamp} since */
 export const elapsed = (since) => Math.max(performance.now() - since.steady, Date.now() - since.wall);

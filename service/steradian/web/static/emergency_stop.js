@@ -1,6 +1,6 @@
 // @ts-check
-// The emergency stop: offered only while the service has said, less than two seconds ago, that it would take a press
-// of this page; otherwise the page says why it cannot be relied on. A press is sent until there is an answer.
+// Controller of the emergency stop. The button is enabled only while the service has confirmed within the last two
+// seconds that it accepts a stop of this page. A stop is repeated until the service answers.
 import { api, poll, Problem } from "./api.js";
 import { byId, h, replace } from "./dom.js";
 import { openReleaseDialog } from "./stop_release.js";
@@ -9,40 +9,40 @@ import { askToSignIn, stopTicket, wasSignedIn, onSession } from "./session.js";
 import { elapsed, timestamp, NEVER } from "./elapsed_time.js";
 import { formatTime, duration, sentence } from "./units.js";
 
-const STOP_PATH = "/emergency-stop"; // who exists, the service knows, also without its database
+const STOP_PATH = "/emergency-stop"; // stops all scanners; the service lists them without its database
 const ANSWER_TIMEOUT = 1500;
-const REQUEST_TIMEOUT = 10_000; // a press that has no answer by then is sent anew
+const REQUEST_TIMEOUT = 10_000; // ms after which an unanswered stop is sent again
 const RETRY_INTERVAL = 500;
-const CHECK_INTERVAL = 700; // ms between two questions whether a press would be taken
-const CHECK_TIMEOUT = 1000; // ms for the answer to one
-const MAX_CHECK_AGE = 2000; // ms for which an answer counts
+const CHECK_INTERVAL = 700; // ms between two readiness checks
+const CHECK_TIMEOUT = 1000; // ms for the response to one check
+const MAX_CHECK_AGE = 2000; // ms for which a positive check is valid
 const USE_SWITCH = "use the hardware switch";
 const NO_ANSWER = `The service does not answer: the emergency stop may not reach the laser, ${USE_SWITCH}.`;
 
 /** @typedef {import("./elapsed_time.js").Timestamp} Mark */
 /** @typedef {{sent: string, answers: Map<string, any> | null, at: Mark, silent: boolean, reason: string, refused: string}} StopRequest */
 
-/** @type {StopRequest | null} the last press of this page, until it is released */
+/** @type {StopRequest | null} last stop of this page, until it is released */
 let stopRequest = null;
 /** @type {string} */
 let shownText = "";
-/** @type {Mark} when it was requestedAt what the service said yes to last */
+/** @type {Mark} request time of the last positive check */
 let checkedAt = NEVER;
-let isAllowed = false; // whether it has ever said yes to this page, and not no since
-let refusal = ""; // reason it says no
-let isFailing = false; // whether the last question had no answer
-/** @type {Mark} when this page began to be looked at */
+let isAllowed = false; // whether the service has accepted a check and not refused one since
+let refusal = ""; // reason of the last refusal
+let isFailing = false; // whether the last check had no response
+/** @type {Mark} time since which the page is visible */
 let visibleSince = timestamp();
 let isChecking = false;
 /** @type {Set<() => void>} */
 const listeners = new Set();
 
-/** Be told when {@link readiness} or what is known of a press may have changed. @param {() => void} act */
+/** Subscribe to changes of {@link readiness} and of the stop. @param {() => void} act */
 export function onStop(act) {
   listeners.add(act);
 }
 
-/** Whether a press would be taken: "works" only where the service has just said so. @returns {"works" | "silent" | "refused" | "starting" | "checking"} */
+/** Return the readiness of the stop; "works" only if the service has just confirmed it. @returns {"works" | "silent" | "refused" | "starting" | "checking"} */
 export function readiness() {
   if (refusal) return "refused";
   if (!isAllowed) return "starting";
@@ -50,10 +50,10 @@ export function readiness() {
   return isFailing || elapsed(visibleSince) > MAX_CHECK_AGE ? "silent" : "checking";
 }
 
-/** Whether the service has said since then, and just now, that it would take a press. @param {Date} date */
+/** Return whether the service has confirmed the stop since `date` and just now. @param {Date} date */
 export const acceptedSince = (date) => readiness() === "works" && checkedAt.wall >= date.getTime();
 
-/** What is said of a stop that cannot be relied on. */
+/** Return the warning for a stop that may not reach the laser. */
 export const stopWarning = () => (readiness() === "silent" ? NO_ANSWER : "");
 
 export function startStop() {
@@ -75,7 +75,7 @@ export function startStop() {
   void check();
 }
 
-/** Ask whether a press of this page would be taken, as it would be sent. */
+/** Check whether the service would accept a stop of this page. */
 async function check() {
   if (isChecking) return;
   isChecking = true;
@@ -84,7 +84,7 @@ async function check() {
     await poll(STOP_PATH, CHECK_TIMEOUT, { headers: credentials() });
     accept(startedAt);
   } catch (error) {
-    if (error instanceof Error && error.name === "AbortError") return; // it gave way to a press
+    if (error instanceof Error && error.name === "AbortError") return; // aborted by a stop
     if (error instanceof Problem && isRefusal(error)) refuse(error);
     else isFailing = true;
   } finally {
@@ -116,7 +116,7 @@ function refuse(problem) {
   [isAllowed, isFailing] = [false, false];
 }
 
-/** Press the stop of every scanner; it is sent again until the service has taken or refused it. */
+/** Stop every scanner; repeat the request until the service accepts or refuses it. */
 async function sendStop() {
   stopRequest = { sent: formatTime(new Date()), answers: null, at: NEVER, silent: false, reason: "", refused: "" };
   const current = stopRequest;
@@ -154,33 +154,33 @@ async function sendUntilAnswered(current) {
   }
 }
 
-/** From when the service knows of each press what its answer said, what stands is what the service says: others release, too. */
+/** Drop the answers of this page's stop once the service reports the same state, because other pages may release it. */
 function clearConfirmedRequest() {
   const { scanners, requestedAt } = lastStatus();
   const answers = stopRequest?.answers;
-  if (!stopRequest || !answers?.size || requestedAt.steady < stopRequest.at.steady) return; // a look from before may know nothing of it
+  if (!stopRequest || !answers?.size || requestedAt.steady < stopRequest.at.steady) return; // polled before the stop
   const isKnown = (/** @type {[string, any]} */ [name, stop]) => {
     const one = scanners.find((each) => each.id === name);
-    if (!one) return true; // it was retired
+    if (!one) return true; // decommissioned
     const now = one.emergency_stop;
     return now ? now.number !== stop.number || now.laser !== "unconfirmed" || stop.laser === "unconfirmed" : stop.recorded;
   };
   if ([...answers].every(isKnown)) stopRequest = null;
 }
 
-/** Learn that somebody released the stop of a scanner here. @param {string} name */
+/** Remove the answer of a scanner whose stop was released. @param {string} name */
 function removeAnswer(name) {
   stopRequest?.answers?.delete(name);
   if (!stopRequest?.answers?.size) stopRequest = null;
 }
 
-/** The stops that stand and their scanners, as the press was answered or else as the service knows. @returns {[string, any][]} */
+/** Return the scanners with active stops: from the answers of this page's stop, otherwise from the last poll. @returns {[string, any][]} */
 function activeStops() {
   if (stopRequest) return stopRequest.answers ? [...stopRequest.answers] : [];
   return lastStatus().scanners.filter((one) => one.emergency_stop).map((one) => [one.id, one.emergency_stop]);
 }
 
-/** How a scanner stands: what the device said to a press is newer than a look from before it. @param {string} name @returns {import("./scanner_status.js").ScannerStatus} */
+/** Return the status of a scanner; the answer to a stop is newer than an earlier poll. @param {string} name @returns {import("./scanner_status.js").ScannerStatus} */
 export function laserStatus(name) {
   const { scanners, requestedAt } = lastStatus();
   const one = scanners.find((each) => each.id === name);
@@ -191,14 +191,14 @@ export function laserStatus(name) {
   return { ...last, laser: "off", shutter: "closed", age: elapsed(stopRequest.at) / 1e3, reason: "" };
 }
 
-/** What a stop that stands or is on its way has in the pill. @param {string} name of a scanner */
+/** Return the label of a scanner's stop for the status bar. @param {string} name of a scanner */
 export function stopLabel(name) {
   const stop = activeStops().find(([other]) => other === name)?.[1];
   if (stop) return stop.laser === "unconfirmed" ? "stop not confirmed" : "stopped";
   return stopRequest && !stopRequest.answers && !stopRequest.refused ? "stop sent" : "";
 }
 
-/** What is known of a stop, in words. @param {[string, any]} of scanner and stop */
+/** Describe the outcome of a stop. @param {[string, any]} of scanner and stop */
 function outcomeOf([name, stop]) {
   const { laser, reason } = laserStatus(name);
   if (stop.laser === "off") {
@@ -211,13 +211,13 @@ function outcomeOf([name, stop]) {
   return `no answer from ${lastStatus().scanners.length > 1 ? name : "the scanner"}: ${USE_SWITCH}`;
 }
 
-/** The stop that stands of which least good is known, and its scanner, or null. @returns {[string, any] | null} */
+/** Return the active stop with the worst outcome and its scanner. @returns {[string, any] | null} */
 function worstStop() {
   const severity = (/** @type {[string, any]} */ [name, stop]) => (stop.laser === "unconfirmed" ? 3 : stop.laser === "idle" ? 0 : laserStatus(name).laser === "off" ? 1 : 2);
   return activeStops().toSorted((one, other) => severity(other) - severity(one))[0] ?? null;
 }
 
-/** What the panel says: its head, and the rest. @returns {[string, string] | null} */
+/** Return the heading and the text of the panel. @returns {[string, string] | null} */
 function panelText() {
   const worst = worstStop();
   if (worst) {
@@ -247,7 +247,7 @@ function showPanel() {
   for (const act of listeners) act();
 }
 
-/** The button, or why there is none. */
+/** Show the button, or the reason why it is not available. */
 function showButton() {
   const button = /** @type {HTMLButtonElement} */ (byId("stop"));
   const line = byId("no-stop");

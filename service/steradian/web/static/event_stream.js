@@ -1,7 +1,7 @@
 // @ts-check
-// Event stream: one event stream for all pages of the browser, for it opens six connections to a service
-// and the emergency stop needs one. One page listens and tells the others. When the stream is cut, everybody is told,
-// and asks instead.
+// Event stream shared by all pages of a browser, because a browser opens only six connections to a service and the
+// emergency stop needs one. The page that holds a lock receives events and broadcasts them to the others. While the
+// stream is interrupted, pages poll instead.
 import { BASE } from "./api.js";
 
 /** @typedef {"scan" | "reconstruction" | "revision" | "job" | "batch" | "scanner" | "progress" | "again"} Kind */
@@ -10,7 +10,7 @@ import { BASE } from "./api.js";
 
 const KINDS = /** @type {Kind[]} */ (["scan", "reconstruction", "revision", "job", "batch", "scanner", "progress"]);
 const RETRY_INTERVAL = 2000;
-const CHANNEL_NAME = "steradian.events"; // of the turn to listen, and of what the pages tell each other
+const CHANNEL_NAME = "steradian.events"; // name of the lock and of the broadcast channel
 
 class EventStream {
   constructor() {
@@ -25,46 +25,46 @@ class EventStream {
     this._watchers = new Set();
     this._channel = new BroadcastChannel(CHANNEL_NAME);
     this._channel.onmessage = ({ data }) => this._receive(data);
-    /** @type {(() => void) | null} lets another page listen */
+    /** @type {(() => void) | null} releases the lock for another page */
     this._releaseLock = null;
-    /** @type {AbortController | null} ends the wait for the turn */
+    /** @type {AbortController | null} aborts waiting for the lock */
     this._lockRequest = null;
   }
 
   /**
-   * Listen to a kind of event; "again" comes when all may have changed, and at once to who comes late: read what is
-   * shown anew.
+   * Subscribe to a kind of event. "again" means that everything may have changed, so that listeners read again; a late
+   * listener receives it at once.
    * @param {Kind} kind @param {(data: any) => void} act
    * @returns {() => void} ends it
    */
   on(kind, act) {
     const listeners = this._listeners.get(kind) ?? new Set();
     this._listeners.set(kind, listeners.add(act));
-    // the stream may have opened before the script of this view was there, which then waits for nothing
+    // the stream may have opened before this listener was added
     if (kind === "again" && this.state.is !== "opening") queueMicrotask(() => act(null));
     return () => listeners.delete(act);
   }
 
-  /** Be told, now and later, whether the stream is up. @param {(state: State) => void} act */
+  /** Subscribe to the state of the stream; call the listener at once. @param {(state: State) => void} act */
   watch(act) {
     this._watchers.add(act);
     act(this.state);
   }
 
-  /** Begin; a page that nobody sees leaves it to others to listen. */
+  /** Start; only visible pages take part. */
   start() {
     const update = () => (document.hidden ? this._suspend() : this._acquireLock());
     document.addEventListener("visibilitychange", update);
     update();
   }
 
-  /** Listen when it is this page's turn; hear from the one whose turn it is meanwhile. */
+  /** Connect once this page holds the lock; until then, receive broadcasts of the page that holds it. */
   _acquireLock() {
-    if (this._releaseLock || !navigator.locks) return this._connect(); // no locks where the page came by plain HTTP from elsewhere
+    if (this._releaseLock || !navigator.locks) return this._connect(); // no locks on pages loaded by plain HTTP from another machine
     if (this._lockRequest) return;
     this._lockRequest = new AbortController();
     const listen = () => new Promise((release) => {
-      if (document.hidden) return release(null); // its turn came as it was left
+      if (document.hidden) return release(null); // hidden before the lock was acquired
       this._lockRequest = null;
       this._releaseLock = () => release(null);
       this._connect();
@@ -82,7 +82,7 @@ class EventStream {
     this._setState("resting");
   }
 
-  /** @param {ChannelMessage} message of the page that listens, or of one that has come and asks how it stands */
+  /** @param {ChannelMessage} message from the page that holds the lock, or a query of a new page */
   _receive(message) {
     if (this._releaseLock && message.asks && (this.state.is === "live" || this.state.is === "cut")) this._channel.postMessage({ is: this.state.is, last: this._last });
     if (!this._lockRequest || message.asks) return;
@@ -127,7 +127,7 @@ class EventStream {
     this._broadcast({ kind, data });
   }
 
-  /** Try again in a while, and have those who listen look for themselves meanwhile. */
+  /** Reconnect after an interval; subscribers poll meanwhile. */
   _handleError() {
     this._source?.close();
     this._source = null;
@@ -139,7 +139,7 @@ class EventStream {
     this._timer = setTimeout(() => this._connect(), RETRY_INTERVAL);
   }
 
-  /** Somebody had no answer: a stream that has gone quiet may be gone, too, and is opened anew. */
+  /** Reconnect after a request without response, because the stream may be dead, too. */
   reconnect() {
     if (this._source && this.state.is === "live") this._handleError();
   }

@@ -1,5 +1,5 @@
 // @ts-check
-// What is wrong with a scanner and what helps; a person who has seen to it clears it here.
+// Faults of the scanners: name, remedy and a dialog to clear them.
 import { api } from "./api.js";
 import { byId, h, replaceKeepingFocus } from "./dom.js";
 import { pollScanners, lastStatus, onScanners } from "./scanner_status.js";
@@ -14,7 +14,7 @@ export function startFaults() {
 
 /** @param {any[]} all */
 function show(all) {
-  if (lastStatus().failure) return; // the bar says that nothing is known; whoever reads a remedy may go on reading
+  if (lastStatus().failure) return; // keep the remedies readable while the status is unknown
   const faults = all.filter(({ fault }) => fault);
   const text = JSON.stringify(faults.map(({ id, fault }) => [id, fault.code, fault.title, fault.remedy]));
   if (text === shownKey) return;
@@ -32,7 +32,7 @@ function faultElement({ id, fault }, named) {
     h("button", { type: "button", "aria-label": named ? `Clear the fault of ${id}` : "Clear the fault …", onclick: () => openClearDialog(id, fault) }, "Clear the fault …"));
 }
 
-/** Ask why it may be cleared; what the service says to a cause that stands yet is shown. @param {string} id @param {any} fault */
+/** Open the dialog that clears a fault; show the reason if the service refuses. @param {string} id @param {any} fault */
 function openClearDialog(id, fault) {
   openReasonDialog({
     title: `Clear the fault: ${fault.title}`,

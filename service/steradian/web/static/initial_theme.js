@@ -1,7 +1,7 @@
-// Before anything is drawn: the theme that was chosen here before, else the system's.
+// Apply the stored theme before the first paint.
 try {
   const theme = localStorage.getItem("steradian.theme");
   if (theme === "dark" || theme === "light") document.documentElement.dataset.theme = theme;
 } catch {
-  // a browser that keeps nothing has the system's
+  // storage is not available: use the system's theme
 }

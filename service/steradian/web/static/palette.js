@@ -1,5 +1,5 @@
 // @ts-check
-// A few colours of a map, where things are drawn in classes; on a light page the other way round, dark is much. All stand 3 to 1 out of the page.
+// Colour palettes for points in classes, with a contrast of at least 3:1 to the page; reversed in the light theme.
 import { theme } from "./theme.js";
 import { colourTable } from "./volume/colours.js";
 

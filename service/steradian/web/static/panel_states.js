@@ -1,11 +1,11 @@
 // @ts-check
-// The states of a panel besides full: empty with the next step, loading at its final size, failed with what to do.
+// States of a panel: empty with the next step, loading, failed with the remedy.
 import { Problem } from "./api.js";
 import { h, replace } from "./dom.js";
 
 /**
  * @param {Element} panel @param {string} title
- * @param {string} [text] what to do next
+ * @param {string} [text] next step
  * @param {...Node} actions
  */
 export function showEmpty(panel, title, text, ...actions) {
@@ -19,14 +19,14 @@ export function showLoading(panel, text = "loading …") {
 
 /**
  * @param {Element} panel @param {unknown} error
- * @param {() => void} [retryAction] what the button tries
+ * @param {() => void} [retryAction] of the button
  */
 export function showError(panel, error, retryAction) {
   const retry = retryAction ? h("button", { type: "button", onclick: retryAction }, "Try again") : null;
   replace(panel, h("div", { class: "state failed", role: "alert" }, ...errorElements(error), retry));
 }
 
-/** What went wrong, and what is wrong with each field. @param {unknown} error @returns {HTMLElement[]} */
+/** Create elements that describe an error and the errors of its fields. @param {unknown} error @returns {HTMLElement[]} */
 export function errorElements(error) {
   if (error instanceof Problem) {
     const parts = [h("strong", null, error.title || "Refused"), h("span", null, error.detail || error.message)];

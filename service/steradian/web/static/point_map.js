@@ -1,5 +1,5 @@
 // @ts-check
-// The film to scale: points on a plane in metres, coloured by class, with whatever else is drawn over them.
+// Map of the film to scale: points in metres, coloured by class, with custom painters on top.
 import { oncePerFrame, h } from "./dom.js";
 import { colour, onTheme } from "./theme.js";
 import { mm } from "./units.js";
@@ -12,7 +12,7 @@ const MARGIN = 26;
 export class PointMap {
   /**
    * @param {HTMLElement} host filled by the canvas
-   * @param {string} label what it shows, for those who do not see it
+   * @param {string} label accessible name
    */
   constructor(host, label) {
     this.canvas = h("canvas", { role: "img", "aria-label": label, style: { width: "100%", height: "100%" } });
@@ -20,7 +20,7 @@ export class PointMap {
     /** @type {Place[]} */
     this.places = [];
     this.aperture = 0.01;
-    /** @type {ArrayLike<number>} class of each place, an index into the palette */
+    /** @type {ArrayLike<number>} class of each point: an index into the palette */
     this.classes = [];
     /** @type {string[]} */
     this.palette = [];
@@ -32,7 +32,7 @@ export class PointMap {
   }
 
   /**
-   * Show other points.
+   * Show points.
    * @param {Place[]} places @param {number} aperture in metres
    */
   show(places, aperture) {
@@ -41,14 +41,14 @@ export class PointMap {
     this.draw();
   }
 
-  /** Where on the film an event was, in metres. @param {PointerEvent} event @returns {Place} */
+  /** Return the position on the film of a pointer event, in metres. @param {PointerEvent} event @returns {Place} */
   positionOf(event) {
     const { scale, x, y } = this._frame();
     const box = this.canvas.getBoundingClientRect();
     return [(event.clientX - box.left - x) / scale, (y - (event.clientY - box.top)) / scale];
   }
 
-  /** The point nearest to an event, or −1 if none is within reach. @param {PointerEvent} event */
+  /** Return the index of the point nearest to an event, or −1 if none is within reach. @param {PointerEvent} event */
   nearest(event) {
     const [x, y] = this.positionOf(event);
     let best = -1;
@@ -60,7 +60,7 @@ export class PointMap {
     return best;
   }
 
-  /** Radius of a point in pixels: points nearly touch where they are dense. */
+  /** Radius of a point in pixels. */
   get radius() {
     const spacing = this.aperture / Math.sqrt(Math.max(1, this.places.length));
     return Math.min(6, Math.max(0.8, 0.27 * spacing * this._frame().scale));
@@ -109,7 +109,7 @@ export class PointMap {
     context.restore();
   }
 
-  /** One pass for each colour, as changing it costs most. @param {CanvasRenderingContext2D} context @param {(place: Place) => Place} to */
+  /** Draw the points in one pass per colour, because changing the colour is expensive. @param {CanvasRenderingContext2D} context @param {(place: Place) => Place} to */
   _points(context, to) {
     const radius = this.radius;
     const round = this.places.length <= 6000 && radius > 1;

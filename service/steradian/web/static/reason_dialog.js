@@ -1,10 +1,10 @@
 // @ts-check
-// A dialog that asks a person for the reason of what is about to be done, and says why it was refused.
+// Dialog that asks for the reason of an action and shows why the service refused it.
 import { h, openDialog } from "./dom.js";
 
 /**
  * @param {{title: string, text: string, label: string, name: string, act: (reason: string) => Promise<string>}} about
- *   `name` stands on the button; `act` does it and returns why it could not be done, or nothing
+ *   `name` is the label of the button; `act` executes the action and returns the reason of a failure, or an empty string
  */
 export function openReasonDialog({ title, text, label, name: action, act: submit }) {
   const reason = h("input", { type: "text", id: "why", required: true, maxlength: 500, style: { width: "100%" } });

@@ -1,5 +1,5 @@
 // @ts-check
-// What was understood of a recording: its axes and figures, where its sensors are, and a few of its A-lines.
+// Preview of a recording: format, dimensions, sensor positions and a few A-lines.
 import { line } from "./charts.js";
 import { h, replace } from "./dom.js";
 import { PointMap } from "./point_map.js";
@@ -45,7 +45,7 @@ export class RecordingPreview {
     await this.draw(preview);
   }
 
-  /** @param {any} seen */
+  /** @param {any} preview */
   async draw({ rows, traces, sampling_interval: interval, time_zero: zero }) {
     const xValue = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
     const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => xValue(k)), y }));
@@ -53,7 +53,7 @@ export class RecordingPreview {
   }
 }
 
-/** @param {any} seen @returns {[string, string][]} */
+/** @param {any} preview @returns {[string, string][]} */
 function figuresOf({ format, points, frames, samples, dtype, sampling_interval: interval, time_zero: zero, sound_speed: speed, aperture, depth }) {
   const depthAt = (/** @type {number} */ time) => mm(Math.max(0, time) * speed, 1);
   const last = interval === null || speed === null ? null : depthAt(zero + (samples - 1) * interval);

@@ -1,27 +1,27 @@
 // @ts-check
-// The scanners as the service told last, and how old that is. What is too old is unknown, whatever it was.
+// Last known status of the scanners with its age. A status that is too old is unknown.
 import { poll, Problem } from "./api.js";
 import { live } from "./event_stream.js";
 import { elapsed, timestamp, NEVER } from "./elapsed_time.js";
 
-export const MAX_STATUS_AGE = 3000; // ms, after which what was told counts no more
+export const MAX_STATUS_AGE = 3000; // ms after which a status is unknown
 const POLL_INTERVAL = 1000;
 const POLL_TIMEOUT = 2500;
 const TICK_INTERVAL = 250;
-const RECONNECT_TIMEOUT = 8000; // ms without an answer, after which the event stream is opened anew, too
+const RECONNECT_TIMEOUT = 8000; // ms without a response after which the event stream reconnects, too
 export const UNKNOWN_STATUS = /** @type {const} */ ({ laser: "unknown", shutter: "unknown", interlock: "unknown", key: "unknown" });
 
 /**
- * How a scanner stands now. `why` says why the laser is unknown, `age` how many seconds ago the device told the rest.
+ * Status of a scanner. `reason` states why the laser is unknown, `age` the seconds since the device reported the rest.
  * @typedef {{laser: string, shutter: string, interlock: string, key: string, age: number | null, reason: string}} ScannerStatus
  */
 /** @typedef {import("./elapsed_time.js").Timestamp} Mark */
 
-/** @type {any[]} as they were told last, by name */
+/** @type {any[]} as of the last poll, sorted by identifier */
 let scanners = [];
-/** @type {Mark} when that was requestedAt for: it is at least as new */
+/** @type {Mark} time of the last successful request */
 let requestedAt = NEVER;
-/** @type {string | null} reason there is no answer at present */
+/** @type {string | null} reason of the last failed poll */
 let failure = null;
 let isPolling = false;
 let isDue = false;
@@ -30,21 +30,21 @@ const listeners = new Set();
 /** @type {Set<() => void>} */
 const tickListeners = new Set();
 
-/** Be told, now and whenever it is looked at, of the first scanner, and of all; null while there is no answer. @param {(scanner: any, all: any[]) => void} act */
+/** Subscribe to polls: the listener receives the first scanner and all scanners, or null and none after a failure. @param {(scanner: any, all: any[]) => void} act */
 export function onScanners(act) {
   listeners.add(act);
   if (scanners.length && !failure) act(scanners[0], scanners);
 }
 
-/** Have something done at each look and several times a second: ages grow while there is no answer. @param {() => void} act */
+/** Subscribe to polls and to a periodic tick, because ages grow between polls. @param {() => void} act */
 export function onTick(act) {
   tickListeners.add(act);
 }
 
-/** What was told last, when it was requestedAt for, and why there is no answer at present. */
+/** Return the result of the last poll, its time and the reason of a failure. */
 export const lastStatus = () => ({ scanners, requestedAt, failure });
 
-/** How a scanner stands, as far as that is known now. @param {any} one @returns {ScannerStatus} */
+/** Return the present status of a scanner. @param {any} one @returns {ScannerStatus} */
 export function statusOf(one) {
   const since = elapsed(requestedAt);
   if (failure) return { ...UNKNOWN_STATUS, age: null, reason: failure };
@@ -56,7 +56,7 @@ export function statusOf(one) {
   return { laser, shutter, interlock, key, age, reason: laser === "unknown" ? unknownReason(one) : "" };
 }
 
-/** Milliseconds for which what a device told counts: it may be requestedAt less often than the page promptSignIn the service. @param {any} one */
+/** Return the maximum age (ms) of a status; the service may poll a scanner less often than the page polls the service. @param {any} one */
 const maxAge = (one) => Math.min(10_000, Math.max(MAX_STATUS_AGE, 2000 * (one.look_interval ?? 0)));
 
 /** @param {any} one */
@@ -72,13 +72,13 @@ export function startPolling() {
   setInterval(() => document.hidden || pollScanners(), POLL_INTERVAL);
   setInterval(tick, TICK_INTERVAL);
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) requestedAt = NEVER; // whoever comes back sees nothing of before
+    if (document.hidden) requestedAt = NEVER; // a page that becomes visible again shows no old status
     else void pollScanners();
     tick();
   });
 }
 
-/** Look at the scanners; one look at a time. */
+/** Poll the scanners; one poll at a time. */
 export async function pollScanners() {
   isDue = isPolling;
   if (isPolling) return;
@@ -90,7 +90,7 @@ export async function pollScanners() {
     [requestedAt, failure] = [startedAt, null];
     notify();
   } catch (error) {
-    if (!(error instanceof Error) || error.name !== "AbortError") showFailure(error); // else it gave way to the stop
+    if (!(error instanceof Error) || error.name !== "AbortError") showFailure(error); // otherwise aborted by a stop
   } finally {
     isPolling = false;
     if (isDue) void pollScanners();

@@ -1,5 +1,5 @@
 // @ts-check
-// All scans, newest first; those that run move.
+// Table of all scans, newest first, with live progress.
 import { api } from "./api.js";
 import { byId, oncePerFrame, h, replaceKeepingFocus, replace } from "./dom.js";
 import { live } from "./event_stream.js";

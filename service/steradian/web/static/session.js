@@ -1,6 +1,6 @@
 // @ts-check
-// Who asks. On a service that only its own machine reaches nobody needs to say so; elsewhere a key is asked for once,
-// and a cookie that no script can read takes its place.
+// Session of the page. A service that only its own machine can reach needs no key; others ask once for a key and then
+// use a cookie that scripts cannot read.
 import { h, openDialog } from "./dom.js";
 import { formatTime } from "./units.js";
 import { urlOf } from "./urls.js";
@@ -10,36 +10,36 @@ const SESSION = urlOf("/api/v1/session");
 let token = null;
 /** @type {Promise<boolean> | null} */
 let dialogResult = null;
-let isDeclined = false; // nobody is asked again before a person does something
-/** @type {string | null} presses the stop after the session has ended; only this page has it, until somebody signs out */
+let isDeclined = false; // the user closed the dialog; ask again only after a user action
+/** @type {string | null} authorises a stop after the session has ended; kept in memory until sign-out */
 let ticket = null;
-/** @type {Date | null} since when the service refuses this page */
+/** @type {Date | null} time since which the service rejects the session */
 let signedOutAt = null;
-/** @type {number | null} when the session ends, by this computer's clock */
+/** @type {number | null} end of the session by the clock of this computer */
 let expiresAt = null;
-let isKnown = false; // whether the last question who asks was answered
+let isKnown = false; // whether the last request for the session was answered
 /** @type {Set<() => void>} */
 const listeners = new Set();
-const channel = new BroadcastChannel("steradian.session"); // tells the other pages of this browser who signs in or out
-const WARNING_PERIOD = 15 * 60e3; // ms before its end, from when on the page says so
+const channel = new BroadcastChannel("steradian.session"); // announces sign-in and sign-out to the other pages of this browser
+const WARNING_PERIOD = 15 * 60e3; // ms before the end of the session at which the warning appears
 const RENEWAL_INTERVAL = 10 * 60e3; // ms between two stop tickets
 const RETRY_INTERVAL = 5e3;
 
-/** What to press the stop with, if this page has been signed in. */
+/** Return the ticket that authorises a stop, if this page was signed in. */
 export const stopTicket = () => ticket;
 
-/** Whether this page was signed in once. */
+/** Return whether this page was signed in before. */
 export const wasSignedIn = () => ticket !== null || expiresAt !== null;
 
-/** Since when the service no longer knows this page, or null. */
+/** Return the time since which the session is rejected, or null. */
 export const signedOut = () => signedOutAt;
 
-/** Be told when somebody has signed in or out. @param {() => void} act */
+/** Subscribe to sign-in and sign-out. @param {() => void} act */
 export function onSession(act) {
   listeners.add(act);
 }
 
-/** Learn what changes must bring; asked for when the page begins, so that the stop does not wait for it. */
+/** Read the session and its CSRF token; requested at start, so that a stop does not wait for them. */
 export async function readSession() {
   try {
     const answer = await fetch(SESSION);
@@ -47,11 +47,11 @@ export async function readSession() {
     if (answer.ok) storeSession(await answer.json(), answer);
     else if (answer.status === 401) markSignedOut();
   } catch {
-    isKnown = false; // the bar says that nobody answers
+    isKnown = false; // the status bar shows that the service does not answer
   }
 }
 
-/** @param {any} session @param {Response} answer which said it, with the service's time */
+/** @param {any} session @param {Response} answer response with the service's time */
 function storeSession(session, answer) {
   token = session.csrf_token;
   ticket = session.stop_ticket;
@@ -69,7 +69,7 @@ function storeSession(session, answer) {
   button.onclick = () => void signOut();
 }
 
-/** End the session, here and in every page of this browser, and ask for a key again. */
+/** End the session in all pages of this browser. */
 async function signOut() {
   const headers = new Headers();
   await authorize("DELETE", headers);
@@ -79,7 +79,7 @@ async function signOut() {
   location.reload();
 }
 
-/** The service knows this page no more; the stop ticket stays. */
+/** Mark the session as rejected; the stop ticket remains. */
 function markSignedOut() {
   if (signedOutAt) return;
   signedOutAt = new Date();
@@ -93,11 +93,11 @@ function notify() {
 
 channel.onmessage = (/** @type {MessageEvent} */ { data }) => {
   if (data === "in") return void readSession();
-  token = ticket = null; // whoever signs out wants nothing of it left
+  token = ticket = null; // sign-out also ends the right to stop
   markSignedOut();
 };
 
-/** Say that the session ends soon, and let somebody stay. */
+/** Show when the session ends, with a button to renew it. */
 function showExpiry() {
   const line = document.getElementById("session");
   if (!line) return;
@@ -109,10 +109,10 @@ function showExpiry() {
   line.replaceChildren(h("span", null, text), " ", h("button", { type: "button", onclick: () => void askToSignIn() }, "Stay signed in …"));
 }
 
-/** Ask for a key. @returns {Promise<boolean>} whether it was given */
+/** Open the sign-in dialog. @returns {Promise<boolean>} whether it was given */
 export function askToSignIn() {
   const button = document.getElementById("sign-out");
-  if (button && signedOutAt) button.hidden = true; // the dialog has a button of that name
+  if (button && signedOutAt) button.hidden = true; // the dialog has a button of the same name
   dialogResult ??= openSignInDialog("Enter your key to open a new session.").finally(() => (dialogResult = null));
   return dialogResult.then((isIn) => {
     if (!isIn && signedOutAt) offerSignIn();
@@ -120,7 +120,7 @@ export function askToSignIn() {
   });
 }
 
-/** Have a new stop ticket now and then, and whatever could not be learned. */
+/** Renew the stop ticket periodically and retry failed requests for the session. */
 export function startRenewal() {
   setInterval(showExpiry, RETRY_INTERVAL);
   setInterval(() => document.hidden || isKnown || readSession(), RETRY_INTERVAL);
@@ -131,14 +131,14 @@ export function startRenewal() {
 const READY_TIMEOUT = 300;
 const ready = readSession();
 
-/** Add what shows that a page of this service asks. @param {string} method @param {Headers} headers */
+/** Add the CSRF token to the headers of a request. @param {string} method @param {Headers} headers */
 export async function authorize(method, headers) {
   if (method === "GET") return;
   await Promise.race([ready, new Promise((resolve) => setTimeout(resolve, READY_TIMEOUT))]);
   if (token) headers.set("X-CSRF-Token", token);
 }
 
-/** Ask for a key, once for all who were refused; false when it was not given. @param {Response} response @param {boolean} isUserAction something that a person does, no look */
+/** Open the sign-in dialog once for all rejected requests; return false if the user cancels it. @param {Response} response @param {boolean} isUserAction false for polls */
 export async function signIn(response, isUserAction) {
   markSignedOut();
   if (isDeclined && !isUserAction) return false;
@@ -151,14 +151,14 @@ export async function signIn(response, isUserAction) {
   return dialogResult;
 }
 
-/** Leave a way in to who did not want to. */
+/** Show the sign-in button. */
 function offerSignIn() {
   const button = document.getElementById("sign-out");
   if (!button) return;
   Object.assign(button, { hidden: false, textContent: "Sign in", title: "", onclick: async () => (await askToSignIn()) && location.reload() });
 }
 
-/** Open a session, or say why there is none. @param {string} key @returns {Promise<string>} */
+/** Create a session; return the reason of a refusal. @param {string} key @returns {Promise<string>} */
 async function createSession(key) {
   try {
     const answer = await fetch(SESSION, { method: "POST", headers: { Authorization: `Bearer ${key}` } });

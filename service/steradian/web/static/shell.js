@@ -1,5 +1,5 @@
 // @ts-check
-// What every page has: theme, keys, bar with the stop, event stream; then others may add to it.
+// Shell of every page: theme, shortcuts, status bar with emergency stop, event stream, and the hook for custom scripts.
 import { api } from "./api.js";
 import { startBar } from "./status_bar.js";
 import { startShortcuts } from "./shortcuts.js";

@@ -1,5 +1,5 @@
 // @ts-check
-// The keyboard: g and a letter leads to a view, / to the search, ? shows what there is; pages add their own.
+// Keyboard shortcuts: g and a letter opens a view, / focuses the search, ? lists all shortcuts of the page.
 import { byId, h, openDialog } from "./dom.js";
 
 /** @type {{keys: string, description: string, action: (() => void) | null}[]} */
@@ -8,14 +8,14 @@ const SEQUENCE_TIMEOUT = 1200;
 let lastKey = { key: "", at: 0 };
 
 /**
- * Add a key, or two after each other as in "g d".
- * @param {string} keys @param {string} description @param {(() => void) | null} action null: somebody else listens
+ * Add a shortcut of one key, or of two keys in sequence as in "g d".
+ * @param {string} keys @param {string} description @param {(() => void) | null} action null: handled elsewhere, listed only
  */
 export function addShortcut(keys, description, action) {
   shortcuts.push({ keys, description, action });
 }
 
-/** Whether somebody writes just now. @param {EventTarget | null} target */
+/** Return whether an element accepts text input. @param {EventTarget | null} target */
 function isTextInput(target) {
   return target instanceof HTMLElement && (target.isContentEditable || /^(input|textarea|select)$/i.test(target.tagName));
 }

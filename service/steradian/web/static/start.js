@@ -1,5 +1,5 @@
 // @ts-check
-// Where the bare address leads: to the scan that runs, to the scans there are, or to the first step.
+// Redirect from the root URL to the running scan, the list of scans, or the design view.
 import { api } from "./api.js";
 import { byId } from "./dom.js";
 import { showError, showLoading } from "./panel_states.js";

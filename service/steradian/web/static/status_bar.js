@@ -1,5 +1,5 @@
 // @ts-check
-// The bar: how the scanners stand, with the age of it, the running scan, and the stop.
+// Status bar: scanners with the age of their status, running scan, emergency stop.
 import { api } from "./api.js";
 import { byId, h, append, replaceKeepingFocus, replace } from "./dom.js";
 import { startFaults } from "./faults.js";
@@ -31,7 +31,7 @@ export function startBar() {
   startRenewal();
 }
 
-/** Whether what is shown is of now, and whether the stop can be relied on; "works" only where that has just been checked. */
+/** Show whether the values are live and whether the stop works. */
 function showWarnings() {
   const { is, since } = live.state;
   const [isCut, signedOutSince, warning] = [is === "cut", signedOut(), stopWarning()];
@@ -46,12 +46,12 @@ function showWarnings() {
   if (line.textContent !== text) line.textContent = text;
 }
 
-const age = h("span", { class: "dim age", "aria-hidden": "true" }); // not told to screen readers each time
+const age = h("span", { class: "dim age", "aria-hidden": "true" }); // hidden from screen readers, because it changes several times a second
 
 function showScanners() {
   const { scanners, requestedAt, failure } = lastStatus();
   const pill = byId("scanner");
-  const stopped = failure && scanners.length === 1 && laserStatus(scanners[0].id).laser === "off"; // a press has just been answered
+  const stopped = failure && scanners.length === 1 && laserStatus(scanners[0].id).laser === "off"; // the answer to a stop is newer than the poll
   if (failure) updatePill(h("span", { class: "fault" }, failure), stopped ? h("span", { class: "dim" }, "laser off") : unknownLaser());
   else if (!scanners.length) {
     if (requestedAt.steady > 0) updatePill(h("span", { class: "dim" }, "no scanner is registered"));
@@ -64,7 +64,7 @@ function showScanners() {
   if (age.parentNode !== pill) pill.append(age);
 }
 
-/** Put it into the pill, if that says something else: a screen reader reads what is new. @param {...(Node | null)} children */
+/** Update the status pill only on a change, because screen readers announce changes. @param {...(Node | null)} children */
 function updatePill(...children) {
   const pill = byId("scanner");
   const candidate = /** @type {HTMLElement} */ (pill.cloneNode(false));
@@ -73,7 +73,7 @@ function updatePill(...children) {
   if (!candidate.isEqualNode(pill)) pill.replaceChildren(...candidate.childNodes);
 }
 
-/** Seconds since the scanner was seen that was seen least recently; null where one of them is unknown. @param {any[]} scanners */
+/** Return the largest status age of all scanners in seconds; null if one is unknown. @param {any[]} scanners */
 function maxAge(scanners) {
   const ages = scanners.map((each) => laserStatus(each.id).age);
   return ages.some((each) => each === null) ? null : Math.max(...ages.map(Number));
@@ -82,7 +82,7 @@ function maxAge(scanners) {
 /** @param {string} [reason] */
 const unknownLaser = (reason) => h("span", { class: "fault" }, `laser: unknown${reason ? ` (${reason})` : ""}`);
 
-/** A scanner: connection, stop, laser, shutter, interlock, and who has it. @param {any} scanner @returns {(Node | null)[]} */
+/** Describe one scanner: connection, stop, laser, shutter, interlock and lease. @param {any} scanner @returns {(Node | null)[]} */
 function describeScanner(scanner) {
   const pill = byId("scanner");
   const { connection, lease } = scanner;
@@ -98,10 +98,10 @@ function describeScanner(scanner) {
     lease ? h("span", { class: "dim" }, `reserved by ${lease.holder} until ${formatTime(lease.ends)}`) : null];
 }
 
-/** Whether a scanner is the built-in simulator before its first scan. @param {any} scanner */
+/** Return whether the scanner is the built-in simulator before its first scan. @param {any} scanner */
 const isNotStarted = ({ simulated, connection }) => simulated && connection === "unknown";
 
-/** How the service and a scanner are connected, in words. @param {any} scanner */
+/** Describe the connection between the service and a scanner. @param {any} scanner */
 function connectionText(scanner) {
   const { connection, holder } = scanner;
   if (isNotStarted(scanner)) return "not started";
@@ -112,11 +112,11 @@ function connectionText(scanner) {
 
 /** @param {string} name @param {string} is @param {string} safeValue */
 function interlockText(name, is, safeValue) {
-  if (!is || is === "unknown") return null; // the laser's word says reason
+  if (!is || is === "unknown") return null; // the laser status shows the reason
   return h("span", { class: is === safeValue ? "dim" : "fault" }, `${name} ${is}`);
 }
 
-/** Several scanners in a line: how many, whose laser is on, which are stopped, and what is wrong with which. @param {any[]} scanners */
+/** Summarise several scanners: number, lasers, stops and faults by scanner. @param {any[]} scanners */
 function describeScanners(scanners) {
   byId("scanner").removeAttribute("title");
   const idsOf = (/** @type {(one: any) => boolean} */ predicate) => scanners.filter(predicate).map((each) => each.id).join(", ");
@@ -147,7 +147,7 @@ async function readActiveScan() {
     if (scan) showProgress({ id: scan.id, done, total, eta: null });
     else replace(byId("running"));
   } catch {
-    // the pill says that nobody answers
+    // the status pill shows that the service does not answer
   }
 }
 

@@ -1,5 +1,5 @@
 // @ts-check
-// Dark or light: the system's, until somebody chooses here.
+// Dark and light theme: that of the system until the user selects one.
 import { byId } from "./dom.js";
 
 const root = document.documentElement;
@@ -11,7 +11,7 @@ export function theme() {
   return stored === "dark" || stored === "light" ? stored : system.matches ? "light" : "dark";
 }
 
-/** What a custom property of the style sheet is in this theme, for canvases and charts. @param {string} name */
+/** Return the value of a CSS custom property in the current theme, for canvases and charts. @param {string} name */
 export function colour(name) {
   const probe = document.createElement("i");
   probe.style.color = `var(${name})`;
@@ -21,7 +21,7 @@ export function colour(name) {
   return value;
 }
 
-/** Be told when the theme changes. @param {() => void} act */
+/** Subscribe to changes of the theme. @param {() => void} act */
 export function onTheme(act) {
   document.addEventListener("steradian:theme", act);
 }
@@ -38,7 +38,7 @@ export function startTheme() {
     try {
       localStorage.setItem("steradian.theme", root.dataset.theme);
     } catch {
-      // a browser that keeps nothing: for this page
+      // storage is not available: the selection lasts for this page
     }
     show();
   });

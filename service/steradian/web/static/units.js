@@ -1,11 +1,11 @@
 // @ts-check
-// Figures as a physicist writes them: never without a unit, never with more digits than they carry.
+// Formatting of quantities with unit and significant digits.
 import { copyText, h } from "./dom.js";
 
 const NONE = "–";
-const NBSP = "\u00a0"; // a unit stands on the line of its figure
+const NBSP = "\u00a0"; // keeps the unit on the line of its value
 
-/** Unit of an image's values. */
+/** Unit of the values of an image. */
 export const PRESSURE = `arb.${NBSP}u.`;
 
 /** @param {number} value @param {number} digits significant ones */
@@ -42,12 +42,12 @@ export const shortTime = unitFormatter([[1, "s"], [1e-3, "ms"], [1e-6, "µs"], [
 
 export const area = unitFormatter([[1e-6, "mm²"]]);
 
-/** A value of an image: initial pressure, whose scale nobody knows. @param {number} value @param {number} [digits] */
+/** Format a value of an image: initial pressure in arbitrary units. @param {number} value @param {number} [digits] */
 export function pressure(value, digits = 3) {
   return Number.isFinite(value) ? `${figure(value, digits)}${NBSP}${PRESSURE}` : NONE;
 }
 
-/** In millimetres whatever it is, for coordinates that are compared. @param {number} metres @param {number} [decimals] */
+/** Format a length in millimetres, for coordinates. @param {number} metres @param {number} [decimals] */
 export function mm(metres, decimals = 2) {
   return Number.isFinite(metres) ? `${(metres * 1e3).toFixed(decimals).replace("-", "−")}${NBSP}mm` : NONE;
 }
@@ -67,7 +67,7 @@ export function degrees(radians) {
   return radians === null || radians === undefined ? NONE : `${((radians * 180) / Math.PI).toFixed(0)}°`;
 }
 
-/** How long: 0.42 s, 38 s, 4 min 05 s, 2 h 10 min. @param {number | null | undefined} seconds */
+/** Format a duration: 0.42 s, 38 s, 4 min 05 s, 2 h 10 min. @param {number | null | undefined} seconds */
 export function duration(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
   if (seconds < 10) return shortTime(seconds, 2);
@@ -78,7 +78,7 @@ export function duration(seconds) {
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
-/** Local time of day with seconds; with the date when that is another day. @param {string | Date | null | undefined} when */
+/** Format a local time of day, with the date if it is not today. @param {string | Date | null | undefined} when */
 export function formatTime(when) {
   if (!when) return NONE;
   const then = new Date(when);
@@ -88,12 +88,12 @@ export function formatTime(when) {
   return `${then.getFullYear()}-${month}-${day} ${time}`;
 }
 
-/** An identifier, shortened, with the whole of it a click away. @param {string} id @param {string} [href] */
+/** Create an element with a shortened identifier and a copy button. @param {string} id @param {string} [href] */
 export function identifierElement(id, href) {
   const short = id.length > 12 ? `${id.slice(0, 5)}…${id.slice(-5)}` : id;
   const button = h("button", { type: "button", class: "quiet copy", title: `Copy ${id}`, "aria-label": `Copy ${id}`, onclick: () => copyText(button, id) }, "copy");
   return h("span", { class: "id", title: id }, href ? h("a", { href }, short) : short, button);
 }
 
-/** A text of the service as a sentence of its own. @param {string} text */
+/** Return a text as a sentence. @param {string} text */
 export const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".");

@@ -1,15 +1,15 @@
 // @ts-check
-// What else a plan takes, as fields made from the API's own schema: folded, as most scans leave it as it is.
+// Advanced fields of a plan, generated from the API's schema and collapsed by default.
 import { ParameterForm } from "../reconstructions/parameter_form.js";
 import { parameterGroups } from "../reconstructions/schema.js";
 import { PLAN_FIELDS } from "./fields.js";
 
 /** @typedef {import("../reconstructions/schema.js").Field} Field */
 
-/** What the design says elsewhere. */
+/** Fields that the main form already contains. */
 const SHOWN_FIELDS = new Set(["arrangement", "point", ...PLAN_FIELDS.map(({ name }) => name)]);
 
-/** Units in which a person thinks of these, where they are others than of lengths, times and frequencies elsewhere. */
+/** Units of fields that differ from the default units of lengths, times and frequencies. */
 const UNITS = /** @type {Record<string, string>} */ ({
   beams: "m", excitation: "nm", wavelength_uncertainty: "nm", gate_rate: "edges/s", "scanner.wavelength": "nm", "scanner.x": "m", "scanner.y": "m",
   "scanner.pulse_rate": "pulses/s", "scanner.sampling_interval": "ns", "fringe.linewidth": "nm", "fringe.free_spectral_range": "nm",
@@ -24,7 +24,7 @@ export async function advancedForm(values) {
   return new ParameterForm(groups, values, null, { plain: new Set(), rest: "Excitation, beams, gate" });
 }
 
-/** The unit stands beside the field, and is no longer that of the description. @param {Field} field @returns {Field} */
+/** Set the unit of a field and remove the unit from its description. @param {Field} field @returns {Field} */
 function withUnit(field) {
   const unit = UNITS[field.path.join(".")] ?? field.unit;
   return unit ? { ...field, unit, description: field.description.replace(/,? (\((m|s|Hz|m\/s)\)|in m(?=;))/, "") } : field;

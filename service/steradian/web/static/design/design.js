@@ -1,5 +1,5 @@
 // @ts-check
-// Design: a form, what the service says of it, and one button that stores anything.
+// Design view: form, preview by the service, and the button that stores mask, plan and scan.
 import { api, idempotencyHeaders, Problem } from "../api.js";
 import { watchScanner } from "../status_bar.js";
 import { byId, h, replace, debounce } from "../dom.js";
@@ -61,7 +61,7 @@ function writeQuery() {
 
 const writeQuerySoon = debounce(writeQuery, 300);
 
-/** One question at a time, always about the newest design: a drag asks for more than can be answered. */
+/** Return a function that runs one task at a time and repeats it for the newest design. */
 function latestOnly(/** @type {(isOld: () => boolean) => Promise<void>} */ task) {
   let [isBusy, isDue] = [false, false];
   return async function run() {
@@ -82,7 +82,7 @@ const requestPreview = latestOnly(async (isOld) => {
     const preview = await api.post("/designs/preview", previewBody(design));
     clearTimeout(busyTimer);
     show(preview);
-    if (isOld()) scanButton.disabled = true; // what would be scanned is another design by now
+    if (isOld()) scanButton.disabled = true; // the design has changed meanwhile
     requestPointSpreadSoon();
   } catch (error) {
     clearTimeout(busyTimer);
@@ -130,12 +130,12 @@ function showProblem(error) {
   showBlockingError(form.remark(error.errors.map(({ pointer, detail, allowed }) => ({ name: formFieldOf(pointer), severity: "error", text: allowed ? `allowed: ${allowed}` : detail }))));
 }
 
-/** Say beside the button why it does nothing, and lead there. @param {ReturnType<Form["remark"]>} fault */
+/** Show the blocking error next to the button, with a link to its field. @param {ReturnType<Form["remark"]>} fault */
 function showBlockingError(fault) {
   replace(messages, fault && h("button", { type: "button", class: "fault", title: fault.text, onclick: fault.show }, `${fault.label || "Field"}: not allowed`));
 }
 
-/** Keep mask and plan, ask for the scan, and go where it can be seen. */
+/** Store mask and plan, create the scan and open its page. */
 async function submitScan() {
   scanButton.disabled = true;
   replace(messages, h("span", { class: "dim" }, "storing mask and plan …"));
@@ -145,7 +145,7 @@ async function submitScan() {
     const plan = await api.post("/plans", { ...planBody(design), mask_id: mask.id });
     const createdScan = await startScan({ plan_id: plan.id, ...on, labels: design.label.trim() ? { sample: design.label.trim() } : {} });
     const follow = { scan_id: createdScan.id, follow: true, interval: 1 };
-    if (followCheckbox.checked) await api.post("/reconstructions", follow, { headers: idempotencyHeaders() }).catch(() => null); // its page offers it again; here would be a second scan
+    if (followCheckbox.checked) await api.post("/reconstructions", follow, { headers: idempotencyHeaders() }).catch(() => null); // the scan page offers it again; an error here would lead to a second scan
     location.assign(urlOf(`/scans/${createdScan.id}`));
   } catch (error) {
     replace(messages, ...errorElements(error));

@@ -1,5 +1,5 @@
 // @ts-check
-// What a design is made of: the fields of each arrangement and of the plan, in the units a person thinks in.
+// Fields of a design: arrangement and plan, in the units of the form.
 
 /**
  * @typedef {object} Field
@@ -8,7 +8,7 @@
  * @property {string} unit
  * @property {number} scale SI units in one of these
  * @property {number} from of the slider
- * @property {number} to of the slider; a number may be beyond, the service says what it allows
+ * @property {number} to of the slider; the number input accepts values beyond it, and the service checks them
  * @property {number} step
  * @property {number} start
  * @property {boolean} [log]
@@ -33,16 +33,16 @@ function field(name, label, unit, scale, from, to, step, start, help) {
   return { name, label, unit, scale, from, to, step, start, help };
 }
 
-/** What each point of interest after the first has, if there are several. */
+/** Labels of the fields of each further point of interest. */
 const POINT_LABELS = /** @type {Record<string, string>} */ ({ count: "Points for", depth: "Depth of", x: "x of", y: "y of" });
 const POINT_KEYS = Object.keys(POINT_LABELS);
 export const MAX_POINTS = 64;
 const POINT_COUNT = 800; // of a further point
-const POINT_OFFSET = 3e-3; // m from the middle, where a further point is first
+const POINT_OFFSET = 3e-3; // m from the centre: initial offset of a further point
 
 export const MAX_PINS = 2;
 
-/** Arrangements that a form can describe, and the fields of each; the others come with positions of their own. */
+/** Arrangements that the form supports, with their fields; others consist of given positions. */
 export const ARRANGEMENTS = /** @type {Record<string, {label: string, fields: string[]}>} */ ({
   "equi-steradian": { label: "Equi-steradian", fields: ["aperture", "count", "depth", "x", "y"] },
   combined: { label: "Equi-steradian, several points", fields: ["aperture", "count", "depth", "x", "y"] },
@@ -59,10 +59,10 @@ export function maskField(key) {
   return number ? { ...MASK_FIELDS[name], name: key, label: `${POINT_LABELS[name]} point ${number}` } : MASK_FIELDS[name];
 }
 
-/** Names of the values of a further point of interest. @param {number} number from 2 */
+/** Return the keys of the fields of a further point of interest. @param {number} number from 2 */
 export const fieldsOfPoint = (number) => POINT_KEYS.map((name) => name + number);
 
-/** Numbers of the points of interest after the first. @param {Design} design @returns {number[]} */
+/** Return the numbers of the points of interest after the first. @param {Design} design @returns {number[]} */
 export function furtherPoints({ arrangement, points }) {
   return arrangement === "combined" ? Array.from({ length: points - 1 }, (_, n) => n + 2) : [];
 }
@@ -73,14 +73,14 @@ export function addPoint(design) {
   fillPoint(design.mask, design.points);
 }
 
-/** Take one away; the later ones move up. @param {Design} design @param {number} number from 2 */
+/** Remove a point of interest; later ones move up. @param {Design} design @param {number} number from 2 */
 export function removePoint(design, number) {
   for (let n = number; n < design.points; n++) for (const name of POINT_KEYS) design.mask[name + n] = design.mask[name + (n + 1)];
   for (const key of fieldsOfPoint(design.points)) delete design.mask[key];
   design.points -= 1;
 }
 
-/** Give a further point what it lacks. @param {Record<string, number>} mask @param {number} number */
+/** Set missing values of a further point. @param {Record<string, number>} mask @param {number} number */
 function fillPoint(mask, number) {
   const [x, y] = [[POINT_OFFSET, 0], [-POINT_OFFSET, 0], [0, POINT_OFFSET], [0, -POINT_OFFSET]][(number - 2) % 4];
   const first = /** @type {Record<string, number>} */ ({ count: POINT_COUNT, depth: mask.depth, x, y });
@@ -116,7 +116,7 @@ export const PLAN_FIELDS = [
  * @property {string[]} pins queries of others
  */
 
-/** In SI units, without the noise of binary fractions. @param {Field} field @param {number} value */
+/** Convert a value to SI units, rounded to 12 digits. @param {Field} field @param {number} value */
 export function toSi(field, value) {
   return Number((value * field.scale).toPrecision(12));
 }
@@ -129,7 +129,7 @@ export function defaultDesign() {
   return { arrangement: "equi-steradian", points: 2, mask, plan, more: {}, map: null, look: null, label: "", pins: [] };
 }
 
-/** The arrangement as the API takes it. @param {Design} design */
+/** Return the arrangement in the format of the API. @param {Design} design */
 export function arrangementOf(design) {
   const { arrangement, mask } = design;
   if (arrangement === "combined") {
@@ -143,17 +143,17 @@ export function arrangementOf(design) {
   return body;
 }
 
-/** How many points are asked for, where the arrangement takes the nearest number that fits. @param {Design} design @returns {number | null} */
+/** Return the requested number of points, if the arrangement uses the nearest possible number. @param {Design} design @returns {number | null} */
 export function requestedCount({ arrangement, mask }) {
   return arrangement === "equi-steradian" || arrangement === "hexagonal" ? mask.count : null;
 }
 
-/** The other points of interest on the film. @param {Design} design @returns {[number, number][]} */
+/** Return the positions of the further points of interest. @param {Design} design @returns {[number, number][]} */
 export function otherPoints(design) {
   return furtherPoints(design).map((number) => [design.mask[`x${number}`], design.mask[`y${number}`]]);
 }
 
-/** The field of a form that a refusal is about. @param {string} pointer of the API */
+/** Return the key of the form field for a JSON pointer of the API. @param {string} pointer of the API */
 export function formFieldOf(pointer) {
   const parts = pointer.replace(/^#\//, "").split("/");
   if (parts[0] === "tuning_map") return parts[0];
@@ -162,7 +162,7 @@ export function formFieldOf(pointer) {
   return (parts[3] ?? "depth") + (Number(parts[2]) > 0 ? Number(parts[2]) + 1 : "");
 }
 
-/** How it is measured, as the API takes it. @param {Design} design @returns {Record<string, any>} */
+/** Return the scan plan in the format of the API. @param {Design} design @returns {Record<string, any>} */
 export function planBody({ plan, more, map }) {
   return { ...more, ...plan, ...(map ? { tuning_map: map } : {}) };
 }
@@ -173,7 +173,7 @@ export function previewBody(design) {
 }
 
 /**
- * A mask around places that a volume shows, as the query of a design.
+ * Return the query of a design with a mask around points of a volume.
  * @param {[number, number, number][]} places x, y and depth in mm @param {boolean} flat whether they are of a line's image
  * @param {number | null} aperture of the mask that showed them
  */
@@ -186,7 +186,7 @@ export function designQueryAround(places, flat, aperture) {
   return toQuery(design);
 }
 
-/** The design as a query, so that a link shows the same. @param {Design} design */
+/** Encode a design as a query, so that a link restores it. @param {Design} design */
 export function toQuery(design) {
   const first = defaultDesign();
   const query = new URLSearchParams({ mask: design.arrangement });

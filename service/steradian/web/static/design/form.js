@@ -1,5 +1,5 @@
 // @ts-check
-// The form at the left: a slider and a number for each field, and under it what the service finds wrong with it.
+// Design form: a slider and a number for each field, with the service's errors below the field.
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
 import { addPoint, ARRANGEMENTS, fieldsOfPoint, furtherPoints, toSi, maskField, MAX_POINTS, PLAN_FIELDS, removePoint } from "./fields.js";
@@ -10,7 +10,7 @@ import { tuningField } from "./tuning_map.js";
 /** @typedef {import("./fields.js").Field} Field */
 /** @typedef {{name: string, text: string, severity: "error" | "warning"}} Remark */
 
-const SLIDER_STEPS = 1000; // of a slider that goes by powers
+const SLIDER_STEPS = 1000; // steps of a logarithmic slider
 
 export class Form {
   /**
@@ -22,15 +22,15 @@ export class Form {
     this.host = host;
     this.design = design;
     this.changed = changed;
-    /** @type {Map<string, HTMLElement>} by field of the API: where remarks go */
+    /** @type {Map<string, HTMLElement>} hosts of remarks by field of the API */
     this.remarkHosts = new Map();
     /** @type {(() => void)[]} */
     this.refreshers = [];
     this.otherRemarks = h("div", { class: "remarks", role: "alert" });
     this.advanced = h("div", { class: "more" });
-    /** Explains the field in there that has the focus. */
+    /** Explains the focused field. */
     this.help = h("p", { class: "help" });
-    /** @type {Map<string, HTMLElement>} places of remarks in there */
+    /** @type {Map<string, HTMLElement>} hosts of remarks in the advanced fields */
     this.advancedRemarkHosts = new Map();
     this.tuning = tuningField(design, changed);
     this.advancedRemarkHosts.set("tuning_map", this.tuning.remarks);
@@ -38,7 +38,7 @@ export class Form {
     void this.loadAdvanced();
   }
 
-  /** Add the fields that are made from what the API says of a plan. */
+  /** Load the advanced fields from the API's schema. */
   async loadAdvanced() {
     try {
       const form = await advancedForm(this.design.more);
@@ -83,7 +83,7 @@ export class Form {
     this.registerAdvanced();
   }
 
-  /** A further point of interest. @param {number} number from 2 */
+  /** Create the fields of a further point of interest. @param {number} number from 2 */
   point(number) {
     const remove = h("button", { type: "button", class: "quiet", disabled: this.design.points <= 2, "aria-label": `Remove point ${number}`, onclick: () => this.changePoints(() => removePoint(this.design, number)) }, "remove");
     return h("div", { class: "point", role: "group", "aria-label": `Point ${number}` },
@@ -108,7 +108,7 @@ export class Form {
     this.host.querySelector("select")?.focus();
   }
 
-  /** Show values that were changed elsewhere. */
+  /** Show values that changed outside the form. */
   refresh() {
     for (const refresh of this.refreshers) refresh();
   }
@@ -155,7 +155,7 @@ export class Form {
   }
 
   /**
-   * Put remarks beside the fields they concern, those of none at the end.
+   * Show remarks below their fields, and unassigned remarks at the end.
    * @param {Remark[]} remarks
    * @returns {{label: string, text: string, show: () => void} | null} the first fault, which may be out of sight
    */

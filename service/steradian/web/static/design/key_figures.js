@@ -1,8 +1,8 @@
 // @ts-check
-// What a design comes to, in a few figures.
+// Key figures of a design.
 import { bytes, count, degrees, duration, length, percent } from "../units.js";
 
-/** @param {any} seen of the API @returns {[string, string][]} */
+/** @param {any} preview of the API @returns {[string, string][]} */
 export function keyFigures({ mask, plan, visible_share: visible }) {
   return [
     ["Points", count(mask.count)],

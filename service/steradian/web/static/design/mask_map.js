@@ -1,5 +1,5 @@
 // @ts-check
-// The plane of a design: points by weight, the order of visit, and a point that is dragged.
+// Map of a mask: points coloured by weight, scan order, and a draggable point of interest.
 import { h } from "../dom.js";
 import { PointMap } from "../point_map.js";
 import { palette } from "../palette.js";
@@ -52,7 +52,7 @@ export class MaskMap {
     this.plane.show(preview.positions, preview.mask.aperture);
   }
 
-  /** Colours by weight, the same for all where the weights are. */
+  /** Colour the points by weight; equal weights have one colour. */
   updateColours() {
     if (!this.weights) return;
     const minValue = Math.min(...extent(this.weights));
@@ -124,7 +124,7 @@ export class MaskMap {
   listen(dragged) {
     const { canvas } = this.plane;
     canvas.tabIndex = 0;
-    canvas.setAttribute("role", "application"); // its arrow keys are its own
+    canvas.setAttribute("role", "application"); // the arrow keys move the point
     canvas.style.touchAction = "none";
     let isDragging = false;
     const move = (/** @type {PointerEvent} */ event, /** @type {boolean} */ over) => {
@@ -161,7 +161,7 @@ export class MaskMap {
   }
 }
 
-/** Least and greatest, also of more numbers than a call takes. @param {number[]} values @returns {[number, number]} */
+/** Return minimum and maximum of an array of any length. @param {number[]} values @returns {[number, number]} */
 export function extent(values) {
   let [minValue, maxValue] = [Infinity, -Infinity];
   for (const one of values) {

@@ -1,12 +1,12 @@
 // @ts-check
-// What a point sees: its image, the orientations of edges that are visible, and how even the solid angles are.
+// Panels of a design: point spread, visible orientations, solid angles and scan time.
 import { oncePerFrame, h, replace, s } from "../dom.js";
 import { showLoading, errorElements } from "../panel_states.js";
 import { duration, length, mm, percent } from "../units.js";
 import { colourTable } from "../volume/colours.js";
 import { extent } from "./mask_map.js";
 
-/** The image of a tiny ball in x–z. @param {HTMLElement} host */
+/** Create the panel with the point spread: the x–z section through the image of a small sphere. @param {HTMLElement} host */
 export function pointSpreadPanel(host) {
   const title = h("p", { class: "dim caption" });
   const body = h("div", { class: "picture" });
@@ -36,7 +36,7 @@ export function pointSpreadText(preview) {
   return `Sphere of ${length(preview.true_width)}: ${width}, ${height}; background ${percent(preview.background, 1)}`;
 }
 
-/** @param {any} seen @returns {HTMLCanvasElement} */
+/** @param {any} preview @returns {HTMLCanvasElement} */
 export function paintSection({ x, z, section }) {
   const canvas = h("canvas", { width: x.length, height: z.length, role: "img", "aria-label": "Image of a sphere, x to the right, z down" });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
@@ -45,7 +45,7 @@ export function paintSection({ x, z, section }) {
   const colours = colourTable("inferno");
   for (let i = 0; i < x.length; i++) {
     for (let k = 0; k < z.length; k++) {
-      pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, section[i][k])))]; // its peak is 1
+      pixels[k * x.length + i] = colours[Math.round(255 * Math.min(1, Math.max(0, section[i][k])))]; // the maximum is 1
     }
   }
   context.putImageData(image, 0, 0);
@@ -57,12 +57,12 @@ export function paintSection({ x, z, section }) {
 /** @param {number[]} places in metres */
 const span = (places) => `${mm(places[0], 1)} to ${mm(places[places.length - 1], 1)}`;
 
-/** @param {any} seen */
+/** @param {any} preview */
 function axisLabels({ x, z }) {
   return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colour scale: 0 to maximum`);
 }
 
-/** Which edges the point's surroundings show: directions of their normals, as seen from above. @param {HTMLElement} host */
+/** Create the polar plot of the visible edge normals at the point. @param {HTMLElement} host */
 export function orientationPanel(host) {
   const title = h("p", { class: "dim caption" });
   const plot = s("svg", { viewBox: "-110 -110 220 220", role: "img", "aria-label": "Visible orientations of edges" });
@@ -94,7 +94,7 @@ export function orientationPanel(host) {
   };
 }
 
-/** Points along a polygon, close enough that a bent edge looks bent. @param {number[][]} corners */
+/** Subdivide the edges of a polygon, so that they appear curved in the polar plot. @param {number[][]} corners */
 function densify(corners) {
   return corners.flatMap((from, n) => {
     const next = corners[(n + 1) % corners.length];
@@ -102,7 +102,7 @@ function densify(corners) {
   });
 }
 
-/** Solid angle of each point against its distance: level where the mask is even. @param {HTMLElement} host */
+/** Create the plot of solid angle against distance: constant for an even mask. @param {HTMLElement} host */
 export function solidAnglePanel(host) {
   const title = h("p", { class: "dim caption" });
   const plot = s("svg", { viewBox: "0 0 240 120", role: "img", "aria-label": "Solid angle of each point against its distance" });
@@ -135,7 +135,7 @@ export function solidAnglePanel(host) {
   };
 }
 
-/** What the scan's time goes into; the parts overlap, so each has a bar of its own. @param {HTMLElement} host */
+/** Create the bar chart of the scan time; the parts overlap, so each has its own bar. @param {HTMLElement} host */
 export function timePanel(host) {
   const draw = (/** @type {any} */ plan) => {
     const parts = Object.entries(plan.seconds ?? {}).filter(([, seconds]) => Number(seconds) > 0);

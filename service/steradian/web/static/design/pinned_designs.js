@@ -1,5 +1,5 @@
 // @ts-check
-// Designs that are kept in sight beside the one that is worked on: the same pictures and figures of each.
+// Pinned designs, shown next to the current one with the same figures.
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 import { PointMap } from "../point_map.js";
@@ -12,7 +12,7 @@ import { paintSection, pointSpreadText } from "./panels.js";
 /** @typedef {import("./fields.js").Design} Design */
 
 /**
- * Show the pinned designs of a design, and pin it itself.
+ * Create the pin button and the panel of pinned designs.
  * @param {HTMLElement} host @param {Design} design @param {() => void} changed
  */
 export function pinButton(host, design, changed) {
@@ -24,7 +24,7 @@ export function pinButton(host, design, changed) {
   function pin() {
     const text = toQuery({ ...design, pins: [] }).toString();
     design.pins = [...design.pins.filter((one) => one !== text), text].slice(-MAX_PINS);
-    cardsByQuery.delete(text); // the same words may be of another tuning map by now
+    cardsByQuery.delete(text); // an equal query may belong to another tuning map
     show();
     changed();
     panel.scrollIntoView({ block: "nearest" });

@@ -1,23 +1,23 @@
 // @ts-check
-// A map of the film's best bias wavelengths, from a file: too long for an address, it stays with the page.
+// Tuning map read from a file; too large for the URL, so it stays in the page.
 import { h, replace } from "../dom.js";
 
 /** @typedef {import("./fields.js").Design} Design */
 
 const COLUMNS = ["x_mm", "y_mm", "wavelength_nm"];
 
-/** A field for it, in the place of remarks too. @param {Design} design @param {() => void} changed */
+/** Create the field of the tuning map and the host of its remarks. @param {Design} design @param {() => void} changed */
 export function tuningField(design, changed) {
   const remarks = h("div", { class: "remarks", id: "remarks-tuning_map" });
   const file = h("input", { type: "file", accept: ".csv,.json", id: "field-tuning_map", "aria-describedby": `told-tuning_map ${remarks.id}`, onchange: () => void readFile() });
-  /** What is wrong with a file stands here, not among the remarks: those are the service's, and go with its next answer. */
+  /** Errors of the file are separate from the remarks, because each response of the service replaces those. */
   const status = h("p", { id: "told-tuning_map", role: "status" });
   const remove = h("button", { type: "button", class: "quiet", onclick: () => setMap(null) }, "remove");
 
   async function readFile() {
     const selectedFile = file.files?.[0];
     if (!selectedFile) return;
-    file.value = ""; // the same may be chosen again, changed
+    file.value = ""; // allows selecting the same file again
     try {
       setMap(parseMap(selectedFile.name, await selectedFile.text()));
     } catch (error) {
@@ -45,7 +45,7 @@ export function tuningField(design, changed) {
   return { element, remarks };
 }
 
-/** What the API takes, or something else. @param {any} map @returns {Design["map"]} */
+/** Check a map in the format of the API. @param {any} map @returns {Design["map"]} */
 function checkedMap(map) {
   if (!Array.isArray(map?.positions) || !Array.isArray(map.wavelengths)) throw new Error("positions and wavelengths are missing");
   return map;

@@ -1,8 +1,8 @@
 // @ts-check
-// How a reconstruction is made again without this page: on the command line, and by one request.
+// Commands that repeat a reconstruction: command line and HTTP request.
 import { differences } from "./schema.js";
 
-/** Options of `steradian reconstruct` by the parameter they set; the second of two is for the range's end. */
+/** Options of `steradian reconstruct` by parameter; two options are the ends of a range. */
 const OPTIONS = /** @type {Record<string, string | string[]>} */ ({
   method: "--method", modes: "--modes", upsampling: "--upsampling", sound_speed: "--sound-speed",
   depth_range: ["--first-depth", "--last-depth"], weights: "--weights", tolerance: "--tolerance", window: "--window",
@@ -23,7 +23,7 @@ const SWITCH_OPTIONS = new Set(["shots.normalise_energy", "shots.correct_sensiti
 /**
  * @param {import("./schema.js").Group[]} groups of ReconstructionParameters
  * @param {any} parameters as they took effect
- * @returns {{options: string[], missing: import("./schema.js").Field[]}} missing: what the command line cannot say
+ * @returns {{options: string[], missing: import("./schema.js").Field[]}} missing: fields without a command-line option
  */
 export function optionsOf(groups, parameters) {
   const cliOptions = [];
@@ -43,12 +43,12 @@ export function optionsOf(groups, parameters) {
   return { options: cliOptions, missing };
 }
 
-/** The fields of a request that choose frames. @param {any} reconstruction the reconstruction */
+/** Return the fields of a request that select frames. @param {any} reconstruction the reconstruction */
 export function frameFields(reconstruction) {
   return { ...(reconstruction.frame === null ? {} : { frame: reconstruction.frame }), ...(reconstruction.wavelength ? { wavelength: reconstruction.wavelength } : {}), ...(reconstruction.average ? { average: true } : {}) };
 }
 
-/** Lines to paste into a shell. @param {string} origin of this service @param {any} reconstruction the reconstruction @param {string[]} cliOptions */
+/** Return the shell commands that repeat a reconstruction. @param {string} origin of this service @param {any} reconstruction the reconstruction @param {string[]} cliOptions */
 export function shellCommand(origin, reconstruction, cliOptions) {
   const file = `${reconstruction.scan_id}.h5`;
   const { frame, wavelength, average } = frameFields(reconstruction);
@@ -57,7 +57,7 @@ export function shellCommand(origin, reconstruction, cliOptions) {
   return [`curl -o ${file} ${origin}/api/v1/scans/${reconstruction.scan_id}/file`, [`steradian reconstruct ${file} -o ${reconstruction.id}`, ...words].join(" \\\n  ")].join("\n");
 }
 
-/** The request that had this service make it. @param {string} origin @param {any} reconstruction */
+/** Return the curl command that repeats a reconstruction. @param {string} origin @param {any} reconstruction */
 export function curlCommand(origin, reconstruction) {
   const body = { scan_id: reconstruction.scan_id, parameters: reconstruction.parameters, ...(reconstruction.mask_id ? { through: { mask_id: reconstruction.mask_id } } : {}), ...frameFields(reconstruction) };
   return `curl ${origin}/api/v1/reconstructions \\\n  -H 'Content-Type: application/json' -H "Idempotency-Key: $(uuidgen)" \\\n  -d ${shellQuoted(JSON.stringify(body))}`;

@@ -1,5 +1,5 @@
 // @ts-check
-// One reconstruction: how far it is, what was asked, what it wrote, how often it was begun.
+// Detail view of one reconstruction: state, request, attempts and log.
 import { api } from "../api.js";
 import { byId, h, pathIdentifier, replace, debounce } from "../dom.js";
 import { live } from "../event_stream.js";
@@ -11,7 +11,7 @@ import { differences, parameterGroups, displayPath, formatValue, valueAt } from 
 const panel = byId("reconstruction");
 const messages = h("div", { role: "alert" });
 const LOG_INTERVAL = 2000;
-/** @type {any} as it was read last */
+/** @type {any} as of the last read */
 let reconstruction = null;
 
 async function load() {
@@ -77,7 +77,7 @@ for (const kind of /** @type {const} */ (["reconstruction", "job"])) live.on(kin
 live.on("again", loadSoon);
 let lastLogTime = 0;
 
-/** Show what was logged meanwhile. */
+/** Update the log. */
 async function readLog() {
   const log = panel.querySelector("pre.log");
   const now = performance.now();

@@ -1,5 +1,5 @@
 // @ts-check
-// A row's handle: mouse, pen or finger put the row elsewhere in its table, and so do the arrow keys.
+// Drag handle of a table row, for pointer and arrow keys.
 import { h } from "../dom.js";
 
 const MARK_CLASSES = ["is-moving", "drop-above", "drop-below"];
@@ -16,7 +16,7 @@ export function createDragHandle(id, rows, moveTo, setHeld) {
     title: "Drag to change the position in the queue, or use the arrow keys", dataset: { key: `move ${id}` },
   }, "\u2807");
   const rowIndex = () => rows().findIndex((row) => row.dataset.row === id);
-  let place = -1; // while it is held
+  let place = -1; // target index during a drag, otherwise −1
 
   /** @param {number} height of the pointer in the window */
   function updateTarget(height) {

@@ -1,5 +1,5 @@
 // @ts-check
-// The parameters of a reconstruction as a form, made from what the API's document says about them.
+// Parameter form of a reconstruction, generated from the API's schema.
 import { h, replace } from "../dom.js";
 import { displayUnit, formatValue, valueAt, withValue } from "./schema.js";
 
@@ -7,14 +7,14 @@ import { displayUnit, formatValue, valueAt, withValue } from "./schema.js";
 /** @typedef {import("./schema.js").Group} Group */
 /** @typedef {{field: Field, row: HTMLElement, read: () => any, write: (value: any) => void, fault: HTMLElement, control: HTMLElement}} Entry */
 
-/** What most people change of a reconstruction; all else is folded away. */
+/** Basic fields; all others are collapsed. */
 const BASIC_FIELDS = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Transforms, weights, frequencies" };
 
 export class ParameterForm {
   /**
    * @param {Group[]} groups @param {any} values shown first
    * @param {any} origin against which changes are marked; null: the defaults
-   * @param {{plain: Set<string>, rest: string}} layout what is not folded away, and what the rest is about
+   * @param {{plain: Set<string>, rest: string}} layout basic fields, and the description of the others
    */
   constructor(groups, values, origin, layout = BASIC_FIELDS) {
     this.origin = origin ?? {};
@@ -28,7 +28,7 @@ export class ParameterForm {
       plain.length ? h("div", { class: "fields" }, plain.map((field) => this.row(field, values))) : null,
       this.foldedGroup("More", layout.rest, rest, values),
       ...inner.map((group) => this.foldedGroup(group.title, group.description, group.fields, values)));
-    /** Explains the field that has the focus; beside the buttons, for nothing may move under the mouse. */
+    /** Explains the focused field; placed next to the buttons, so that the fields do not move. */
     this.help = h("p", { class: "dim small help", "aria-hidden": "true" });
     this.element.addEventListener("focusin", (event) => {
       const row = /** @type {Element} */ (event.target).closest(".field");
@@ -64,7 +64,7 @@ export class ParameterForm {
     return row;
   }
 
-  /** Mark what differs from the origin, or from the defaults where there is none. */
+  /** Mark values that differ from the origin, or from the defaults without an origin. */
   markChanges() {
     for (const { field, row, read } of this.entries) {
       const before = this.hasOrigin ? valueAt(this.origin, field.path) ?? field.default : field.default;
@@ -76,7 +76,7 @@ export class ParameterForm {
     }
   }
 
-  /** Parameters as the API takes them: what is as by default is not said. */
+  /** Parameters in the format of the API, without defaults. */
   get values() {
     return this.entries.reduce((values, { field, read }) => {
       const value = read();
@@ -84,7 +84,7 @@ export class ParameterForm {
     }, /** @type {any} */ ({}));
   }
 
-  /** Show each fault at its field; returns those that are about none. @param {import("../api.js").FieldError[]} findings */
+  /** Show each error at its field; return the errors without a field. @param {import("../api.js").FieldError[]} findings */
   showFieldErrors(findings) {
     for (const { fault, control } of this.entries) {
       fault.hidden = true;
@@ -154,7 +154,7 @@ function checkboxGroup(field, id) {
   };
 }
 
-/** Numbers are given in the units that are shown; a word may stand in place of one. @param {Field} field */
+/** Return parser and formatter of numbers in display units; a keyword may replace a number. @param {Field} field */
 function numberFormat(field) {
   const factor = displayUnit(field.unit)[1];
   return {
@@ -163,7 +163,7 @@ function numberFormat(field) {
       if (!plain || plain === "none") return null;
       if (field.words.includes(plain)) return plain;
       const value = Number(plain.replace(",", "."));
-      return Number.isFinite(value) ? Number((value / factor).toPrecision(12)) : plain; // what is not a number the API refuses
+      return Number.isFinite(value) ? Number((value / factor).toPrecision(12)) : plain; // the API rejects text that is not a number
     },
     write: (/** @type {any} */ value) => (value === null || value === undefined ? "" : typeof value === "number" ? String(Number((value * factor).toPrecision(9))) : String(value)),
   };
@@ -181,7 +181,7 @@ function numberInput(field, id) {
   };
 }
 
-/** Numbers with commas between them; pairs of them with semicolons. @param {Field} field @param {string} id */
+/** Create an input of comma-separated numbers, or of pairs separated by semicolons. @param {Field} field @param {string} id */
 function listInput(field, id) {
   const { read, write } = numberFormat(field);
   const ofPairs = field.kind === "pairs";

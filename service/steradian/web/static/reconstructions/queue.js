@@ -1,5 +1,5 @@
 // @ts-check
-// The queue as a table: what waits, runs and is done, to move, cancel, look at and make again.
+// Queue as a table of waiting, running and finished jobs with their actions.
 import { api } from "../api.js";
 import { byId, h, replace, debounce } from "../dom.js";
 import { addShortcut } from "../shortcuts.js";
@@ -14,7 +14,7 @@ import { requesterOf, methodText, scanNames, soundSpeedText, stateElement, runSe
 import { urlOf } from "../urls.js";
 
 const MAX_SIDE_BY_SIDE = 4;
-const MAX_POSITION_QUERIES = 12; // jobs not over whose place in the queue is asked for
+const MAX_POSITION_QUERIES = 12; // unfinished jobs whose queue position is queried
 const RELOAD_DELAY = 250;
 
 const selected = new Set(/** @type {string[]} */ ([]));
@@ -26,8 +26,8 @@ const panel = byId("reconstructions");
 const formPanel = byId("asking");
 const messages = h("div", { role: "alert" });
 const positionStatus = h("p", { class: "visually-hidden", role: "status" });
-let isDragging = false; // a row is in somebody's hand
-let pendingChanges = 0; // under way
+let isDragging = false; // true while the user drags a row
+let pendingChanges = 0; // running changes
 let loadCount = 0;
 
 /** @param {any} one */
@@ -41,7 +41,7 @@ async function load() {
     const all = [...new Map([...openJobs.items, ...newest.items].map((one) => [one.id, one])).values()].sort((one, other) => (one.created < other.created ? 1 : -1));
     const open = byExpectedStart(all.filter((one) => !isOver(one))).slice(0, MAX_POSITION_QUERIES);
     const jobDetails = await Promise.all(open.map((/** @type {any} */ one) => api.get(`/reconstructions/${one.id}`).catch(() => one)));
-    if (ticket !== loadCount || pendingChanges || isDragging) return; // older than what is shown, or not to be shown now
+    if (ticket !== loadCount || pendingChanges || isDragging) return; // outdated, or not to be shown during a drag
     const by = new Map(jobDetails.map((one) => [one.id, one]));
     items = all.map((one) => by.get(one.id) ?? one);
     show();
@@ -67,13 +67,13 @@ function show() {
   showSelection();
 }
 
-/** What is not over, in the order in which it will be. @param {any[]} open newest first @returns {any[]} */
+/** Sort unfinished jobs by expected start. @param {any[]} open newest first @returns {any[]} */
 const byExpectedStart = (open) => [...open].reverse().sort((one, other) => Number(one.state === "queued") - Number(other.state === "queued") || one.priority - other.priority || one.turn - other.turn);
 
-/** Whether a job has a place in the queue, and waits for no scan. @param {any} one */
+/** Return whether a job has a position in the queue. @param {any} one */
 const isWaiting = (one) => one.state === "queued" && one.queue?.position !== null;
 
-/** What has a place in the queue, in its turns, equal ones by age: the service lists the newest first. */
+/** Return the queued jobs in order of their start tags, equal ones by age. */
 const waiting = () => items.filter(isWaiting).reverse().sort((one, other) => one.turn - other.turn);
 
 /** @param {any} one */
@@ -110,13 +110,13 @@ function priorityElement(one) {
 
 const waitingRows = () => /** @type {HTMLElement[]} */ ([...panel.querySelectorAll("[data-waits]")]);
 
-/** @param {boolean} isActive whether a row is in somebody's hand; what has come meanwhile is shown when it is let go */
+/** @param {boolean} isActive whether the user drags a row; the queue reloads at the end of the drag */
 function setDragging(isActive) {
   isDragging = isActive;
   if (!isActive) void load();
 }
 
-/** Have a job begin as the one at a place among those that wait; shown at once, and taken back where it is refused. @param {string} id @param {number} to */
+/** Move a job to a position in the queue; show the move at once and undo it if the service refuses. @param {string} id @param {number} to */
 function moveJob(id, to) {
   const changes = priorityChanges(waiting(), id, to);
   if (!changes) return replace(messages, h("p", { class: "fault" }, "No free priority at this position; allowed: 0 to 1000."));
@@ -147,7 +147,7 @@ function actionsOf(one) {
   return one.state === "succeeded" ? [h("a", { class: "button", href: `/volumes/${one.id}` }, "Volume"), rerunOf, details] : [rerunOf, details];
 }
 
-/** Do something, then look; what is refused is said above the table. @param {() => Promise<any>} action @param {() => void} [undo] what was shown before it was done */
+/** Run an action and reload; show an error above the table. @param {() => Promise<any>} action @param {() => void} [undo] restores the view after an error */
 async function runAction(action, undo) {
   replace(messages);
   pendingChanges += 1;

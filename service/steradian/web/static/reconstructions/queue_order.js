@@ -1,17 +1,17 @@
 // @ts-check
-// The order of what waits, and the priorities that bring a job to a place in it.
+// Order of queued jobs, and the priorities that move a job to a position.
 
 /** @typedef {{id: string, priority: number}} Waiting */
 
 const MAX_PRIORITY = 1000;
 
-/** As they will begin: smaller priorities first, equal ones in their turns. @template {Waiting} T @param {T[]} waitingJobs in their turns @returns {T[]} */
+/** Sort jobs by priority, equal ones by start tag. @template {Waiting} T @param {T[]} waitingJobs in their turns @returns {T[]} */
 export function byPriority(waitingJobs) {
   return [...waitingJobs].sort((one, other) => one.priority - other.priority);
 }
 
 /**
- * Priorities that bring a job to a place; others change only where no number is left between them, and keep their order.
+ * Return the priorities that move a job to a position; other jobs change only if no number is free between them.
  * @param {Waiting[]} waitingJobs all that wait, in their turns
  * @param {string} id @param {number} place among them
  * @returns {Waiting[] | null} those that change, in their new order; null: all numbers are taken
@@ -21,7 +21,7 @@ export function priorityChanges(waitingJobs, id, place) {
   const row = byPriority(waitingJobs).map((one) => ({ id: one.id, priority: one.priority }));
   const [moved] = row.splice(row.findIndex((one) => one.id === id), 1);
   row.splice(place, 0, moved);
-  /** By how much the later one of two must be greater. @param {Waiting} one @param {Waiting} later */
+  /** Return the minimum difference of priority between two consecutive jobs. @param {Waiting} one @param {Waiting} later */
   const step = (one, later) => (Number(turnOf.get(one.id)) < Number(turnOf.get(later.id)) ? 0 : 1);
   const low = place > 0 ? row[place - 1].priority + step(row[place - 1], moved) : 0;
   const high = place < row.length - 1 ? row[place + 1].priority - step(moved, row[place + 1]) : MAX_PRIORITY;

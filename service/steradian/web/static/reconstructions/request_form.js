@@ -1,5 +1,5 @@
 // @ts-check
-// Asking for a reconstruction: of a scan with the defaults, or again with what is changed.
+// Request form of a reconstruction: of a scan with defaults, or a repetition with changed parameters.
 import { api, idempotencyHeaders, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
 import { showError, showLoading, errorElements } from "../panel_states.js";
@@ -12,8 +12,8 @@ import { urlOf } from "../urls.js";
 /**
  * Show the form in a panel.
  * @param {HTMLElement} panel
- * @param {{again: string | null, scan: string | null, set: any}} query what the address says
- * @param {(made: any) => void} onCreated
+ * @param {{again: string | null, scan: string | null, set: any}} query of the URL
+ * @param {(reconstruction: any) => void} onCreated
  */
 export async function showRequestForm(panel, query, onCreated) {
   panel.hidden = false;
@@ -33,7 +33,7 @@ export async function showRequestForm(panel, query, onCreated) {
   }
 }
 
-/** @param {HTMLElement} panel @param {any} groups @param {any} origin @param {any[]} scans @param {any} query @param {(made: any) => void} onCreated */
+/** @param {HTMLElement} panel @param {any} groups @param {any} origin @param {any[]} scans @param {any} query @param {(reconstruction: any) => void} onCreated */
 function fillForm(panel, groups, origin, scans, query, onCreated) {
   const usable = scans.filter((one) => one.summary?.stored || (one.state === "running" && one.progress.done));
   const values = { ...(origin?.parameters ?? {}), ...(query.set ?? {}) };
@@ -73,16 +73,16 @@ function fillForm(panel, groups, origin, scans, query, onCreated) {
   replace(panel, whole);
 }
 
-/** The field with the frames of a scan that has several, and the means of those at one wavelength. */
+/** Selection of the frame of a scan, or of the mean of the frames at one wavelength. */
 class FrameChoice {
-  /** @param {string | undefined} scan that of the origin @param {any} frames its fields of the request @param {HTMLElement} errorBox for what goes wrong */
+  /** @param {string | undefined} scan that of the origin @param {any} frames its fields of the request @param {HTMLElement} errorBox host of errors */
   constructor(scan, frames, errorBox) {
     this.origin = { scan, frames };
     this.errorBox = errorBox;
     this.body = "";
     this.select = h("select", { id: "of-frame" });
     this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frame"), this.select);
-    this.unknown = frames; // until it is known how many there are, that of the origin
+    this.unknown = frames; // selection of the origin, until the plan is loaded
   }
 
   /** @param {any} scan */
@@ -93,7 +93,7 @@ class FrameChoice {
     if (!scan) return;
     try {
       const { frames, excitation } = await api.get(`/plans/${scan.plan_id}`);
-      if (this.body !== scan.id) return; // another was chosen meanwhile
+      if (this.body !== scan.id) return; // another scan was selected meanwhile
       /** @type {number[]} */
       const wavelengths = excitation.length ? excitation : [0];
       const each = wavelengths.flatMap((light) => Array(frames).fill(light));
@@ -120,7 +120,7 @@ function frameOption(fields, text) {
   return h("option", { value: JSON.stringify(fields) }, text);
 }
 
-/** A scan in a line. @param {any} one */
+/** Describe a scan in one line. @param {any} one */
 export function scanTitle(one) {
   const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
   const stored = one.summary?.stored ?? one.progress.done;

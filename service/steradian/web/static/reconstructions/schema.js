@@ -1,5 +1,5 @@
 // @ts-check
-// Fields of a request as the API's own document describes them: kinds, units, limits, defaults, explanations.
+// Form fields derived from the OpenAPI document: kind, unit, limits, default and description.
 import { api } from "../api.js";
 
 /**
@@ -7,14 +7,14 @@ import { api } from "../api.js";
  *   path: string[], name: string, description: string, unit: string, kind: "number" | "integer" | "boolean" | "choice"
  *   | "choices" | "range" | "numbers" | "pairs" | "text" | "other", nullable: boolean, default: any, minimum: number | null,
  *   maximum: number | null, choices: string[], words: string[],
- * }} Field  words: what may stand in place of a number
+ * }} Field  words: keywords that may replace a number
  * @typedef {{path: string[], title: string, description: string, fields: Field[]}} Group
  */
 
 /** @type {Promise<any> | null} */
 let documentPromise = null;
 
-/** The document of the API; read once. */
+/** Load the OpenAPI document once. */
 export function apiDocument() {
   documentPromise ??= api.get("/openapi.json").catch((error) => {
     documentPromise = null;
@@ -23,7 +23,7 @@ export function apiDocument() {
   return documentPromise;
 }
 
-/** Groups of fields of a schema: its own first, then one for each object in it. @param {string} name @returns {Promise<Group[]>} */
+/** Return the groups of fields of a schema: its own fields first, then one group for each object. @param {string} name @returns {Promise<Group[]>} */
 export async function parameterGroups(name) {
   const { components: { schemas } } = await apiDocument();
   return groupsOfSchema(schemas, schemas[name], [], displayName(name), "");
@@ -76,19 +76,19 @@ function fieldKind(schema) {
   return schema.type === "string" ? "text" : "other";
 }
 
-/** Words of a name of the API. @param {string} name */
+/** Convert an API name to words. @param {string} name */
 const displayWords = (name) => name.replaceAll("_", " ").replace(/\bsound speed\b/, "speed of sound").replace(/ db per mm$/, " (dB/mm)").replace(/ db$/, " (dB)");
 
-/** Where a parameter stands, as it is read. @param {string[]} path */
+/** Return the display name of a path. @param {string[]} path */
 export const displayPath = (path) => path.map(displayWords).join(", ");
 
-/** A name as it is read: sound_speed becomes Speed of sound. @param {string} name */
+/** Return the display name of a field: sound_speed becomes Speed of sound. @param {string} name */
 export function displayName(name) {
   const text = displayWords(name);
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
-/** Units in which a person gives what the API takes in SI: name and factor. @param {string} unit @returns {[string, number]} */
+/** Return the display unit of an SI unit and the conversion factor. @param {string} unit @returns {[string, number]} */
 export function displayUnit(unit) {
   return /** @type {Record<string, [string, number]>} */ ({ m: ["mm", 1e3], nm: ["nm", 1e9], "nm/s": ["nm/s", 1e9], ns: ["ns", 1e9], ms: ["ms", 1e3], "pulses/s": ["Hz", 1], "edges/s": ["Hz", 1], s: ["µs", 1e6], Hz: ["MHz", 1e-6], relative: ["", 1], modes: ["", 1], times: ["×", 1] })[unit] ?? [unit, 1];
 }
@@ -98,13 +98,13 @@ export function valueAt(values, path) {
   return path.reduce((inner, name) => inner?.[name], values) ?? null;
 }
 
-/** The same values with another one at a path; nothing is said where it is the default. @param {any} values @param {string[]} path @param {any} value @returns {any} */
+/** Return a copy of the values with one value replaced. @param {any} values @param {string[]} path @param {any} value @returns {any} */
 export function withValue(values, [first, ...alternatives], value) {
   const inner = alternatives.length ? withValue(values?.[first] ?? {}, alternatives, value) : value;
   return { ...values, [first]: inner };
 }
 
-/** A value with its unit, as a table shows it. @param {Field} field @param {any} value */
+/** Format a value with its unit. @param {Field} field @param {any} value */
 export function formatValue(field, value) {
   const [unit, factor] = displayUnit(field.unit);
   const one = (/** @type {any} */ item) => item === null || item === undefined ? "none" : field.kind === "pairs" ? `(${item.map((/** @type {number} */ number) => Number((number * factor).toPrecision(9))).join(", ")})` : typeof item === "number" ? String(Number((item * factor).toPrecision(9))).replace("-", "−") : typeof item === "object" ? JSON.stringify(item) : String(item);
@@ -112,7 +112,7 @@ export function formatValue(field, value) {
   return unit && text !== "none" && /[0-9]/.test(text) ? `${text} ${unit}` : text;
 }
 
-/** Fields whose values differ between sets of parameters. @param {Group[]} groups @param {any[]} sets */
+/** Return the fields whose values differ between sets of parameters. @param {Group[]} groups @param {any[]} sets */
 export function differences(groups, sets) {
   return groups.flatMap((group) => group.fields).filter((field) => {
     const serialized = sets.map((values) => JSON.stringify(valueAt(values, field.path) ?? field.default));

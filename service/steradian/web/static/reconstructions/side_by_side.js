@@ -1,5 +1,5 @@
 // @ts-check
-// Up to four results beside each other: the same place and slab in all of them, and what was done differently.
+// Comparison of up to four reconstructions: same position and slab, and a table of differing parameters.
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 import { showError, showLoading } from "../panel_states.js";
@@ -25,7 +25,7 @@ export async function showSideBySide(panel, identifiers) {
     const stages = usable.map(({ source }) => new Stage(/** @type {any} */ (source), store));
     await Promise.all(stages.map((stage) => stage.readOverview()));
     const brightest = Math.max(...stages.map((stage) => stage.defaultWindow[1]));
-    for (const stage of stages) [stage.defaultPosition, stage.defaultWindow] = [stages[0].defaultPosition, [0, brightest]]; // one scale, or the fainter would look as bright
+    for (const stage of stages) [stage.defaultPosition, stage.defaultWindow] = [stages[0].defaultPosition, [0, brightest]]; // a common scale keeps brightness comparable
     fillPanel(panel, groups, usable.map(({ one }) => one), stages, store);
   } catch (error) {
     showError(panel, error, () => void showSideBySide(panel, identifiers));
@@ -63,7 +63,7 @@ function createTile(stage, axis, one, cursor) {
   return element;
 }
 
-/** What was changed, and what came of it. @param {any} groups @param {any[]} reconstructions */
+/** Create the table of differing parameters and results. @param {any} groups @param {any[]} reconstructions */
 function comparisonTable(groups, reconstructions) {
   const changed = differences(groups, reconstructions.map((one) => one.parameters));
   const line = (/** @type {string} */ name, /** @type {(one: any) => string} */ of) => h("tr", null, h("th", { scope: "row" }, name), reconstructions.map((one) => h("td", null, of(one))));

@@ -1,16 +1,16 @@
 // @ts-check
-// How a reconstruction stands, in words and with a bar.
+// Summary of a reconstruction: method, requester, duration and state.
 import { api } from "../api.js";
 import { h } from "../dom.js";
 import { percent } from "../units.js";
 
-/** What people call each scan, by identifier: its labels' texts. @returns {Promise<Map<string, string>>} */
+/** Return the labels of each scan by identifier. @returns {Promise<Map<string, string>>} */
 export async function scanNames() {
   const { items } = await api.get("/scans?limit=200");
   return new Map(items.map((/** @type {any} */ one) => [one.id, Object.values(one.labels ?? {}).join(", ")]));
 }
 
-/** Who asked for it, as the service knows them: the name of a key, or local. @param {any} one */
+/** Return the principal that submitted a reconstruction: the name of a key, or local. @param {any} one */
 export const requesterOf = (one) => one.history[0]?.who ?? "";
 
 /** @param {any} one */
@@ -20,10 +20,10 @@ export function methodText(one) {
   return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
 }
 
-/** How long its last start took, in seconds, once it is over. @param {any} one */
+/** Return the duration of the last attempt in seconds, once it has ended. @param {any} one */
 export const runSeconds = (one) => (one.started && one.ended ? (new Date(one.ended).getTime() - new Date(one.started).getTime()) / 1e3 : null);
 
-/** The speed of sound that was taken. @param {any} one */
+/** Return the speed of sound of a reconstruction. @param {any} one */
 export const soundSpeedText = (one) => (one.parameters?.sound_speed ? `${one.parameters.sound_speed}\u00a0m/s` : "");
 
 /** @param {any} one */

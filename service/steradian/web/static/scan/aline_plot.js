@@ -1,5 +1,5 @@
 // @ts-check
-// One A-line with the digitiser's full scale marked, or its spectrum.
+// Plot of one A-line with the full scale of the digitiser, or of its spectrum.
 import { oncePerFrame, h, replace } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { count, figure, frequency, percent } from "../units.js";
@@ -23,7 +23,7 @@ export class AlinePlot {
     const stage = h("div", { class: "strip" }, this.canvas);
     host.append(h("div", { class: "row spread" }, h("div", { class: "row" }, this.timeButton, this.spectrumButton, this.followButton), this.title), stage);
     this.isSpectrum = false;
-    this.etag = ""; // of the newest A-line, while that is shown
+    this.etag = ""; // of the newest A-line, while it is shown
     /** @type {Line | null} */
     this.line = null;
     this.draw = oncePerFrame(() => this._draw());

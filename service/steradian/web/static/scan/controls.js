@@ -1,5 +1,5 @@
 // @ts-check
-// How a scan stands, and what can be done: pause, resume, stop; and what a finished one offers.
+// State and actions of a scan: pause, resume, stop; reconstruction and download after its end.
 import { api, idempotencyHeaders } from "../api.js";
 import { h, openDialog, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
@@ -31,19 +31,19 @@ export class Controls {
     this.total = 0;
     this.unusedShots = 0;
     this.isSubmitting = false;
-    /** @type {[number, number][]} when, how many */
+    /** @type {[number, number][]} time and stored A-lines */
     this.history = [];
-    /** @type {number | null} seconds, as the service told last */
+    /** @type {number | null} seconds, as last reported by the service */
     this.eta = null;
   }
 
-  /** @param {any} scan @param {any} plan @param {any} coverage what the service counts, if there is anything to count */
+  /** @param {any} scan @param {any} plan @param {any} coverage counts of the service, if available */
   show(scan, plan, coverage) {
     this.scan = scan;
     if (coverage) {
       [this.total, this.stored] = [coverage.points, coverage.stored];
       const needed = (coverage.stored / Math.max(1, plan.beams.length)) * plan.averages;
-      this.unusedShots = FINAL_STATES.has(scan.state) ? Math.max(0, coverage.fired - needed) : 0; // before, some are under way
+      this.unusedShots = FINAL_STATES.has(scan.state) ? Math.max(0, coverage.fired - needed) : 0; // during the scan, some shots are still in transfer
     } else {
       this.total = scan.progress.total;
       this.stored = scan.summary?.stored ?? scan.progress.done;
@@ -64,7 +64,7 @@ export class Controls {
     this.showCount();
   }
 
-  /** Say how many, how fast and how long. */
+  /** Show progress, rate and remaining time. */
   showCount() {
     const now = performance.now();
     this.history = [...this.history.filter(([at]) => now - at < RATE_WINDOW), /** @type {[number, number]} */ ([now, this.stored])];
@@ -94,17 +94,17 @@ export class Controls {
     replace(this.buttons, transitions.map((state) => h("button", { type: "button", onclick: () => (state === "stopped" ? this.confirmStop() : void this.requestState(state)) }, ACTION_LABELS[state])),
       FINAL_STATES.has(scan.state) ? this.finishedActions() : null);
     const sameButton = [...this.buttons.querySelectorAll("button")].find((one) => one.textContent === focused?.textContent && focused !== this.buttons);
-    if (focused) (sameButton ?? this.buttons).focus(); // else the place: another button would be pressed by a key that is held down
+    if (focused) (sameButton ?? this.buttons).focus(); // focus the group, because a held key would otherwise press another button
     replace(this.messages, scan.error ? h("p", { class: "fault" }, scan.error.detail) : null, scan.reason && FINAL_STATES.has(scan.state) ? h("p", { class: "dim" }, scan.reason) : null);
   }
 
-  /** What can follow a scan that is over and of which no image was made. @returns {Node[]} */
+  /** Return the actions for a finished scan without an image. @returns {Node[]} */
   imageActions() {
     if (!this.scan?.summary?.stored) return [h("a", { class: "button", href: "/design" }, "New design")];
     return [h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct the image")];
   }
 
-  /** What can follow a scan that is over. @returns {Node[]} */
+  /** Return the actions for a finished scan. @returns {Node[]} */
   finishedActions() {
     const { stored, points } = this.scan.summary ?? {};
     if (!stored) return [h("a", { class: "button", href: "/design" }, "New design")];
@@ -118,7 +118,7 @@ export class Controls {
 
   /** @param {any} [more] */
   async reconstruct(more = {}) {
-    if (this.isSubmitting) return; // it was pressed twice
+    if (this.isSubmitting) return; // double click
     this.isSubmitting = true;
     try {
       const created = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: idempotencyHeaders() });
@@ -140,7 +140,7 @@ export class Controls {
     }
   }
 
-  /** Its scanner goes on with it; where that one is no more, a person says which. */
+  /** Ask for confirmation; use the scanner of this scan, or let the user select one if it no longer exists. */
   async confirmMissing() {
     const { stored, points } = this.scan.summary;
     const scannerChoice = new ScannerChoice();
@@ -156,7 +156,7 @@ export class Controls {
     openConfirmDialog("Measure the missing points", text, [scannerChoice.host], "Measure", () => void this.startCompletion(scannerChoice));
   }
 
-  /** Have a new scan measure what this one misses. @param {ScannerChoice} scannerChoice */
+  /** Create a scan that measures the missing points of this one. @param {ScannerChoice} scannerChoice */
   async startCompletion(scannerChoice) {
     try {
       const { id, plan_id, labels } = this.scan;
@@ -184,7 +184,7 @@ export class Controls {
   }
 }
 
-/** @param {string} title @param {string} text @param {Node[]} body @param {string} name of what is done, none: nothing @param {() => void} act */
+/** @param {string} title @param {string} text @param {Node[]} body @param {string} name label of the action; empty: no action @param {() => void} act */
 function openConfirmDialog(title, text, body, name, act) {
   const dialog = h("dialog", { "aria-labelledby": "ask-title" }, h("form", { method: "dialog" },
     h("h2", { id: "ask-title" }, title), h("p", null, text), ...body,

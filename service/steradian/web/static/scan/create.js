@@ -1,11 +1,11 @@
 // @ts-check
-// Begin a scan, once: where the answer is lost on its way, the same wish again is answered by the same scan.
+// Creation of a scan with an idempotency key, which a repeated request reuses if the first response was lost.
 import { api, idempotencyHeaders, Problem } from "../api.js";
 import { readLease } from "./scanner_choice.js";
 
-const REUSE_TIMEOUT = 300e3; // later, whoever asks for the same means another scan
+const REUSE_TIMEOUT = 300e3; // ms after which an equal request creates another scan
 
-/** @type {Map<string, {key: Record<string, string>, at: number}>} the keys of wishes that were not answered */
+/** @type {Map<string, {key: Record<string, string>, at: number}>} idempotency keys of unanswered requests */
 const unansweredKeys = new Map();
 
 /**

@@ -1,10 +1,10 @@
 // @ts-check
-// What keeps the laser from harm, as the scanner reads it, how old that is, and who holds the scanner.
+// Laser, interlock, key, shutter and lease of a scanner, with the age of these values.
 import { h, replace } from "../dom.js";
 import { statusOf, lastStatus, onTick } from "../scanner_status.js";
 import { formatTime } from "../units.js";
 
-/** What each of them is called when the laser may fire; anything else but that and "unknown" is a fault while it scans. */
+/** Values at which the laser may fire; other known values are shown as faults. */
 const SAFE_VALUES = /** @type {Record<string, string>} */ ({ interlock: "closed", key: "on" });
 const NAMES = { laser: "Laser", interlock: "interlock", key: "key", shutter: "shutter" };
 
@@ -14,7 +14,7 @@ export class Interlocks {
     this.age = h("span", { class: "dim" });
     this.leaseText = h("span", { class: "dim" });
     this.line = h("div", { class: "row caption", role: "group", "aria-label": "Laser, interlock, key, shutter and lease" }, this.values, this.age, this.leaseText);
-    /** @type {string | null} whose they are; null: of the only one */
+    /** @type {string | null} identifier of the scanner; null: the only scanner */
     this.scannerId = null;
     this.shownKey = "";
     onTick(() => this.show());

@@ -1,5 +1,5 @@
 // @ts-check
-// The image of a scan that grows while it runs: the newest revision's projection, and how much it is made of.
+// Live image of a running scan: projection of the newest revision, with its coverage.
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
@@ -9,10 +9,10 @@ import { firstVoxelBelow, createSource } from "../volume/volume_data.js";
 import { colourTable } from "../volume/colours.js";
 
 const MAX_PIXELS = 512;
-const POLL_INTERVAL = 1000; // ms between two looks while the event stream is cut
+const POLL_INTERVAL = 1000; // ms between two polls while the event stream is interrupted
 
 export class LiveImage {
-  /** @param {HTMLElement} host @param {string} scanId @param {() => Node[]} actions what can follow a scan that is over */
+  /** @param {HTMLElement} host @param {string} scanId @param {() => Node[]} actions for a finished scan */
   constructor(host, scanId, actions) {
     this.host = host;
     this.scanId = scanId;
@@ -20,7 +20,7 @@ export class LiveImage {
     this.canvas = h("canvas", { role: "img", "aria-label": "Maximum-intensity projection along z" });
     this.caption = h("p", { class: "dim caption" });
     this.outcome = h("p", { class: "caption", role: "status", hidden: true });
-    /** @type {any} the reconstruction */
+    /** @type {any} live reconstruction */
     this.reconstruction = null;
     this.etag = "";
     this.running = false;
@@ -39,7 +39,7 @@ export class LiveImage {
     this.hasAny = false;
   }
 
-  /** Find the reconstruction that follows this scan, or offer one. */
+  /** Find the live reconstruction of the scan, or offer to start one. */
   async findReconstruction() {
     try {
       const item = (await api.get(`/reconstructions?kind=live&scan_id=${this.scanId}&limit=1`)).items[0];
@@ -70,7 +70,7 @@ export class LiveImage {
     }
   }
 
-  /** Whether there is a revision: its job says so. */
+  /** Return whether the reconstruction has a revision. */
   hasRevision() {
     const { state, progress } = this.reconstruction;
     this.hasAny ||= state === "succeeded" || (progress.stage === "A-lines" && progress.done > 0);
@@ -85,7 +85,7 @@ export class LiveImage {
     else showEmpty(this.host, "No image", `The reconstruction ${state}.`, h("a", { class: "button", href: `/reconstructions/${this.reconstruction.id}` }, "Details"));
   }
 
-  /** Ask for a revision newer than the one that is shown; once more, where another came meanwhile. */
+  /** Fetch revisions until the newest one is shown. */
   async readRevisions() {
     this.isDue = true;
     if (this.isBusy) return;
@@ -103,9 +103,9 @@ export class LiveImage {
       const answer = await api.request("GET", path, undefined, { headers: this.etag ? { "If-None-Match": this.etag } : {} });
       if (answer.status === 200) {
         const revision = await answer.json();
-        const axis = revision.image.shape.length === 3 ? "z" : "y"; // of a line there is one section;
-        const slabQuery = revision.final && axis === "z" ? await this.nearFieldQuery() : ""; // until then it is left out where it is made
-        if (slabQuery === null) return; // when its job is over is told
+        const axis = revision.image.shape.length === 3 ? "z" : "y"; // a line scan has one section
+        const slabQuery = revision.final && axis === "z" ? await this.nearFieldQuery() : ""; // earlier revisions do not contain the near field
+        if (slabQuery === null) return; // shown after the end of the job
         const image = await api.request("GET", `/reconstructions/${this.reconstruction.id}/mip?axis=${axis}&dtype=uint8&max_size=${MAX_PIXELS}${slabQuery}`, undefined, { accept: "application/octet-stream" });
         this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
@@ -115,7 +115,7 @@ export class LiveImage {
     }
   }
 
-  /** What to ask for of the final image: that without the near field, as on its page; null while that is not known. */
+  /** Return the query that excludes the near field from the final image; null until the report is available. */
   async nearFieldQuery() {
     const view = await api.get(`/reconstructions/${this.reconstruction.id}`);
     if (view.state !== "succeeded") return null;
@@ -149,7 +149,7 @@ export class LiveImage {
     this.showOutcome();
   }
 
-  /** Say what becomes of the image of a scan that is over, as long as it is not the whole one. */
+  /** Show the state of the final image after the end of the scan. */
   showOutcome() {
     this.outcome.hidden = this.final || this.running || !this.reconstruction;
     if (this.outcome.hidden) return;

@@ -1,5 +1,5 @@
 // @ts-check
-// A scan as it runs: map, image, A-line, and what a person can have it do.
+// Scan view: map, live image, A-line, signals and controls.
 import { api } from "../api.js";
 import { byId, h, pathIdentifier, replace } from "../dom.js";
 import { live } from "../event_stream.js";
@@ -15,10 +15,10 @@ import { FINAL_STATES } from "./states.js";
 
 const id = pathIdentifier();
 const host = byId("scan");
-const MANY_ALINES = 20_000; // A-lines, from which on they are looked at less often
+const MANY_ALINES = 20_000; // number of A-lines above which polls are less frequent
 const SHORT_INTERVAL = 200;
 const LONG_INTERVAL = 1500;
-const FULL_SCALE = 32_767; // of 16 bits
+const FULL_SCALE = 32_767; // 16-bit samples
 const panel = (/** @type {string} */ name, live = true) => h("section", { class: `panel ${live ? "live" : ""} ${name}`, "data-steradian": `scan-${name}` });
 const [head, mapPanel, imagePanel, tracePanel, signalsPanel] = [panel("head"), panel("map"), panel("image"), panel("trace"), panel("signals", false)];
 
@@ -28,7 +28,7 @@ let scan = null;
 let plan = null;
 /** @type {Shots | null} */
 let shots = null;
-let hasShots = false; // whether any of them was told
+let hasShots = false; // whether shots have been read
 let lastReadTime = 0;
 /** @type {number | null} */
 let selectedRow = null;
@@ -66,7 +66,7 @@ async function readScan() {
     if (!isBuilt) await buildPage();
     controls.show(scan, plan, hasShots ? shots?.coverage : null);
     signals.setScan(scanMap.plane.aperture, !FINAL_STATES.has(scan.state));
-    if (hasChanged) void liveImage.findReconstruction(); // what is offered or said of the image is another thing now
+    if (hasChanged) void liveImage.findReconstruction(); // the actions depend on whether the scan is running
     await readShots();
   } catch (error) {
     if (!isBuilt) showError(host, error, readScan);
@@ -85,7 +85,7 @@ async function buildPage() {
   void liveImage.findReconstruction();
 }
 
-/** Whether there is a file to look into. */
+/** Return whether the scan file contains A-lines. */
 function hasFile() {
   return hasShots || scan.progress.done > 0 || (scan.summary?.stored ?? 0) > 0;
 }
@@ -93,7 +93,7 @@ function hasFile() {
 let isReading = false;
 let isDue = false;
 
-/** Look at what is new, one look at a time, not more often than it can be shown. */
+/** Read new shots; one request at a time, at a limited rate. */
 async function readShots() {
   isDue = true;
   if (isReading) return;
@@ -111,13 +111,13 @@ async function readShots() {
       controls.show(scan, plan, hasShots ? shots?.coverage : null);
       await readAline();
     } catch {
-      // no file yet, or the bar says that nobody answers
+      // no file yet, or the status bar shows that the service does not answer
     }
   }
   isReading = false;
 }
 
-/** Show the chosen A-line, or else the newest, unless it is shown already. */
+/** Read and show the selected or newest A-line, unless it is already shown. */
 async function readAline() {
   const row = selectedRow;
   alinePlot.followButton.hidden = row === null;
@@ -141,7 +141,7 @@ async function readAline() {
 }
 
 function showAline() {
-  readAline().catch(() => null); // the bar says that nobody answers
+  readAline().catch(() => null); // the status bar shows that the service does not answer
 }
 
 live.on("scan", (event) => event.id === id && readScan());

@@ -1,5 +1,5 @@
 // @ts-check
-// The live map: which points are stored, flagged, missing, and where the beam is now; counts are filters of it.
+// Map of a scan: stored, flagged and missing points and the beam position; counts serve as filters.
 import { h, replace } from "../dom.js";
 import { PointMap } from "../point_map.js";
 import { colour, onTheme } from "../theme.js";
@@ -29,7 +29,7 @@ export class ScanMap {
     this.filter = "";
     /** @type {Shots | null} */
     this.shots = null;
-    /** @type {number | null} row that somebody chose */
+    /** @type {number | null} row that the user selected */
     this.selectedRow = null;
     this.isMoving = false;
     onTheme(() => this.updateColours());
@@ -45,7 +45,7 @@ export class ScanMap {
       selectedRow(row);
     };
     this.plane.canvas.tabIndex = 0;
-    this.plane.canvas.setAttribute("role", "application"); // its arrow keys are its own
+    this.plane.canvas.setAttribute("role", "application"); // the arrow keys select A-lines
     this.plane.canvas.addEventListener("keydown", (event) => {
       const direction = { ArrowLeft: -1, ArrowRight: 1, Escape: 0 }[event.key];
       if (direction === undefined) return;
@@ -54,7 +54,7 @@ export class ScanMap {
     });
   }
 
-  /** The next A-line of this frame that is stored, or the one before. @param {number} direction @returns {number | null} */
+  /** Return the row of the next stored A-line of the frame in a direction. @param {number} direction @returns {number | null} */
   neighbourOf(direction) {
     const { length } = this.plane.places;
     let point = (this.selectedRow ?? this.shots?.newest ?? 0) % (length || 1);
@@ -75,7 +75,7 @@ export class ScanMap {
     this.plane.draw();
   }
 
-  /** First row of the frame that is shown. */
+  /** First row of the visible frame. */
   get offset() {
     return Number(this.frame.value || 0) * this.plane.places.length;
   }
@@ -138,7 +138,7 @@ export class ScanMap {
     }
   }
 
-  /** Flagged points have a form of their own beside their colour, and rings mark the newest and the chosen one. @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to */
+  /** Mark flagged points by shape as well as colour, and the newest and selected points by rings. @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to */
   paint(context, to) {
     const { classes, places, radius } = this.plane;
     const arm = radius + 2;

@@ -1,5 +1,5 @@
 // @ts-check
-// Which scanner is to fire: where there is one nobody is asked, where there are several a person chooses.
+// Selection of the scanner for a scan, shown if the service has several scanners.
 import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 
@@ -24,7 +24,7 @@ export class ScannerChoice {
     this.select.value = this.selected;
   }
 
-  /** What a wish for a scan says of it; raises an error where it is still to be chosen. @returns {{scanner_id?: string}} */
+  /** Request fields of the selected scanner; throws if none is selected. @returns {{scanner_id?: string}} */
   get request() {
     if (this.host.hidden) return {};
     if (this.selected) return { scanner_id: this.selected };
@@ -33,7 +33,7 @@ export class ScannerChoice {
   }
 }
 
-/** The lease that runs on a scanner, or null; where no scanner is named, that of the only one. @param {string | null} [name] */
+/** Return the lease of a scanner, or of the only scanner; null if there is none. @param {string | null} [name] */
 export async function readLease(name) {
   const { items } = await api.get("/scanners");
   const one = items.find((/** @type {any} */ each) => each.id === name) ?? (items.length === 1 ? items[0] : null);

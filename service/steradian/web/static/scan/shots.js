@@ -1,7 +1,7 @@
 // @ts-check
-// What became of each A-line of a scan, as far as the service has told: it tells only what is new.
+// Status of each A-line of a scan, updated incrementally.
 
-/** Quality flags of the scanner: their bits, how the page calls them, and how the service does. */
+/** Quality flags: bit, name on the page, name in the API. */
 export const FLAGS = /** @type {[number, string, string][]} */ ([
   [1, "saturated", "saturated"], [2, "mistuned", "mistuned"], [4, "misfired", "misfired"], [8, "partially averaged", "partial"],
 ]);
@@ -12,14 +12,14 @@ export class Shots {
     this.points = points;
     this.stored = new Uint8Array(points * frames);
     this.quality = new Uint32Array(points * frames);
-    this.timeZero = new Float64Array(points * frames); // s from the pulse to the first sample
-    /** @type {any} counts as the service tells them */
+    this.timeZero = new Float64Array(points * frames); // s from the laser pulse to the first sample
+    /** @type {any} counts of the service */
     this.coverage = { points: points * frames, frames, stored: 0, missing: points * frames, fired: 0, flags: {} };
     this.newest = -1;
     this.cursor = "";
   }
 
-  /** Where to ask for what this does not know. @param {string} id of the scan */
+  /** Return the path of the shots after the last update. @param {string} id of the scan */
   path(id) {
     return `/scans/${id}/shots${this.cursor ? `?since=${encodeURIComponent(this.cursor)}` : ""}`;
   }

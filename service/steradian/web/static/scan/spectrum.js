@@ -1,5 +1,5 @@
 // @ts-check
-// The spectrum of an A-line, relative to its strongest frequency.
+// Spectrum of an A-line, relative to its maximum.
 
 /**
  * @param {ArrayLike<number>} samples @param {number} interval between them, in seconds
@@ -20,7 +20,7 @@ export function spectrum(samples, interval) {
   return { levels: levels.map((one) => 20 * Math.log10(Math.max(one / maxLevel, 1e-6))), step, peak: strongest * step };
 }
 
-/** Fourier transform in place, of a power of two. @param {Float64Array} real @param {Float64Array} imaginary */
+/** Compute the FFT in place; the length is a power of two. @param {Float64Array} real @param {Float64Array} imaginary */
 function fft(real, imaginary) {
   const size = real.length;
   for (let n = 1, mirrored = 0; n < size; n++) {

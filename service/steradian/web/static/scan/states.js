@@ -1,8 +1,8 @@
 // @ts-check
-// The states of a scan, in words.
+// Labels and transitions of scan states.
 import { count } from "../units.js";
 
-/** States in words, and whether they are faults. */
+/** Labels of the states. */
 export const STATE_LABELS = /** @type {Record<string, string>} */ ({
   queued: "queued", arming: "arming", running: "running", pausing: "pausing", paused: "paused", stopping: "stopping",
   recovering: "reconnecting to the scanner", completing: "completing", aborting: "aborting", interrupted: "interrupted",
@@ -10,13 +10,13 @@ export const STATE_LABELS = /** @type {Record<string, string>} */ ({
 });
 
 export const FINAL_STATES = new Set(["complete", "partial", "aborted", "failed"]);
-/** What a person can have a scan do in a state. @type {Record<string, string[]>} */
+/** Desired states that a user can request in each state. @type {Record<string, string[]>} */
 export const TRANSITIONS = {
   queued: ["stopped"], arming: ["stopped"], running: ["paused", "stopped"], recovering: ["stopped"],
   paused: ["running", "stopped"], interrupted: ["running", "stopped"],
 };
 
-/** What stopping would keep. @param {number} stored @param {number} total */
+/** Describe the data that a stop keeps. @param {number} stored @param {number} total */
 export function stopSummary(stored, total) {
   if (!stored) return "Stop keeps no data: no A-line is stored yet.";
   return `Stop keeps ${count(stored)} of ${count(total)} A-lines for reconstruction; the missing points need another scan. A paused scan can be resumed.`;

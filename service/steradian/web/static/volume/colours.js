@@ -1,13 +1,13 @@
 // @ts-check
-/** Colours of numbers: tables of 256, and planes of numbers painted with them.
+/** Colour maps: tables of 256 colours, and images painted with them.
  *
- * A table is a Uint32Array(256) of pixels as canvases and textures take them: red in the lowest byte, opaque.
+ * A table is a Uint32Array(256) of pixels in the format of canvases and textures: red in the lowest byte, opaque.
  *
  * @typedef {"inferno" | "grey" | "cividis" | "difference" | "depth"} MapName
  * @typedef {[number, number, number]} Colour  red, green, blue, 0 to 255
  */
 
-/** Evenly spaced colours between which a table runs straight: within 4/255 of the maps the service draws with. */
+/** Equidistant colours with linear interpolation, within 4/255 of the service's colour maps. */
 const KNOTS = {
   inferno:
     "0000030303120a0724150b37210c4a2e0a5b3c09654a0b6b57106e63146f70196e7d1e6d89226a962766a32b62af315cbb3755" +
@@ -17,13 +17,13 @@ const KNOTS = {
     "8481798b8778938d789b9376a39a75aba072b3a670bbad6dc3b469ccba64d4c15fddc958e6d051efd748f9df3bffe734",
 };
 
-/** What a person chooses from; depth and difference have a meaning of their own. */
+/** Selectable colour maps; depth and difference have special meanings. */
 export const PRESSURE_MAPS = /** @type {const} */ (["inferno", "grey", "cividis", "depth"]);
 
 /** @type {Map<MapName, Uint32Array>} */
 const tables = new Map();
 
-/** The table of a map; made once.
+/** Return the table of a colour map; computed once.
  *
  * @param {MapName} name
  */
@@ -50,7 +50,7 @@ function colourOf(name, share) {
   return /** @type {Colour} */ (mixed);
 }
 
-/** Blue below, orange above, dark where two images agree: hues that all colour-blind people tell apart.
+/** Return a colour of the difference map: blue below, orange above, dark at zero; safe for colour-blind readers.
  *
  * @param {number} signed  −1 to 1
  */
@@ -59,7 +59,7 @@ function differenceColour(signed) {
   return oklab(0.82 * size, 0.14 * Math.min(1, 1.2 * size), signed < 0 ? 250 : 60);
 }
 
-/** Oklab (B. Ottosson, 2020) to sRGB.
+/** Convert Oklab (B. Ottosson, 2020) to sRGB.
  *
  * @param {number} lightness  0 to 1
  * @param {number} chroma
@@ -88,7 +88,7 @@ function toPixel([red, green, blue]) {
   return ((255 << 24) | (Math.round(blue) << 16) | (Math.round(green) << 8) | Math.round(red)) >>> 0;
 }
 
-/** Colours along a range of values: the table from one end of the window to the other, its end colours beyond.
+/** Paint a colour bar over a range of values; values outside the window have the end colours.
  *
  * @param {Uint32Array} colours
  * @param {[number, number]} range  values at the outer edges of the first and the last pixel
@@ -100,7 +100,7 @@ export function paintRamp(colours, [from, to], window, out) {
   paint({ values, shape: [out.length, 1] }, window, colours, { out });
 }
 
-/** Paint a plane (na × nb) into pixels nb rows high and na wide: its first axis runs across, its second one up or down.
+/** Paint an image (na × nb) into pixels nb rows high and na wide: the first axis is horizontal, the second vertical.
  *
  * @param {{values: ArrayLike<number>, shape: [number, number]}} plane
  * @param {[number, number]} window  values at the table's ends
@@ -117,7 +117,7 @@ export function paint({ values, shape: [na, nb] }, [low, high], colours, { up = 
   }
 }
 
-/** Paint depths as hues and heights as brightness; see {@link paint}.
+/** Paint depths as hues and values as brightness; see {@link paint}.
  *
  * @param {{values: ArrayLike<number>, shape: [number, number]}} plane
  * @param {(i: number, j: number) => number} depth  0 to 1, of a voxel of the plane

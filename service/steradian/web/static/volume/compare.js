@@ -1,5 +1,5 @@
 // @ts-check
-// A second volume beside this one: what differs, by colour or by turns, and how much alike they are in figures.
+// Comparison with a reference volume: difference, blinking and figures of merit.
 import { api, idempotencyHeaders } from "../api.js";
 import { oncePerFrame, h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
@@ -11,10 +11,10 @@ import { figureList } from "./measure_tools.js";
 /** @typedef {import("./shared_state.js").Stage} Stage */
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 
-const BLINK_INTERVAL = 700; // ms for which each of the two is seen
+const BLINK_INTERVAL = 700; // ms for which each of the two images is shown
 const BRIGHT_REGION = "over voxels with at least 4 % of the reference's maximum";
 const SHARPNESS_NOTE = "normalised Tenenbaum function: larger is sharper";
-/** Figures of the service: name and what it is. */
+/** Labels and descriptions of the service's figures of merit. */
 const METRICS = /** @type {Record<string, [string, string]>} */ ({
   volume_correlation: ["Correlation", "Pearson correlation over all voxels"], volume_correlation_of_interest: ["Correlation of bright voxels", `Pearson correlation ${BRIGHT_REGION}`],
   ...Object.fromEntries(["x", "y", "z"].map((axis) => [`mip_${axis}_correlation`, [`Correlation along ${axis}`, `Pearson correlation of the maxima along ${axis}, ${BRIGHT_REGION}`]])),
@@ -52,7 +52,7 @@ export class Compare {
     });
   }
 
-  /** List what there is, and take the reference that the address names. */
+  /** List the candidates and load the reference of the URL. */
   async loadReferences() {
     try {
       const { items } = await api.get("/reconstructions?state=succeeded&limit=200");
@@ -68,7 +68,7 @@ export class Compare {
     }
   }
 
-  /** Take the reference that the view names. */
+  /** Load the reference of the view. */
   async loadReference() {
     const { against: referenceId } = this.stage.view;
     this.choice.value = referenceId ?? "";
@@ -77,7 +77,7 @@ export class Compare {
     if (referenceId) {
       try {
         const reference = createSource(await api.get(`/reconstructions/${referenceId}`));
-        if (referenceId !== this.stage.view.against) return; // another was chosen meanwhile
+        if (referenceId !== this.stage.view.against) return; // another reference was selected meanwhile
         this.stage.reference = reference;
         await this.readMetrics(referenceId);
       } catch (error) {
@@ -90,7 +90,7 @@ export class Compare {
     this.show();
   }
 
-  /** Blink by itself, but not for who asked for less motion. */
+  /** Start or stop blinking; do not blink if the user prefers reduced motion. */
   updateBlinking() {
     clearInterval(this.timer);
     const { reference, view } = this.stage;
@@ -133,7 +133,7 @@ export class Compare {
     replace(this.correlations, ...(rows.length ? [h("h3", null, "Correlation of the visible images"), h("p", { class: "dim small" }, "Pearson correlation of the pixels in each view; 1 means identical.")] : []), rows.length ? figureList(rows) : null);
   }
 
-  /** What the service found when it compared the volumes, or a button that has it done. @param {string} reference */
+  /** Show the figures of merit, or a button that computes them. @param {string} reference */
   async readMetrics(reference) {
     const { items } = await api.get(`/reconstructions/${this.reconstruction.id}/quality`);
     if (reference !== this.stage.view.against) return;
@@ -149,7 +149,7 @@ export class Compare {
     }
   }
 
-  /** Have the service compare the volumes. @param {string} reference */
+  /** Compute the figures of merit with the service. @param {string} reference */
   async computeMetrics(reference) {
     replace(this.metrics, h("p", { class: "dim", role: "status" }, "comparing …"));
     try {
@@ -166,7 +166,7 @@ export class Compare {
   timer;
 }
 
-/** A reconstruction in a line. @param {any} one */
+/** Describe a reconstruction in one line. @param {any} one */
 export function reconstructionTitle(one) {
   const { method, modes } = one.parameters ?? {};
   const kind = one.kind === "reconstruction" ? "" : `${one.kind}, `;

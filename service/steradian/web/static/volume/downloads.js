@@ -1,5 +1,5 @@
 // @ts-check
-// The volume in every format: those that lie there with their size, the others made by a job first.
+// Downloads of a volume: existing files with their size, other formats after an export job.
 import { api, BASE, idempotencyHeaders } from "../api.js";
 import { h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
@@ -21,14 +21,14 @@ export class Downloads {
   constructor(reconstruction) {
     this.reconstruction = reconstruction;
     this.element = h("div", { class: "stack" });
-    /** @type {Map<string, any>} the newest export of each format */
+    /** @type {Map<string, any>} newest export of each format */
     this.jobs = new Map();
-    /** @type {Set<string>} formats that are being made for this page */
+    /** @type {Set<string>} formats whose export is running */
     this.pendingFormats = new Set();
     live.on("job", (one) => this.jobs.size && [...this.jobs.values()].some((job) => job.id === one.id) && void this.load());
   }
 
-  /** Bytes of the values as they lie there. */
+  /** Size of the values in bytes. */
   get valueBytes() {
     return 4 * (this.reconstruction.report?.shape ?? []).reduce((/** @type {number} */ all, /** @type {number} */ one) => all * one, 1);
   }
@@ -73,7 +73,7 @@ export class Downloads {
 
   /** @param {string} format */
   async exportFormat(format) {
-    if (this.pendingFormats.has(format)) return; // it was pressed twice
+    if (this.pendingFormats.has(format)) return; // double click
     this.pendingFormats.add(format);
     const body = { kind: "export", reconstruction_id: this.reconstruction.id, format };
     try {

@@ -1,5 +1,5 @@
 // @ts-check
-// Volumes: what has been reconstructed, as pictures to choose from.
+// Gallery of volumes with thumbnails.
 import { api, request } from "../api.js";
 import { byId, h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
@@ -10,13 +10,13 @@ import { firstVoxelBelow, createSource } from "./volume_data.js";
 import { paint, colourTable } from "./colours.js";
 
 const THUMBNAIL_PIXELS = 256;
-const MAX_LISTED = 200; // that the service lists at once
-const WHITE_LEVEL = 190; // of 255: what is brighter is shown as bright as that
+const MAX_LISTED = 200; // maximum page size of the service
+const WHITE_LEVEL = 190; // of 255: value of full brightness
 const panel = byId("volumes");
 const search = h("input", { type: "search", placeholder: "Search: labels, method, identifier", "aria-label": "Search", dataset: { search: "" } });
 /** @type {any[]} */
 let items = [];
-let listedCount = 0; // how many the service listed
+let listedCount = 0; // number of listed reconstructions
 /** @type {Map<string, string>} */
 let scanLabels = new Map();
 
@@ -55,7 +55,7 @@ function createCard(one) {
     h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
 }
 
-/** Pictures are read when they come into sight. */
+/** Loads thumbnails when they become visible. */
 const observer = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     if (!isIntersecting) continue;
@@ -64,13 +64,13 @@ const observer = new IntersectionObserver((entries) => {
   }
 }, { rootMargin: "200px" });
 
-/** First voxel along z below the near field. @param {any} one */
+/** Return the first voxel along z below the near field. @param {any} one */
 function firstVoxel(one) {
   const source = createSource(one);
   return source && !source.flat ? firstVoxelBelow(source, source.near) : 0;
 }
 
-/** Those that were made: a search reads none of them again. @type {Map<string, HTMLElement>} */
+/** Created thumbnails, reused by the search. @type {Map<string, HTMLElement>} */
 const thumbnails = new Map();
 
 /** @param {any} one @param {string} axis */
@@ -84,15 +84,15 @@ function thumbnail(one, axis) {
   return element;
 }
 
-/** Say on a picture's place why nothing is seen there; no text: it is seen. @param {HTMLCanvasElement} canvas @param {string} text */
+/** Set the caption of a thumbnail; an empty text shows the image only. @param {HTMLCanvasElement} canvas @param {string} text */
 function setCaption(canvas, text) {
   if (canvas.nextElementSibling) canvas.nextElementSibling.textContent = text;
 }
 
-/** Draw a small projection, black where there is nothing. @param {HTMLCanvasElement} canvas */
+/** Draw the projection of a volume. @param {HTMLCanvasElement} canvas */
 async function drawThumbnail(canvas) {
   const { of, axis } = canvas.dataset;
-  const slab = axis === "z" ? `&slab=${canvas.dataset.first}:` : ""; // without the near field, as on its page
+  const slab = axis === "z" ? `&slab=${canvas.dataset.first}:` : ""; // without the near field, as in the volume view
   const query = `axis=${axis}&max_size=${THUMBNAIL_PIXELS}&dtype=uint8${slab}`;
   try {
     const answer = await request("GET", `/reconstructions/${of}/mip?${query}`, undefined, { accept: "application/octet-stream" });

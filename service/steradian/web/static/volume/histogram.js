@@ -1,5 +1,5 @@
 // @ts-check
-// Histogram of the visible values, and the window of values that the colours stand for, with a handle at either end.
+// Histogram of the visible values and the window of the colour scale, with a handle at either end.
 import { oncePerFrame, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { PRESSURE, figure } from "../units.js";
@@ -10,10 +10,10 @@ import { mmText } from "./panes.js";
 
 const BINS = 128;
 const [WIDTH, HEIGHT] = [256, 84];
-const STEP = 0.01; // of the range, with an arrow key
+const STEP = 0.01; // of the range, per arrow key
 
 export class Histogram {
-  /** @param {Stage} stage @param {() => (ArrayLike<number> | null)[]} planes what is seen */
+  /** @param {Stage} stage @param {() => (ArrayLike<number> | null)[]} planes visible values */
   constructor(stage, planes) {
     this.stage = stage;
     this.planes = planes;
@@ -35,7 +35,7 @@ export class Histogram {
     onTheme(() => this.draw());
   }
 
-  /** Range of values drawn: of the whole volume, wider if the window is. @returns {[number, number]} */
+  /** Range of values: that of the volume, extended to the window. @returns {[number, number]} */
   get range() {
     const { minValue, maxValue, window } = this.stage;
     return [Math.min(minValue, window[0]), Math.max(maxValue, window[1])];
@@ -90,7 +90,7 @@ export class Histogram {
       if (!values) continue;
       for (let n = 0; n < values.length; n++) {
         const bin = Math.floor(((values[n] - low) / (high - low || 1)) * BINS);
-        if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // neither what is not a number nor what lies below
+        if (bin >= 0) counts[Math.min(bin, BINS - 1)] += 1; // excludes NaN and values below the range
       }
     }
     const maxCount = Math.log1p(Math.max(...counts)) || 1;
@@ -113,7 +113,7 @@ export class Histogram {
     this.drawBar();
   }
 
-  /** Which value has which colour, below the same value of the histogram; of colours that mean depth, which depth. */
+  /** Draw the colour bar: values below the histogram, or depths for the depth map. */
   drawBar() {
     const { isDepthMap: byDepth, colours, depths, window } = this.stage;
     const bar = /** @type {CanvasRenderingContext2D} */ (this.bar.getContext("2d"));

@@ -1,10 +1,10 @@
 // @ts-check
-// Of many requests for one panel only the last one counts.
+// Latest-only execution of asynchronous tasks.
 
-const ABORT_DELAY = 300; // ms after which one under way is given up for a newer one
+const ABORT_DELAY = 300; // ms after which a newer request aborts a running one
 
 /**
- * Run work of which only the newest matters: one at a time, what was asked for meanwhile is left out, but the last.
+ * Return a function that runs one task at a time and skips all pending requests but the newest.
  * @template T
  * @param {(input: T, signal: AbortSignal) => Promise<void>} task
  * @param {(error: unknown) => void} onError

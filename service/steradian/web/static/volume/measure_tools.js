@@ -1,5 +1,5 @@
 // @ts-check
-// The tools: a line's profile and width, a region's statistics, and how far it stands out of a background.
+// Measurement tools: profile and width of a line, statistics of a region, contrast to a background, points of interest.
 import { api } from "../api.js";
 import { designQueryAround } from "../design/fields.js";
 import { oncePerFrame, h, replaceKeepingFocus, s } from "../dom.js";
@@ -31,7 +31,7 @@ export class Tools {
     this.stage = stage;
     this.views = views;
     this.reconstruction = reconstruction;
-    /** @type {number | null | undefined} of the mask that sensed this (m); undefined: not asked for, null: not known */
+    /** @type {number | null | undefined} aperture (m) of the scan's mask; undefined: not requested, null: unknown */
     this.aperture = undefined;
     this.widths = new ObjectWidths(stage, reconstruction);
     this.buttons = Object.entries(TOOL_TEXTS).map(([name, [text]], n) =>
@@ -45,7 +45,7 @@ export class Tools {
     this.render();
   }
 
-  /** The plane that a mark lies in, as it is shown now. @param {Mark} mark */
+  /** Return the visible plane of a mark. @param {Mark} mark */
   shownPlane(mark) {
     return this.views.find((view) => view.axis === mark.plane)?.plane ?? null;
   }
@@ -112,7 +112,7 @@ export class Tools {
       figureList([["Contrast-to-noise", Number.isFinite(ratio) ? figure(ratio) : "the background is constant", "contrast", ratio]]));
   }
 
-  /** Points of interest, and the way to a mask around them. @param {Triple[]} points */
+  /** Show points of interest, with a link to the design of a mask around them. @param {Triple[]} points */
   points(points) {
     if (points.length && this.aperture === undefined) void this.loadAperture();
     const { flat } = this.stage.source;
@@ -124,7 +124,7 @@ export class Tools {
     return h("section", { dataset: { result: "points" } }, h("h3", null, "Points of interest"), h("ol", { class: "points" }, rows), h("div", { class: "row" }, addButton, points.length ? designLink : null));
   }
 
-  /** Look how large the mask is that sensed this: another one is to be as large. */
+  /** Load the aperture of the scan's mask, which the new mask adopts. */
   async loadAperture() {
     this.aperture = null;
     const scan = await api.get(`/scans/${this.reconstruction.scan_id}`).catch(() => null);
@@ -133,7 +133,7 @@ export class Tools {
     this.show();
   }
 
-  /** A profile with the level and the ends of its width.
+  /** Draw a profile with its half-maximum level.
    *
    * @param {import("./measurements.js").Profile} found @param {import("./measurements.js").Width | null} width
    */
@@ -154,7 +154,7 @@ export class Tools {
   }
 }
 
-/** @param {[string, string, string?, number?, string?][]} rows with the figure itself, for scripts of others, and what it is */
+/** @param {[string, string, string?, number?, string?][]} rows name, text, key and value for scripts, description */
 export function figureList(rows) {
   return h("dl", { class: "figures" }, rows.flatMap(([name, text, key, value, description]) => [
     h("dt", { title: description || null }, name), h("dd", { dataset: key ? { figure: key, value: String(value) } : {} }, text)]));

@@ -1,8 +1,8 @@
 // @ts-check
-/** What is measured on a plane of numbers: a line's profile and its width, a region's statistics, contrast.
+/** Measurements in a plane: profile and width of a line, statistics of a region, contrast, correlation.
  *
- * A plane holds `values` (na × nb, the second axis running fastest), its `origin` (centre of the first voxel) and
- * `spacing`, both in mm, along its two axes a and b.
+ * A plane contains `values` (na × nb, the second axis runs fastest), `origin` (centre of the first voxel) and
+ * `spacing` (mm) along its axes a and b.
  *
  * @typedef {[number, number]} Pair
  * @typedef {{values: Float32Array | Float64Array, shape: Pair, origin: Pair, spacing: Pair}} Plane
@@ -15,8 +15,8 @@
 
 const MAX_SAMPLES = 4096;
 
-/** Weights of the four voxels around a place by cubic convolution (R. Keys, 1981), which keeps narrow peaks as high
- * and wide as they are; between two voxels it is exact for parabolas.
+/** Return the weights of cubic convolution (R. Keys, 1981), which preserves height and width of narrow peaks and is
+ * exact for parabolas.
  *
  * @param {number} t  place between the second and the third, 0 to 1
  * @returns {[number, number, number, number]}
@@ -30,7 +30,7 @@ function cubicWeights(t) {
   ];
 }
 
-/** Value at a place in mm; not a number outside the outermost voxels' centres.
+/** Interpolate the value at a position in mm; NaN outside the outermost voxel centres.
  *
  * @param {Plane} plane
  * @param {number} a
@@ -40,7 +40,7 @@ export function sample(plane, a, b) {
   const [na, nb] = plane.shape;
   const i = (a - plane.origin[0]) / plane.spacing[0];
   const j = (b - plane.origin[1]) / plane.spacing[1];
-  const tolerance = 1e-6; // a place on the outermost centre may come out a rounding beyond it
+  const tolerance = 1e-6; // rounding error of a position on the outermost centre
   if (!(i >= -tolerance && j >= -tolerance && i <= na - 1 + tolerance && j <= nb - 1 + tolerance)) return NaN;
   const i0 = Math.min(Math.max(Math.floor(i), 0), Math.max(na - 2, 0));
   const j0 = Math.min(Math.max(Math.floor(j), 0), Math.max(nb - 2, 0));
@@ -56,7 +56,7 @@ export function sample(plane, a, b) {
   return sum;
 }
 
-/** Values along a line, at most half the finer voxel apart; what lies outside the plane is left out.
+/** Sample values along a line, at most half the finer voxel apart; positions outside the plane are omitted.
  *
  * @param {Plane} plane
  * @param {Pair} from  mm
@@ -87,15 +87,15 @@ export function median(values) {
   return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 }
 
-/** Full width at half maximum of the highest peak, between the crossings of half its height above the base.
+/** Compute the full width at half maximum of the highest peak above the base.
  *
- * The base is the median of what lies further than a width from the peak on either side, as far as the line goes;
- * 0 while there is nothing. Its scatter there (1.48 times the median deviation) is the noise, and moves a crossing by
- * itself over the profile's slope: of each crossing by itself, and of the peak's height both at once.
+ * The base is the median of the samples further than one width from the peak, or 0 without such samples. Their scatter
+ * (1.48 times the median deviation) is the noise. The error propagates the noise over the slopes of the profile: of each
+ * crossing independently, and of the peak's height for both.
  *
  * @param {Profile} profile
- * @returns {Width | null}  null where the profile does not fall to a half on both sides; error null where too few
- *                          samples beside the peak tell the noise
+ * @returns {Width | null}  null if the profile does not fall to half on both sides; error null if there are too few
+ *                          samples next to the peak to estimate the noise
  */
 export function fwhm({ distances, values }) {
   if (values.length < 3) return null;
@@ -123,7 +123,7 @@ export function fwhm({ distances, values }) {
   return { width: right - left, error, centre: (left + right) / 2, height, base, left, right };
 }
 
-/** Where a profile falls to half of its peak on either side, and how steeply.
+/** Find the half-maximum crossings of a peak and their slopes.
  *
  * @param {Float64Array} distances
  * @param {Float64Array} values
@@ -146,7 +146,7 @@ function crossings(distances, values, top, base) {
   return one && other ? { left: one.at, right: other.at, rise: one.slope, fall: other.slope } : null;
 }
 
-/** Statistics of the voxels whose centres lie in a rectangle.
+/** Compute statistics of the voxels whose centres lie in a rectangle.
  *
  * @param {Plane} plane
  * @param {Rectangle} rectangle  two opposite corners in mm
@@ -173,13 +173,13 @@ export function statistics(plane, { from, to }) {
   });
   if (!count) return null;
   const mean = sum / count;
-  let squares = 0; // in a second pass, so that a large mean does not swallow a small deviation
+  let squares = 0; // a second pass keeps the precision of small deviations
   each((value) => { squares += (value - mean) ** 2; });
   const area = count * plane.spacing[0] * plane.spacing[1];
   return { count, mean, deviation: Math.sqrt(squares / count), least, greatest, area };
 }
 
-/** (Mean inside − mean outside) over the background's deviation, as the service's own quality figures have it.
+/** Compute (mean inside − mean outside) / background deviation, as the service does.
  *
  * @param {Statistics} inside
  * @param {Statistics} outside
@@ -190,7 +190,7 @@ export function contrastToNoise(inside, outside) {
   return difference ? Math.sign(difference) * Infinity : 0;
 }
 
-/** Pearson's correlation of two planes of one shape; not a number where one of them is constant.
+/** Compute the Pearson correlation of two planes of equal shape; NaN if one of them is constant.
  *
  * @param {ArrayLike<number>} one
  * @param {ArrayLike<number>} other

@@ -1,5 +1,5 @@
 // @ts-check
-// Point spread at a line, and the diameter corrected for it: a job of the service, asked for by a button.
+// Point spread at a line and corrected object width, computed by a job of the service.
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
@@ -18,7 +18,7 @@ export class ObjectWidths {
     this.results = new Map();
   }
 
-  /** Ends of a line in metres; across the plane it lies at the crosshair. @param {Mark} mark */
+  /** Return the ends of a line in metres; its plane is that of the crosshair. @param {Mark} mark */
   endsOf(mark) {
     return [mark.from, mark.to].map((end) => {
       const place = [...this.stage.position];
@@ -29,7 +29,7 @@ export class ObjectWidths {
     });
   }
 
-  /** Part of a line's result. @param {Mark} mark */
+  /** Create the result of a line. @param {Mark} mark */
   resultFor(mark) {
     if (this.stage.source.flat || this.reconstruction.kind === "what-if") return null;
     const [start, end] = this.endsOf(mark);

@@ -1,5 +1,5 @@
 // @ts-check
-// What lies over a slice: edges with ticks in mm, crosshair, marks of the tools, scale bar.
+// Overlay of a slice: ticks in mm, crosshair, marks, scale bar.
 import { PLANES, axisIndex } from "./volume_data.js";
 import { paintRamp, colourTable } from "./colours.js";
 import { lengthOf, roundDown, ticks } from "./scale.js";
@@ -9,8 +9,8 @@ import { lengthOf, roundDown, ticks } from "./scale.js";
 
 const LINE_COLOUR = "#ffffff";
 const SHADOW = "rgb(0 0 0 / .75)";
-const DEPTH_BAR_WIDTH = 110; // pixels of the key to the depth's colours
-const CROSSHAIR_GAP = 7; // pixels around the place that the crosshair leaves free
+const DEPTH_BAR_WIDTH = 110; // pixels of the depth colour bar
+const CROSSHAIR_GAP = 7; // pixels around the crosshair that stay free
 export const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
 
 /** @param {SliceView} view */
@@ -26,7 +26,7 @@ export function drawOverlay(view) {
   drawScaleBar(context, view.stage.scale, view.width, view.height);
 }
 
-/** Draw twice: broad and dark, then thin and light, so that it is seen on any colour.
+/** Draw a path with a dark outline, so that it is visible on any colour.
  *
  * @param {CanvasRenderingContext2D} context @param {string} colour @param {number} width @param {() => void} path
  */
@@ -106,7 +106,7 @@ function drawMarks(context, view) {
   drawPoints(context, view);
 }
 
-/** Points of interest, with their numbers. @param {CanvasRenderingContext2D} context @param {SliceView} view */
+/** Draw the numbered points of interest. @param {CanvasRenderingContext2D} context @param {SliceView} view */
 function drawPoints(context, view) {
   const [across, up] = PLANES[view.axis];
   context.textAlign = "left";
@@ -128,7 +128,7 @@ export function drawScaleBar(context, scale, width, height) {
   drawLabel(context, lengthOf(mm), right, y - 5);
 }
 
-/** Which colour is which depth. @param {CanvasRenderingContext2D} context @param {Pair} depths in mm @param {number} height */
+/** Draw the colour bar of depths. @param {CanvasRenderingContext2D} context @param {Pair} depths in mm @param {number} height */
 export function drawDepthBar(context, depths, height) {
   const pixels = new ImageData(DEPTH_BAR_WIDTH, 1);
   paintRamp(colourTable("depth"), depths, depths, new Uint32Array(pixels.data.buffer));

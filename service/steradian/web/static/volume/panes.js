@@ -1,5 +1,5 @@
 // @ts-check
-// The four views with what stands under each: where its slice is and how thick its slab.
+// Panes of the four views with their controls for slice position and slab thickness.
 import { h } from "../dom.js";
 import { AXES, PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
 import { lengthOf } from "./scale.js";
@@ -7,18 +7,18 @@ import { lengthOf } from "./scale.js";
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Triple} Triple */
 
-const SLAB_STEPS = 40; // of the slab's slider, between a slice and everything
+const SLAB_STEPS = 40; // of the slab slider, between a slice and the whole volume
 
 /** @param {number} mm @param {number} [decimals] */
 const signed = (mm, decimals = 1) => mm.toFixed(decimals).replace("-", "−");
 
-/** As all places are told, without the unit. @param {number} mm */
+/** Format a coordinate in mm without its unit. @param {number} mm */
 export const formatMm = (mm) => signed(mm, 2);
 
 /** @param {number} mm */
 export const mmText = (mm) => `${formatMm(mm)} mm`;
 
-/** A view with its controls. @param {SliceView} view */
+/** Create the pane of a slice view. @param {SliceView} view */
 export function slicePane(view) {
   const { stage, axis } = view;
   const { source, store } = stage;
@@ -57,7 +57,7 @@ export function slicePane(view) {
     h("header", null, title, caption), view.element, controls);
 }
 
-/** Thickness (mm) of a slider's position: a slice, then more and more, then everything.
+/** Return the slab thickness (mm) of a slider position.
  *
  * @param {number} position @param {number} spacing @param {number} extent
  */
@@ -68,7 +68,7 @@ export function thicknessAt(position, spacing, extent) {
   return Number((minThickness * (extent / minThickness) ** ((position - 1) / (SLAB_STEPS - 1))).toPrecision(3));
 }
 
-/** The slider's position for a thickness. @param {number} slabThickness @param {number} spacing @param {number} extent */
+/** Return the slider position of a slab thickness. @param {number} slabThickness @param {number} spacing @param {number} extent */
 export function sliderPosition(slabThickness, spacing, extent) {
   if (slabThickness <= 0) return 0;
   if (slabThickness === Infinity) return SLAB_STEPS;
@@ -77,7 +77,7 @@ export function sliderPosition(slabThickness, spacing, extent) {
   return Math.min(Math.max(Math.round(1 + share * (SLAB_STEPS - 1)), 1), SLAB_STEPS - 1);
 }
 
-/** The 3-D view with its box. @param {import("./view_3d.js").View3D} solid */
+/** Create the pane of the 3-D view with its clipping box. @param {import("./view_3d.js").View3D} solid */
 export function pane3d(solid) {
   const { stage } = solid;
   const caption = h("span", { class: "dim nowrap", dataset: { where: "3-D" } });

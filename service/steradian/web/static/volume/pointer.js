@@ -1,5 +1,5 @@
 // @ts-check
-// Mouse, touch and keys on a slice view.
+// Pointer and keyboard input of a slice view.
 import { PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
 import { sample } from "./measurements.js";
 import { MAX_POINTS } from "./view_state.js";
@@ -8,8 +8,8 @@ import { MAX_POINTS } from "./view_state.js";
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {{x: number, y: number}} Point */
 
-const MIN_MARK_PIXELS = 3; // pixels that a mark has at least
-const GRAB_PIXELS = 12; // pixels within which a point of interest is taken
+const MIN_MARK_PIXELS = 3; // minimum size of a mark in pixels
+const GRAB_PIXELS = 12; // pixels within which a point of interest is grabbed
 const ARROW_STEPS = /** @type {Record<string, [number, number]>} */ ({
   ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
 });
@@ -24,12 +24,12 @@ export function addPointerHandlers(view) {
   let { points } = view.stage.view;
 
   target.addEventListener("pointerdown", (event) => {
-    if (event.button === 2) return; // the browser's menu
+    if (event.button === 2) return; // opens the browser's context menu
     target.focus({ preventScroll: true });
     target.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, pointOf(event));
     if (pointers.size === 1) ({ points } = view.stage.view);
-    else view.stage.store.change({ points }); // the first of two fingers meant none
+    else view.stage.store.change({ points }); // undo the effect of the first finger of a pinch
     drag = pointers.size === 2 ? startPinch(view, [...pointers.values()]) : startDrag(view, event);
     drag?.(pointOf(event));
     event.preventDefault();
@@ -57,7 +57,7 @@ export function addPointerHandlers(view) {
 /** @param {MouseEvent} event @returns {Point} */
 const pointOf = (event) => ({ x: event.offsetX, y: event.offsetY });
 
-/** What a drag does, by button and keys held. @param {SliceView} view @param {PointerEvent} event */
+/** Return the drag action for the pressed button and keys. @param {SliceView} view @param {PointerEvent} event */
 function startDrag(view, event) {
   const from = pointOf(event);
   if (event.button === 1 || event.altKey) return dragPan(view, from);
@@ -72,7 +72,7 @@ function dragCrosshair(view) {
   return (/** @type {Point} */ to) => view.stage.store.change({ at: positionAt(view, to, view.stage.position) });
 }
 
-/** Where something goes that is put at a point of a view; along the view it stays. @param {SliceView} view @param {Point} to @param {Triple} from */
+/** Return the 3-D position at a point of a view; the coordinate along the view is unchanged. @param {SliceView} view @param {Point} to @param {Triple} from */
 function positionAt(view, to, from) {
   const [a, b] = view.toPosition(to.x, to.y);
   const [across, up] = PLANES[view.axis];
@@ -84,7 +84,7 @@ function positionAt(view, to, from) {
   return place;
 }
 
-/** Another point of interest, or one that is there put elsewhere. @param {SliceView} view @param {Point} from */
+/** Drag a new or existing point of interest. @param {SliceView} view @param {Point} from */
 function dragPoint(view, from) {
   const { stage } = view;
   const { points } = stage.view;
@@ -112,7 +112,7 @@ function dragMark(view, from, tool) {
   };
 }
 
-/** To the right: brighter (a narrower window); down: lower. @param {SliceView} view @param {Point} from */
+/** Drag the window: to the right narrower, downwards lower. @param {SliceView} view @param {Point} from */
 function dragWindow(view, from) {
   const [low, high] = view.stage.window;
   return (/** @type {Point} */ to) => {
@@ -164,7 +164,7 @@ function onWheel(view, event) {
   else if (event.deltaY) stepSlice(view, Math.sign(event.deltaY));
 }
 
-/** Zoom so that what is under a point stays there. @param {SliceView} view @param {number} factor @param {Point} point */
+/** Zoom around a point. @param {SliceView} view @param {number} factor @param {Point} point */
 function zoomAt(view, factor, point) {
   const { stage } = view;
   const zoom = clampZoom(stage.view.zoom * factor);
@@ -177,7 +177,7 @@ function zoomAt(view, factor, point) {
   stage.store.change({ zoom, centre });
 }
 
-/** Go to another slice; from the projection of everything to the slice at the crosshair.
+/** Step to another slice; from the full projection, switch to the slice at the crosshair.
  *
  * @param {SliceView} view @param {number} by voxels
  */
@@ -192,7 +192,7 @@ export function stepSlice(view, by) {
   stage.store.change({ at: place });
 }
 
-/** From the projection to the slice at the crosshair and back. @param {SliceView} view */
+/** Toggle between the full projection and the slice at the crosshair. @param {SliceView} view */
 export function toggleSlab(view) {
   const { stage, axis } = view;
   if (stage.source.flat) return;
@@ -232,7 +232,7 @@ function moveCrosshair(view, [right, down], by) {
   stage.store.change({ at: place });
 }
 
-/** Tell the value and the place under the cursor. @param {SliceView} view @param {Point} point */
+/** Report value and position at the cursor. @param {SliceView} view @param {Point} point */
 function reportValue(view, point) {
   const [a, b] = view.toPosition(point.x, point.y);
   const plane = view.isReferenceShown && view.other ? view.other : view.plane;

@@ -1,5 +1,5 @@
 // @ts-check
-// How a volume was made: from what, with which parameters, by which version, and how it is made again.
+// Provenance of a volume: sources, parameters, versions, and the commands that repeat the reconstruction.
 import { api } from "../api.js";
 import { copyText, h, replace } from "../dom.js";
 import { showError } from "../panel_states.js";

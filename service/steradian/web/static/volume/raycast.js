@@ -1,8 +1,8 @@
 // @ts-check
-/** A volume in three dimensions: maximum intensity along each line of sight, by rays cast in WebGL 2.
+/** Maximum-intensity projection of a volume by ray casting in WebGL 2.
  *
- * The projection is orthographic, so that a length is as long everywhere in the picture. Depth (z) points down in it
- * while one looks from the side; x, y and z form a right-handed system.
+ * The projection is orthographic, so that lengths are equal everywhere in the image. Depth (z) points down in a side
+ * view; x, y and z form a right-handed system.
  *
  * @typedef {[number, number, number]} Triple
  * @typedef {{values: Float32Array | Uint8Array, shape: Triple, origin: Triple, spacing: Triple}} Block  mm; C order
@@ -20,7 +20,7 @@ void main() {
   gl_Position = vec4(place, 0.0, 1.0);
 }`;
 
-// The texture's axes are the volume's in reverse, for its last axis runs fastest: .zyx below.
+// The texture axes are those of the volume in reverse order, because the last axis runs fastest: .zyx below.
 const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp sampler3D;
@@ -61,10 +61,10 @@ void main() {
 
 const MARGIN = 1.04;
 
-/** Directions of a camera in the volume: to the right of the picture, up in it, and into it.
+/** Return the camera directions in the volume: right, up, and into the image.
  *
- * @param {number} azimuth    degrees; 0 looks along −y with x to the right
- * @param {number} elevation  degrees; 90 looks from the sensors into the depth
+ * @param {number} azimuth    degrees; 0 is the view along −y with x to the right
+ * @param {number} elevation  degrees; 90 is the view from the sensors into the depth
  * @returns {{right: Triple, up: Triple, along: Triple}}
  */
 export function directions(azimuth, elevation) {
@@ -76,7 +76,7 @@ export function directions(azimuth, elevation) {
 /** @param {Triple} a  @param {readonly number[]} b */
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
-/** Extent in mm from the first voxel's outer edge to the last one's, and the middle.
+/** Return extent (mm, between outer edges) and centre of a volume.
  *
  * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
  */
@@ -86,7 +86,7 @@ export function extentOf({ shape, origin, spacing }) {
   return { extent, middle };
 }
 
-/** Where a place in mm lies in a picture of a size in pixels, and how many pixels a mm is.
+/** Return the projection of positions (mm) to pixels, and the scale in pixels per mm.
  *
  * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
  * @param {Triple} camera
@@ -108,7 +108,7 @@ export function projection(block, camera, size) {
   return { scale, project, extent, middle, right, up, along };
 }
 
-/** A picture on a canvas; {@link createRaycaster} makes it. */
+/** Ray caster on a canvas, created by {@link createRaycaster}. */
 class Raycaster {
   /** @param {HTMLCanvasElement} canvas  @param {WebGL2RenderingContext} gl */
   constructor(canvas, gl) {
@@ -126,7 +126,7 @@ class Raycaster {
     });
   }
 
-  /** Compile, and make the textures. */
+  /** Compile the shaders and create the textures. */
   initialise() {
     const { gl } = this;
     const program = gl.createProgram();
@@ -157,7 +157,7 @@ class Raycaster {
     return this.gl.getUniformLocation(/** @type {WebGLProgram} */ (this.program), name);
   }
 
-  /** Take a volume over to the graphics card: bytes as they are, other values as half floats within ±1.
+  /** Upload a volume to the GPU: bytes unchanged, other values as half floats within ±1.
    *
    * @param {Block} block
    */
@@ -183,7 +183,7 @@ class Raycaster {
     ]) gl.texParameteri(gl.TEXTURE_3D, name, value);
   }
 
-  /** Draw what is loaded, at the canvas's own size.
+  /** Draw the volume at the size of the canvas.
    *
    * @param {RenderSettings} shown  window in units of the volume's values
    */
@@ -222,7 +222,7 @@ class Raycaster {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
   }
 
-  /** Let the graphics card have its memory back. */
+  /** Free the GPU memory. */
   dispose() {
     this.gl.deleteTexture(this.volume ?? null);
     this.gl.deleteTexture(this.colours ?? null);
@@ -237,17 +237,17 @@ function maxMagnitude(values) {
   return maxValue;
 }
 
-/** Make a picture on a canvas; null where the browser has no WebGL 2.
+/** Create a ray caster on a canvas; null without WebGL 2.
  *
  * @param {HTMLCanvasElement} canvas
- * @param {{keep?: boolean}} how  keep: what is drawn can be read again later
+ * @param {{keep?: boolean}} options  keep: preserve the image for later reads
  */
 export function createRaycaster(canvas, { keep: preserve = false } = {}) {
   const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: preserve });
   return gl ? new Raycaster(canvas, gl) : null;
 }
 
-/** Lines of the box, from corner to corner, each with the axis it runs along.
+/** Return the edges of the clipping box with their axes.
  *
  * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
  * @param {readonly number[]} clip

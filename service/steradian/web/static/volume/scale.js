@@ -1,7 +1,7 @@
 // @ts-check
-/** Round lengths: of a scale bar, and between the ticks of an axis. */
+/** Round lengths for scale bars and axis ticks. */
 
-/** The greatest of 1, 2 and 5 times a power of ten that is not above a length.
+/** Return the largest 1, 2 or 5 times a power of ten that does not exceed a length.
  *
  * @param {number} length  above 0
  */
@@ -11,7 +11,7 @@ export function roundDown(length) {
   return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
 }
 
-/** A length in mm as a physicist writes it.
+/** Format a length in mm.
  *
  * @param {number} mm
  */
@@ -19,7 +19,7 @@ export function lengthOf(mm) {
   return mm < 0.999 ? `${Number((mm * 1e3).toPrecision(3))} µm` : `${Number(mm.toPrecision(3))} mm`;
 }
 
-/** A length with its error: no more digits than the error has, the error with one, or two where it begins with 1.
+/** Format a length with its error: one digit of the error, or two if it starts with 1.
  *
  * @param {number} mm
  * @param {number | null} error  mm; null: not known
@@ -27,14 +27,14 @@ export function lengthOf(mm) {
 export function lengthWithError(mm, error) {
   const [factor, unit] = mm < 0.999 ? [1e3, "µm"] : [1, "mm"];
   if (error === null) return `${lengthOf(mm)} ± ?`;
-  const minError = mm < 0.999 ? 0.1 : 0.0001; // of the unit: finer is not believed
+  const minError = mm < 0.999 ? 0.1 : 0.0001; // smallest error shown, in the unit
   const shownError = Math.max(error * factor, minError);
   const power = Math.floor(Math.log10(shownError) + 1e-9);
   const digits = Math.max(0, -power + (shownError / 10 ** power < 1.95 && shownError > minError ? 1 : 0));
   return `${(mm * factor).toFixed(digits)} ± ${shownError.toFixed(digits)} ${unit}`;
 }
 
-/** Places of ticks within a range, at most so many.
+/** Return tick positions within a range, at most `maxTicks`.
  *
  * @param {number} from
  * @param {number} to

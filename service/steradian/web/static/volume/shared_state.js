@@ -1,5 +1,5 @@
 // @ts-check
-// What all views of a volume share: where one looks, how large a mm is, which values have which colour.
+// State shared by all views of a volume: crosshair, scale, window and colours.
 import { AXES, PLANES, axisIndex, findBrightest, fetchDepths, firstVoxelBelow, fetchPlane, slabRange } from "./volume_data.js";
 import { colourTable } from "./colours.js";
 
@@ -8,12 +8,12 @@ import { colourTable } from "./colours.js";
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {import("./measurements.js").Plane} Plane */
 
-const COLOUR_PERCENTILE = 0.999; // of a projection's values, at which colours end; as in the service's own pictures
-const MIN_END_SHARE = 0.5; // of the maximum, at least
-const BRIGHT_SHARE = 0.5; // depths are coloured over those of columns at least so bright
+const COLOUR_PERCENTILE = 0.999; // percentile of a projection at which the colour scale ends, as in the service's images
+const MIN_END_SHARE = 0.5; // minimum end of the colour scale, relative to the maximum
+const BRIGHT_SHARE = 0.5; // relative brightness above which depths determine the hue range
 const MARGIN = 0.94;
 
-/** Where colours end by themselves. @param {ArrayLike<number>} sorted the values of a projection */
+/** Return the automatic end of the colour scale. @param {ArrayLike<number>} sorted the values of a projection */
 export function colourEnd(sorted) {
   const last = sorted.length - 1;
   return Math.max(sorted[Math.floor(COLOUR_PERCENTILE * last)], MIN_END_SHARE * sorted[last]);
@@ -24,9 +24,9 @@ export class Stage {
   constructor(source, store) {
     this.source = source;
     this.store = store;
-    /** @type {Source | null} a second volume, beside which this one is looked at */
+    /** @type {Source | null} reference volume */
     this.reference = null;
-    /** @type {Triple} where one looks before one has said so */
+    /** @type {Triple} initial crosshair */
     this.defaultPosition = /** @type {Triple} */ (AXES.map((axis) => (this.ends(axis)[0] + this.ends(axis)[1]) / 2));
     /** @type {[number, number]} */
     this.defaultWindow = [0, source.peak || 1];
@@ -36,9 +36,9 @@ export class Stage {
     this.minValue = 0;
     /** @type {{axis: Axis, width: number, height: number}[]} CSS pixels of each slice view */
     this.sizes = [];
-    /** @type {Map<Axis, number>} how far apart this volume and the reference are in each view */
+    /** @type {Map<Axis, number>} end of the difference scale of each view */
     this.differenceEnds = new Map();
-    /** @type {Plane | null} the projection along z (y of a line's image) of everything below the near field */
+    /** @type {Plane | null} projection of everything below the near field along z (line scans: y) */
     this.whole = null;
   }
 
@@ -46,12 +46,12 @@ export class Stage {
     return this.store.view;
   }
 
-  /** Depth (mm) above which nothing is shown. */
+  /** Depth (mm) above which the near field is hidden. */
   get cut() {
     return this.view.cut ?? this.source.near;
   }
 
-  /** Where the crosshair is (mm). */
+  /** Position of the crosshair (mm). */
   get position() {
     return this.view.at ?? this.defaultPosition;
   }
@@ -60,20 +60,20 @@ export class Stage {
     return this.view.window ?? this.defaultWindow;
   }
 
-  /** Whether the reference has the same voxels, so that one can be subtracted from the other. */
+  /** Whether the voxel grids of image and reference are equal. */
   get isComparable() {
     const { source, reference } = this;
     const isClose = (/** @type {number} */ one, /** @type {number} */ other) => Math.abs(one - other) < 1e-6;
     return reference !== null && source.shape.every((count, n) => count === reference.shape[n] && isClose(source.spacing[n], reference.spacing[n]) && isClose(source.origin[n], reference.origin[n]));
   }
 
-  /** @param {Axis} axis @param {Float32Array | Float64Array} differences of what a view shows, without their sign */
+  /** @param {Axis} axis @param {Float32Array | Float64Array} differences absolute values in a view */
   setDifference(axis, differences) {
     this.differenceEnds.set(axis, colourEnd(differences.sort()));
     this.store.notify(["difference"]);
   }
 
-  /** Where colours of differences end, to either side; the window makes it more or less. */
+  /** End of the difference scale, adjusted by the window. */
   get differenceEnd() {
     return Math.max(...this.differenceEnds.values(), 0) * (this.window[1] / this.defaultWindow[1]) || 1;
   }
@@ -87,25 +87,25 @@ export class Stage {
     return colourTable(/** @type {import("./colours.js").MapName} */ (name));
   }
 
-  /** Extent (mm) along an axis, between outer edges. @param {Axis} axis */
+  /** Return the extent (mm) along an axis, between outer edges. @param {Axis} axis */
   extent(axis) {
     return this.source.shape[axisIndex(axis)] * this.source.spacing[axisIndex(axis)];
   }
 
-  /** Ends (mm) of the volume along an axis. @param {Axis} axis @returns {[number, number]} */
+  /** Return the ends (mm) of the volume along an axis. @param {Axis} axis @returns {[number, number]} */
   ends(axis) {
     const n = axisIndex(axis);
     const first = this.source.origin[n] - this.source.spacing[n] / 2;
     return [first, first + this.extent(axis)];
   }
 
-  /** The middle of every view (mm). @returns {Triple} */
+  /** Centre of every view (mm). @returns {Triple} */
   get centre() {
     if (this.view.centre) return this.view.centre;
     return /** @type {Triple} */ (AXES.map((axis) => (this.ends(axis)[0] + this.ends(axis)[1]) / 2));
   }
 
-  /** Pixels a mm has in every slice view, so that what lies in one line lies in one line in all of them. */
+  /** Pixels per mm, equal in all slice views, so that their axes are aligned. */
   get scale() {
     const scales = this.sizes.map(({ axis, width, height }) => {
       const [across, up] = PLANES[axis];
@@ -114,12 +114,12 @@ export class Stage {
     return (scales.length ? Math.min(...scales) : 1) * MARGIN * this.view.zoom;
   }
 
-  /** Voxels that a view across an axis shows, of this volume or of another at the same place. @param {Axis} axis */
+  /** Return the voxels that a view across an axis shows. @param {Axis} axis */
   range(axis, source = this.source) {
     return slabRange(source, axis, this.position[axisIndex(axis)], this.view.slab[axisIndex(axis)], this.cut);
   }
 
-  /** Look at the whole once: where it is brightest, where colours end, over which depths there is something. */
+  /** Read the projection of the volume; determine the brightest voxel and the automatic window. */
   async readOverview() {
     const { source, cut } = this;
     const along = source.flat ? "y" : "z";
@@ -137,7 +137,7 @@ export class Stage {
     this.whole = whole;
   }
 
-  /** Find the depths over which there is something, for the hues. */
+  /** Determine the depth range of the hues. */
   async readDepths() {
     const { source, whole } = this;
     if (source.flat || !whole) return;

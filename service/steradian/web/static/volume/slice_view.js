@@ -1,5 +1,5 @@
 // @ts-check
-// One of the three linked views: a slice or slab across an axis, the crosshair, marks, a scale bar.
+// Slice view across an axis: slice or slab, crosshair, marks and scale bar.
 import { oncePerFrame, h } from "../dom.js";
 import { onTheme } from "../theme.js";
 import { showError, showLoading } from "../panel_states.js";
@@ -13,11 +13,11 @@ import { addPointerHandlers } from "./pointer.js";
 /** @typedef {import("./measurements.js").Plane} Plane */
 /** @typedef {import("./shared_state.js").Stage} Stage */
 
-const CRISP_PIXELS = 4; // pixels a voxel has, from which on its edges are seen
+const CRISP_PIXELS = 4; // pixels per voxel above which voxel edges are drawn sharp
 const REDRAW_KEYS = new Set(["difference", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
 
 export class SliceView {
-  /** @param {Stage} stage @param {Axis} axis @param {(seen: any) => void} onHover told what lies under the cursor */
+  /** @param {Stage} stage @param {Axis} axis @param {(hovered: any) => void} onHover receives position and value under the cursor */
   constructor(stage, axis, onHover) {
     this.stage = stage;
     this.axis = axis;
@@ -29,7 +29,7 @@ export class SliceView {
     this.plane = null;
     /** @type {Plane | null} of the reference */
     this.other = null;
-    /** @type {Plane | null} depths of the brightest, where colours show them */
+    /** @type {Plane | null} depths of the maxima, for the depth map */
     this.depth = null;
     this.isReferenceShown = false;
     this.image = h("canvas", { class: "image", dataset: { image: this.name } });
@@ -53,7 +53,7 @@ export class SliceView {
     addPointerHandlers(this);
   }
 
-  /** Where a place in the plane (mm) lies in CSS pixels. @param {number} a @param {number} b @returns {[number, number]} */
+  /** Convert a position in the plane (mm) to CSS pixels. @param {number} a @param {number} b @returns {[number, number]} */
   toPixels(a, b) {
     const { scale, centre } = this.stage;
     const [across, up] = PLANES[this.axis];
@@ -69,7 +69,7 @@ export class SliceView {
     return [centre[axisIndex(across)] + (x - this.width / 2) / scale, centre[axisIndex(up)] + (this.up ? -away : away)];
   }
 
-  /** Whether it shows by how much the volume and the reference differ. */
+  /** Whether the view shows the difference to the reference. */
   get isDifference() {
     return this.other !== null && this.stage.view.how === "difference" && this.stage.isComparable;
   }
@@ -108,7 +108,7 @@ export class SliceView {
     this.render();
   }
 
-  /** Keep the last picture, and say why there is no newer one. @param {unknown} error */
+  /** Keep the last image and show the error. @param {unknown} error */
   showFailure(error) {
     this.message.hidden = false;
     this.shownKey = "";
@@ -116,7 +116,7 @@ export class SliceView {
   }
 
   resize() {
-    if (!this.element.isConnected) return; // its pane is being replaced
+    if (!this.element.isConnected) return; // the pane is being replaced
     const ratio = devicePixelRatio || 1;
     for (const canvas of [this.image, this.overlay]) {
       canvas.width = Math.max(1, Math.round(this.element.clientWidth * ratio));
@@ -154,7 +154,7 @@ export class SliceView {
     const { source, cut } = this.stage;
     if (this.up || !firstVoxelBelow(source, cut)) return;
     const edge = voxelPosition(source, "z", firstVoxelBelow(source, cut)) - source.spacing[2] / 2;
-    context.clearRect(x0, y0, x1 - x0, this.toPixels(0, edge)[1] - y0); // the near field, which is left out
+    context.clearRect(x0, y0, x1 - x0, this.toPixels(0, edge)[1] - y0); // hidden near field
   }
 
   /** @param {Plane} shownPlane @param {Plane} plane */
@@ -174,7 +174,7 @@ export class SliceView {
     this.isStale = false;
   }
 
-  /** Depth of each voxel shown, 0 to 1 along the hues. @param {Plane} plane @returns {(i: number, j: number) => number} */
+  /** Return a function from voxel to relative depth. @param {Plane} plane @returns {(i: number, j: number) => number} */
   depthShare(plane) {
     const [first, last] = this.stage.depths;
     const { depth } = this;
@@ -186,7 +186,7 @@ export class SliceView {
     return () => share(this.stage.position[2]);
   }
 
-  /** Show the reference instead of the image, or the image again. @param {boolean} isReferenceShown */
+  /** Show the reference or the image. @param {boolean} isReferenceShown */
   showReference(isReferenceShown) {
     this.isReferenceShown = isReferenceShown;
     this.isStale = true;

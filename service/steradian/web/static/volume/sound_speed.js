@@ -1,5 +1,5 @@
 // @ts-check
-// Sharpness against the speed of sound: a curve from which the speed of the next reconstruction is picked.
+// Search for the speed of sound: curve of sharpness, with links to reconstructions at each speed.
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace, s } from "../dom.js";
 import { errorElements } from "../panel_states.js";
@@ -7,7 +7,7 @@ import { formatTime } from "../units.js";
 import { ticks } from "./scale.js";
 
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 172, 34, 22, 36];
-const RANGE_SHARE = 0.04; // share of the speed by which the range tried goes to either side by itself
+const RANGE_SHARE = 0.04; // half width of the initial range, relative to the speed
 
 /** @param {any} reconstruction the reconstruction, of the API */
 export function soundSpeedPanel(reconstruction) {

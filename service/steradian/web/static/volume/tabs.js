@@ -1,9 +1,9 @@
 // @ts-check
-// A few panels of which one is seen; arrows go from one to the next.
+// Tab panels.
 import { h } from "../dom.js";
 
 /**
- * @param {[string, HTMLElement, (() => unknown) | null, string?][]} panels name, what it holds, what to do when it is first seen
+ * @param {[string, HTMLElement, (() => unknown) | null, string?][]} panels name, content, action when first opened, label if not the name
  * @returns {HTMLElement}
  */
 export function tabs(panels) {

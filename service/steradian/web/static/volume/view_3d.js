@@ -1,5 +1,5 @@
 // @ts-check
-// The 3-D view: a coarse copy of the volume, turned by dragging, cut by a box, with edges and a scale bar over it.
+// 3-D view: ray casting of a low-resolution copy, with clipping box, edges and scale bar.
 import { oncePerFrame, h, debounce } from "../dom.js";
 import { showError, showLoading } from "../panel_states.js";
 import { AXES, fetchBlock, firstVoxelBelow } from "./volume_data.js";
@@ -14,9 +14,9 @@ import { colourEnd } from "./shared_state.js";
 /** @typedef {[number, number, number, number, number, number]} Clip */
 
 const WHOLE_BOX = /** @type {Clip} */ ([0, 1, 0, 1, 0, 1]);
-const TURNING_RESOLUTION = 0.5; // pixels a CSS pixel has while it is turned
-const REST_DELAY = 180; // ms after which it is drawn finely again
-const DEGREES_PER_PIXEL = 0.4; // a pixel of dragging
+const TURNING_RESOLUTION = 0.5; // resolution relative to CSS pixels during rotation
+const REST_DELAY = 180; // ms after which the full resolution is drawn
+const DEGREES_PER_PIXEL = 0.4; // rotation per pixel
 const REDRAW_KEYS = new Set(["window", "map", "camera", "clip", "cut"]);
 
 export class View3D {
@@ -43,13 +43,13 @@ export class View3D {
     this.drawOverlaySoon = oncePerFrame(() => this.block && this.drawOverlay(this.block));
     stage.store.on((_view, changed) => {
       for (const name of changed) if (REDRAW_KEYS.has(name)) this.draw();
-      if (changed.has("at")) this.drawOverlaySoon(); // no rays are cast for the crosshair alone
+      if (changed.has("at")) this.drawOverlaySoon(); // the crosshair alone needs no ray casting
     });
     this.image.addEventListener("restored", () => this.draw());
     this.addHandlers();
   }
 
-  /** Read the coarse copy and show it. */
+  /** Load the low-resolution copy and show it. */
   async load() {
     if (!this.raycaster) {
       showError(this.message, new Error("this browser does not support WebGL 2; the slices show the same values"));
@@ -67,7 +67,7 @@ export class View3D {
     }
   }
 
-  /** How dim what is thin is beside the slices: coarse voxels are means. @param {NonNullable<typeof this.block>} block */
+  /** Return the factor by which averaging dims thin structures relative to the slices. @param {NonNullable<typeof this.block>} block */
   dimFactorOf({ values, shape, origin, spacing, window: [minValue, maxIntensity] }) {
     const [nx, ny, nz] = shape;
     const first = firstVoxelBelow({ shape, origin, spacing }, this.stage.cut);
@@ -79,14 +79,14 @@ export class View3D {
     return Math.min(1, end / this.stage.defaultWindow[1]) || 1;
   }
 
-  /** The window of the slices in the block's bytes. @returns {[number, number]} */
+  /** Window of the slices in units of the block. @returns {[number, number]} */
   get window() {
     const [minValue, maxIntensity] = this.block?.window ?? [0, 1];
     const inBytes = (/** @type {number} */ value) => (255 * (value * this.dimFactor - minValue)) / (maxIntensity - minValue);
     return [inBytes(this.stage.window[0]), inBytes(this.stage.window[1])];
   }
 
-  /** Shares of the extent that are shown: the box, and what lies below the near field. @returns {Clip} */
+  /** Visible shares of the extent: the clipping box below the near field. @returns {Clip} */
   get clip() {
     const clip = /** @type {Clip} */ ([...(this.stage.view.clip ?? WHOLE_BOX)]);
     const [first, last] = this.stage.ends("z");
@@ -108,7 +108,7 @@ export class View3D {
     this.drawOverlay(this.block);
   }
 
-  /** Edges, names of axes, crosshair and scale bar. @param {import("./raycast.js").Block} block */
+  /** Draw edges, axis names, crosshair and scale bar. @param {import("./raycast.js").Block} block */
   drawOverlay(block) {
     const { clientWidth: width, clientHeight: height } = this.element;
     const ratio = devicePixelRatio || 1;
@@ -130,7 +130,7 @@ export class View3D {
       if (from.some((value, n) => Math.abs(value - corner[n]) > 1e-9)) continue;
       const [one, other] = [project(from), project(to)];
       const length = Math.hypot(other.x - one.x, other.y - one.y);
-      if (length < 24) continue; // it points at the viewer
+      if (length < 24) continue; // the edge points at the viewer
       const beyond = 1 + 12 / length;
       drawLabel(context, AXES[axis], one.x + (other.x - one.x) * beyond, one.y + (other.y - one.y) * beyond);
     }
@@ -144,7 +144,7 @@ export class View3D {
     drawLabel(context, "drag to rotate, scroll to zoom", 8, 7);
   }
 
-  /** Turn, and draw less finely until it rests. @param {Triple} camera */
+  /** Rotate at reduced resolution until the input pauses. @param {Triple} camera */
   setCamera([azimuth, elevation, zoom]) {
     this.isCoarse = this.wasTurned = true;
     this.renderFineLater();

@@ -1,7 +1,7 @@
 // @ts-check
-/** A view as a whole, and the fragment of an address that says it: what is not said is as it is by itself.
+/** View state and its encoding in the URL fragment; defaults are omitted.
  *
- * Lengths are in mm. `slab` is the thickness over which a view shows its maximum: 0 a slice, Infinity everything.
+ * Lengths are in mm. `slab` is the thickness of the maximum: 0 is a slice, Infinity the whole volume.
  *
  * @typedef {"x" | "y" | "z"} Axis
  * @typedef {[number, number, number]} Triple
@@ -45,7 +45,7 @@ function parseNumber(text) {
 /** @param {readonly number[]} values */
 const formatList = (values) => values.map(formatNumber).join(",");
 
-/** Numbers of a text; null unless there are so many that all pass.
+/** Parse comma-separated numbers; null unless `count` numbers are valid.
  *
  * @param {string} text
  * @param {number} count
@@ -77,7 +77,7 @@ function parsePoints(text) {
   return parsed.length <= MAX_POINTS && parsed.every((one) => one !== null) ? parsed : null;
 }
 
-/** How each part is written, and read; a part that cannot be read is as it is by itself.
+/** Formatter and parser of each part; invalid parts have their default.
  *
  * @type {{[name in keyof View]: {write: (value: any) => string, read: (text: string) => any}}}
  */
@@ -106,7 +106,7 @@ const validWindow = (window) => (window && window[0] < window[1] ? window : null
 /** @param {Triple | null} values */
 const validCamera = (values) => (values && Math.abs(values[1]) <= 90 && values[2] >= 0.25 && values[2] <= MAX_ZOOM ? values : null);
 
-/** Write a view as the fragment of an address, without its #.
+/** Encode a view as a URL fragment without #.
  *
  * @param {View} view
  */
@@ -121,7 +121,7 @@ export function encode(view) {
 /** @param {keyof View} name  @param {View} view */
 const formatPart = (name, view) => (view[name] === null ? "" : PARTS[name].write(view[name]));
 
-/** Read a fragment, with or without its #; whatever it is, a view comes out.
+/** Decode a URL fragment, with or without #; invalid parts have their default.
  *
  * @param {string} fragment
  * @returns {View}

@@ -1,11 +1,11 @@
 // @ts-check
-// The view that all panels show: changed in one place, told to all of them, and written into the address.
+// Store of the view state: notifies the panels and writes the URL.
 import { debounce } from "../dom.js";
 import { decode, encode } from "./view_state.js";
 
 /** @typedef {import("./view_state.js").View} View */
 
-const WRITE_DELAY = 200; // ms after the last change; browsers refuse addresses that change too often
+const WRITE_DELAY = 200; // ms after the last change; browsers limit the rate of URL changes
 
 export class Store {
   constructor() {
@@ -17,7 +17,7 @@ export class Store {
     addEventListener("hashchange", () => this._load(decode(location.hash)));
   }
 
-  /** Be told of every change. @param {(view: View, changed: Set<string>) => void} act */
+  /** Subscribe to changes. @param {(view: View, changed: Set<string>) => void} act */
   on(act) {
     this._listeners.add(act);
     return () => this._listeners.delete(act);
@@ -32,12 +32,12 @@ export class Store {
     this._writeSoon();
   }
 
-  /** Have everybody look again, as if these parts had changed. @param {string[]} names */
+  /** Notify listeners as if these parts had changed. @param {string[]} names */
   notify(names) {
     this._set(this.view, new Set(names));
   }
 
-  /** Write the view into the address now. */
+  /** Write the view to the URL now. */
   write() {
     const fragment = encode(this.view);
     if (`#${fragment}` !== (location.hash || "#")) {

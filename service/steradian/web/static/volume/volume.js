@@ -1,5 +1,5 @@
 // @ts-check
-// The page of a volume: three linked views and the 3-D one, and beside them what is asked about it.
+// Volume view: three linked slice views, the 3-D view and the tool panels.
 import { api } from "../api.js";
 import { byId, copyText, h, pathIdentifier, replace } from "../dom.js";
 import { addShortcut } from "../shortcuts.js";
@@ -40,7 +40,7 @@ async function openVolume() {
   }
 }
 
-/** Say why there is no volume. @param {HTMLElement} panel @param {any} reconstruction */
+/** Show why there is no volume. @param {HTMLElement} panel @param {any} reconstruction */
 function showAbsent(panel, reconstruction) {
   const reason = reconstruction.error ? reconstruction.error.detail : reconstruction.state === "succeeded" ? "The report does not contain the voxel positions." : `The reconstruction is ${reconstruction.state}.`;
   showEmpty(panel, "No volume", reason, h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Show the reconstruction"));
@@ -75,13 +75,13 @@ async function show(panel, reconstruction, source) {
       h("div", { class: "views" }, slicePane(views[0]), solid ? pane3d(solid) : null, ...views.slice(1).map(slicePane)),
       h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
     h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection."));
-  const overview = loadOverview(stage, views, histogram); // before the views ask: they wait for the same numbers
+  const overview = loadOverview(stage, views, histogram); // before the views request the same data
   for (const view of views) {
     view.listeners.add(histogram.draw);
     view.requestData(null);
   }
   document.addEventListener("steradian:resized", () => views.forEach((view) => view.draw()));
-  const reloadOverview = latestOnly(() => loadOverview(stage, views, histogram), () => null); // what failed the views tell themselves
+  const reloadOverview = latestOnly(() => loadOverview(stage, views, histogram), () => null); // the views show their own errors
   store.on((_view, changed) => (changed.has("cut") || changed.has("map")) && reloadOverview(null));
   void overview.catch(() => null).then(() => solid?.load());
   addShortcuts(stage, side);
@@ -89,7 +89,7 @@ async function show(panel, reconstruction, source) {
   document.dispatchEvent(new CustomEvent("steradian:volume", { detail: { about: reconstruction, stage, views, store } }));
 }
 
-/** Look where it is brightest and over which depths there is something. @param {Stage} stage @param {SliceView[]} views @param {Histogram} histogram */
+/** Read the overview of the volume and update all views. @param {Stage} stage @param {SliceView[]} views @param {Histogram} histogram */
 async function loadOverview(stage, views, histogram) {
   await stage.readOverview();
   if (stage.isDepthMap) await stage.readDepths();
@@ -109,7 +109,7 @@ function createHeading(reconstruction, cursor) {
     h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), cursor, link);
 }
 
-/** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string, whose: string}} seen */
+/** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string, whose: string}} hovered */
 function positionText({ value, place, whose: volumeName }) {
   const coordinates = AXES.map((axis) => {
     const mm = place[axis];
@@ -148,7 +148,7 @@ function nearFieldControl(stage) {
   return h("div", { class: "stack" }, h("div", { class: "row spread" }, h("span", null, "Hidden near field: ", status), autoButton), slider);
 }
 
-/** Where one may go at once. @param {Stage} stage */
+/** Create the crosshair controls. @param {Stage} stage */
 function positionControls(stage) {
   const show = h("dl", { class: "figures", dataset: { place: "" } });
   const update = () => replace(show, AXES.flatMap((axis, n) => (stage.source.flat && axis === "y" ? [] : [h("dt", null, axis), h("dd", { dataset: { axis, value: String(stage.position[n]) } }, mmText(stage.position[n]))])));

@@ -1,5 +1,5 @@
 // @ts-check
-// Numbers of a volume: slices, slabs and a coarse block, asked for as they are looked at; lengths in mm.
+// Data access to a volume: slices, slabs and a low-resolution block; lengths in mm.
 import { request } from "../api.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
@@ -7,24 +7,24 @@ import { request } from "../api.js";
 /** @typedef {import("./measurements.js").Plane} Plane */
 /** @typedef {{from: number, to: number}} Range voxels along an axis, `to` not among them */
 /**
- * A volume as it is looked at; of an image from a line of sensors y has one voxel.
+ * Geometry of a volume; an image of a line scan has one voxel along y.
  * @typedef {{id: string, shape: Triple, origin: Triple, spacing: Triple, near: number, flat: boolean, peak: number | null}} Source
- *   top: value at the end of the colours of the service's own picture
+ *   peak: upper end of the colour scale of the service's image
  */
 
 export const AXES = /** @type {const} */ (["x", "y", "z"]);
-/** The two axes that a plane across the third one shows, across and up or down. @type {Record<Axis, [Axis, Axis]>} */
+/** Axes of the plane across each axis, horizontal and vertical. @type {Record<Axis, [Axis, Axis]>} */
 export const PLANES = { x: ["y", "z"], y: ["x", "z"], z: ["x", "y"] };
 const BINARY = "application/octet-stream";
-const MAX_CACHED_PLANES = 24; // planes; the largest are a megabyte or two
+const MAX_CACHED_PLANES = 24; // planes of up to about 2 MB
 const MAX_PLANE_SIDE = 2048; // along an axis of a plane
-const MAX_BLOCK_VOXELS = 2 ** 23; // of what the 3-D view has, a byte each: the finest copy with no more
+const MAX_BLOCK_VOXELS = 2 ** 23; // of the 3-D view, one byte each
 
 /** @param {Axis} axis */
 export const axisIndex = (axis) => AXES.indexOf(axis);
 
 /**
- * Describe a reconstruction that has succeeded; null where its report does not tell where its voxels lie.
+ * Return the source of a successful reconstruction; null if its report contains no voxel positions.
  * @param {any} view of the API
  * @returns {Source | null}
  */
@@ -42,10 +42,10 @@ export function createSource(view) {
   };
 }
 
-/** Whether pictures show the values as they are. @param {any} display */
+/** Return whether images show the values on a linear scale. @param {any} display */
 const isLinear = (display) => !display?.log_range_db && !display?.envelope && !display?.gain_db_per_mm;
 
-/** Voxel whose centre is nearest to a place along an axis. @param {Source} source @param {Axis} axis @param {number} mm */
+/** Return the voxel whose centre is nearest to a position. @param {Source} source @param {Axis} axis @param {number} mm */
 export function voxelIndex(source, axis, mm) {
   const n = axisIndex(axis);
   return Math.min(Math.max(Math.round((mm - source.origin[n]) / source.spacing[n]), 0), source.shape[n] - 1);
@@ -57,14 +57,14 @@ export function voxelPosition(source, axis, index) {
   return source.origin[n] + index * source.spacing[n];
 }
 
-/** First voxel from a depth on. @param {Pick<Source, "shape" | "origin" | "spacing">} source @param {number} cut */
+/** Return the first voxel at or below a depth. @param {Pick<Source, "shape" | "origin" | "spacing">} source @param {number} cut */
 export function firstVoxelBelow(source, cut) {
   const first = Math.ceil((cut - source.origin[2]) / source.spacing[2] - 1e-6);
   return Math.min(Math.max(first, 0), source.shape[2] - 1);
 }
 
 /**
- * Voxels of a slab of a thickness around a place; nothing above the near-field cut.
+ * Return the voxels of a slab around a position, without the near field.
  * @param {Source} source @param {Axis} axis @param {number} mm @param {number} thickness @param {number} cut
  * @returns {Range}
  */
@@ -79,7 +79,7 @@ export function slabRange(source, axis, mm, thickness, cut) {
 }
 
 /**
- * Numbers with their axes.
+ * Fetch an array with its axes.
  * @param {string} path @param {Record<string, string | number>} query @param {AbortSignal} [signal]
  */
 async function fetchArray(path, query, signal) {
@@ -105,22 +105,22 @@ function toPlane({ values, shape, origin, spacing }) {
 /** @type {Map<string, Plane>} */
 const planeCache = new Map();
 
-/** Under way, by name: who else wants it waits for it. @type {Map<string, Promise<Plane>>} */
+/** Running requests by name; further callers wait for the same request. @type {Map<string, Promise<Plane>>} */
 const pendingPlanes = new Map();
 
-/** @param {string} name @param {() => Promise<Plane>} read @param {AbortSignal} [signal] with it nobody else waits for it */
+/** @param {string} name @param {() => Promise<Plane>} read @param {AbortSignal} [signal] requests with a signal are not shared */
 async function cachedPlane(name, read, signal) {
   const promise = planeCache.get(name) ?? pendingPlanes.get(name) ?? read();
   if (!signal && promise instanceof Promise) pendingPlanes.set(name, promise.finally(() => pendingPlanes.delete(name)));
   const plane = await promise;
   planeCache.delete(name);
-  planeCache.set(name, plane); // the one used last is the last to go
+  planeCache.set(name, plane); // least recently used planes are removed first
   for (const oldest of planeCache.keys()) if (planeCache.size > MAX_CACHED_PLANES) planeCache.delete(oldest);
   return plane;
 }
 
 /**
- * The plane across an axis: a slice, or the brightest along it within a slab.
+ * Fetch the plane across an axis: a slice, or the maximum of a slab.
  * @param {Source} source @param {Axis} axis @param {Range} range @param {AbortSignal} [signal]
  * @returns {Promise<Plane>}
  */
@@ -129,7 +129,7 @@ export function fetchPlane(source, axis, { from, to }, signal) {
   return cachedPlane(`${source.id} ${axis} ${from}:${to}`, async () => {
     if (source.flat) return toPlane(await fetchArray(`${basePath}/volume`, {}, signal));
     if (to - from > 1) {
-      const slab = to - from < source.shape[axisIndex(axis)] ? { slab: `${from}:${to}` } : null; // that of everything lies in the file
+      const slab = to - from < source.shape[axisIndex(axis)] ? { slab: `${from}:${to}` } : null; // the file contains the full projection
       return toPlane(await fetchArray(`${basePath}/mip`, { axis, ...slab, max_size: MAX_PLANE_SIDE }, signal));
     }
     const parts = AXES.map((one) => (one === axis ? String(from) : ":"));
@@ -137,7 +137,7 @@ export function fetchPlane(source, axis, { from, to }, signal) {
   }, signal);
 }
 
-/** Depths (mm) of the brightest values along z. @param {Source} source @param {Range} range @param {AbortSignal} [signal] */
+/** Fetch the depths (mm) of the maxima along z. @param {Source} source @param {Range} range @param {AbortSignal} [signal] */
 export function fetchDepths(source, { from, to }, signal) {
   return cachedPlane(`${source.id} depth ${from}:${to}`, async () => {
     const path = `/reconstructions/${source.id}/mip`;
@@ -147,7 +147,7 @@ export function fetchDepths(source, { from, to }, signal) {
 }
 
 /**
- * The whole, coarse enough for the 3-D view, in bytes; `window`: the values of 0 and 255.
+ * Fetch a low-resolution copy for the 3-D view in bytes; `window` contains the values of 0 and 255.
  * @param {Source} source @param {number} peak the value of 255
  */
 export async function fetchBlock(source, peak) {
@@ -158,7 +158,7 @@ export async function fetchBlock(source, peak) {
 }
 
 /**
- * Where the volume is brightest, from a depth on: of its projections, which are read at full resolution.
+ * Find the brightest voxel below a depth from the projections at full resolution.
  * @param {Source} source @param {number} cut @param {AbortSignal} [signal]
  * @returns {Promise<Triple>} mm
  */

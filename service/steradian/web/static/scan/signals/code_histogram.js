@@ -1,5 +1,5 @@
 // @ts-check
-// How often each digitiser code or value was recorded, on a logarithmic scale, with the clipped ends marked.
+// Histogram of digitiser codes on a logarithmic scale, with clipped ends marked.
 import { h, replace, s } from "../../dom.js";
 import { count, figure } from "../../units.js";
 

@@ -1,5 +1,5 @@
 // @ts-check
-// The inspection of a scan's signals in words: kinds of bad A-lines, their number, and what a value of a map means.
+// Labels of the signal inspection: kinds of bad A-lines, counts, and units of the maps.
 import { count, figure, mm, shortTime } from "../../units.js";
 
 /**
@@ -7,16 +7,16 @@ import { count, figure, mm, shortTime } from "../../units.js";
  * @typedef {{alines: number, looked_at: number, complete: boolean, histogram: any, spectrum: any, maps: any, beams: any[], frames: any[], bad: Bad[], bad_counts?: Record<string, number>, decidable?: boolean}} Signals
  */
 
-/** What a mend does, as the service names it. */
+/** Corrections by their name in the API. */
 const MEND_LABELS = /** @type {Record<string, string>} */ ({ "leave-out": "can be excluded", sign: "can be corrected by inverting the sign", shift: "can be corrected by a shift" });
 
-/** Maps by their name in the answer: name, unit, factor from the answer's unit. */
+/** Maps by name in the response: title, unit, factor. */
 export const MAPS = /** @type {[string, string, string, number][]} */ ([
   ["power", "Power", "counts²", 1], ["baseline_mean", "Baseline, mean", "counts", 1],
   ["baseline_variance", "Baseline, variance", "counts²", 1], ["arrival", "Arrival", "µs", 1e6],
 ]);
 
-/** Bad A-lines by kind, the most frequent first. @param {Bad[]} bad @returns {[string, Bad[]][]} */
+/** Group bad A-lines by kind, the most frequent first. @param {Bad[]} bad @returns {[string, Bad[]][]} */
 export function groupByKind(bad) {
   /** @type {Map<string, Bad[]>} */
   const kinds = new Map();
@@ -24,7 +24,7 @@ export function groupByKind(bad) {
   return [...kinds].sort(([, a], [, b]) => b.length - a.length);
 }
 
-/** The number of bad A-lines by kind, also of those that are not listed. @param {Signals} signals @returns {[string, number][]} */
+/** Return the number of bad A-lines by kind, including those not listed. @param {Signals} signals @returns {[string, number][]} */
 function badCounts({ bad, bad_counts: counts }) {
   return counts ? Object.entries(counts).sort(([, a], [, b]) => b - a) : groupByKind(bad).map(([kind, all]) => [kind, all.length]);
 }
@@ -42,18 +42,18 @@ export function summaryOf(signals) {
   return `${count(badNumber)} of ${of}${soFar} ${badNumber === 1 ? "is" : "are"} bad: ${kinds}. No A-line is excluded or corrected unless the reconstruction requests it.${limits}`;
 }
 
-/** One A-line in a sentence. @param {Bad} bad */
+/** Describe one bad A-line. @param {Bad} bad */
 export function alineText({ aline, x, y, kind, detail, mend }) {
   return `A-line ${count(aline)} at x ${mm(x)}, y ${mm(y)}: ${[kind, detail, MEND_LABELS[mend]].filter(Boolean).join("; ")}.`;
 }
 
-/** Unit of a map: the digitiser's counts, or those of a recording whose unit is not known. @param {string} name @param {boolean} isCounts */
+/** Return the unit of a map: counts, or as recorded. @param {string} name @param {boolean} isCounts */
 export function mapUnit(name, isCounts) {
   const [, , unit] = MAPS.find(([one]) => one === name) ?? ["", "", "", 1];
   return isCounts || name === "arrival" ? unit : unit.endsWith("²") ? "(as recorded)²" : "as recorded";
 }
 
-/** A value of a map with its unit. @param {string} name @param {number | null} value @param {boolean} isCounts */
+/** Format a value of a map with its unit. @param {string} name @param {number | null} value @param {boolean} isCounts */
 export function mapValue(name, value, isCounts) {
   if (value === null) return "unknown";
   return name === "arrival" ? shortTime(value) : `${figure(value)}\u00a0${mapUnit(name, isCounts)}`;

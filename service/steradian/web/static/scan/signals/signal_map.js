@@ -1,5 +1,5 @@
 // @ts-check
-// A map of one figure of the A-lines over the film, with its colour bar, and the bad A-lines marked by kind.
+// Map of a signal property over the film, with colour bar and marks of bad A-lines.
 import { h, replace } from "../../dom.js";
 import { PointMap } from "../../point_map.js";
 import { palette } from "../../palette.js";
@@ -10,7 +10,7 @@ import { groupByKind, MAPS, alineText, mapUnit, mapValue } from "./labels.js";
 /** @typedef {import("./labels.js").Bad} Bad */
 
 const COLOUR_STEPS = 16;
-/** Marks by kind; kinds that are not among them share the last one. */
+/** Marks by kind; other kinds share one mark. */
 const KIND_MARKS = /** @type {Record<string, string>} */ ({ dead: "×", noisy: "○", inverted: "▽", saturated: "□", shifted: "◇" });
 const OTHER_MARK = "△";
 
@@ -45,7 +45,7 @@ export class SignalMap {
   listen(onSelect) {
     const { canvas } = this.plane;
     canvas.tabIndex = 0;
-    canvas.setAttribute("role", "application"); // its arrow keys are its own
+    canvas.setAttribute("role", "application"); // the arrow keys select bad A-lines
     canvas.addEventListener("keydown", (event) => {
       const direction = { ArrowLeft: -1, ArrowRight: 1, Escape: 0 }[event.key];
       if (event.key === "Enter" && this.highlighted) return onSelect(this.highlighted.aline);
@@ -60,7 +60,7 @@ export class SignalMap {
     canvas.addEventListener("click", () => this.highlighted && onSelect(this.highlighted.aline));
   }
 
-  /** Tell what is under the pointer. @param {number} place */
+  /** Show the value at the pointer. @param {number} place */
   showValue(place) {
     const [x, y] = this.plane.places[place] ?? [NaN, NaN];
     const match = this.bad.find((one) => one.x === x && one.y === y) ?? null;
@@ -68,7 +68,7 @@ export class SignalMap {
     if (!match && place >= 0) this.status.textContent = `${this.select.selectedOptions[0].text}: ${mapValue(this.select.value, this.maps[this.select.value][place], this.isCounts)}`;
   }
 
-  /** Ring a bad A-line and say what is wrong with it. @param {Bad | null} bad */
+  /** Highlight a bad A-line and describe it. @param {Bad | null} bad */
   highlight(bad) {
     this.highlighted = bad;
     this.status.textContent = bad ? alineText(bad) : "\u00a0";
@@ -92,7 +92,7 @@ export class SignalMap {
     const values = /** @type {(number | null)[]} */ (this.maps[name]);
     const known = values.filter((one) => one !== null).sort((a, b) => Number(a) - Number(b));
     const at = (/** @type {number} */ share) => Number(known[Math.round(share * (known.length - 1))] ?? NaN);
-    const [minValue, maxValue] = [at(0.01), at(0.99)]; // one dead or loud A-line does not take the colours of all others
+    const [minValue, maxValue] = [at(0.01), at(0.99)]; // percentiles, so that one outlier does not determine the colour scale
     const step = (/** @type {number} */ one) => Math.min(COLOUR_STEPS - 1, Math.max(0, Math.floor((COLOUR_STEPS * (one - minValue)) / (maxValue - minValue || 1))));
     this.plane.classes = Uint8Array.from(values, (one) => (one === null ? COLOUR_STEPS : step(one)));
     this.plane.palette = [...palette("cividis", COLOUR_STEPS), colour("--missing")];

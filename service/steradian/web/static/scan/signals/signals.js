@@ -1,5 +1,5 @@
 // @ts-check
-// The inspection of a scan's signals: histogram, noise, maps, beams, frames and bad A-lines; read only while it is open.
+// Signal inspection of a scan: histogram, noise, maps, beams, frames and bad A-lines; read only while open.
 import { api } from "../../api.js";
 import { line } from "../../charts.js";
 import { h, replaceKeepingFocus, replace } from "../../dom.js";
@@ -11,8 +11,8 @@ import { groupByKind, alineText, summaryOf } from "./labels.js";
 
 /** @typedef {import("./labels.js").Signals} SignalsReport */
 
-const READ_INTERVAL = 10; // seconds between two looks while the scan runs
-const MAX_LISTED = 200; // A-lines of a kind that are listed
+const READ_INTERVAL = 10; // seconds between two reads while the scan runs
+const MAX_LISTED = 200; // listed A-lines per kind
 
 export class Signals {
   /** @param {HTMLElement} host @param {string} id of the scan @param {(aline: number) => void} onSelect an A-line that is to be shown */
@@ -40,16 +40,16 @@ export class Signals {
     document.addEventListener("visibilitychange", () => this.running && this.read());
   }
 
-  /** What is known of the scan. @param {number} aperture in metres @param {boolean} running */
+  /** Set the properties of the scan. @param {number} aperture in metres @param {boolean} running */
   setScan(aperture, running) {
     this.aperture = aperture;
     const ended = this.running && !running;
     this.running = running;
-    this.isDue = ended; // also where a look is under way, which may have begun before the last A-line
+    this.isDue = ended; // also if a read is running, which may have started before the last A-line
     if (ended) void this.read();
   }
 
-  /** Read and show it, where somebody sees it. */
+  /** Read and show the inspection while the panel is open and visible. */
   async read() {
     if (!this.details.open || document.hidden || this.isReading || (this.isComplete && !this.running)) return;
     this.isReading = true;
