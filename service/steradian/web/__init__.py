@@ -1,1 +1,1 @@
-"""The page for people: shells, styles and scripts; every figure on it comes from the HTTP API, as for any client."""
+"""Web page: HTML shells, styles and scripts; all data come from the HTTP API."""

@@ -19,7 +19,7 @@ POLICY: Final = (
     "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; script-src 'self';"
     " style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; font-src 'self'"
 )
-"""What a page may do: run this service's files and ask it. Styles stand in the page, as Bokeh writes its own there."""
+"""Content Security Policy of the pages: scripts and connections of this service only; inline styles for Bokeh."""
 PAGES: Final = {
     "/design": "design",
     "/scans": "scans",
@@ -30,9 +30,9 @@ PAGES: Final = {
     "/volumes/{identifier}": "volume",
     "/data": "data",
 }
-"""Addresses and their templates; what stands in an address is looked up by the page's script."""
+"""Routes and their templates; the page's script reads the path parameters."""
 BOKEH: Final = frozenset({"bokeh.min.js", "bokeh-api.min.js"})
-"""The files of Bokeh's wheel that a page may load."""
+"""Files of the Bokeh wheel that a page may load."""
 CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".js": "text/javascript",
@@ -40,38 +40,38 @@ CONTENT_TYPES: Final = {
     ".png": "image/png",
     ".svg": "image/svg+xml",
 }
-"""Media types by name: what a system says about ``.js`` differs, and a browser that may not guess runs nothing else."""
+"""Media types by file extension: systems map ``.js`` differently, and browsers run scripts of the right type only."""
 _STATIC: Final = Path(__file__).parent / "static"
 
 
 def make_router(version: str, lab: Path | None = None, outside: Callable[[str], str] = str) -> APIRouter:
-    """Make the routes of the pages.
+    """Create the router of the pages.
 
     Parameters
     ----------
     version
-        Of the software, as the pages tell it.
+        Software version that the pages show.
     lab
-        Folder of a laboratory's own scripts: each page runs those directly in it, in the order of their names.
+        Folder of custom scripts: each page runs the scripts directly in it, in the order of their names.
     outside
-        Makes an address of this service one that the client can write, below a proxy's path, for what is no page:
-        a page's own addresses are relative, so that it works below any path, known or not.
+        Converts a path of this service to the client's path below a proxy. The pages themselves use relative URLs, so
+        that they work below any path.
     """
     router = APIRouter(include_in_schema=False)
     templates = Environment(loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined)
 
     def shell(template: str, root: str) -> HTMLResponse:
-        own = sorted(path.name for path in lab.glob("*.js")) if lab is not None else []
-        text = templates.get_template(f"{template}.html").render(page=template, version=version, lab=own, root=root)
+        scripts = sorted(path.name for path in lab.glob("*.js")) if lab is not None else []
+        text = templates.get_template(f"{template}.html").render(page=template, version=version, lab=scripts, root=root)
         return HTMLResponse(text, headers={"Content-Security-Policy": POLICY})
 
     @router.get("/")
     def read_start(request: Request) -> Response:
-        """Return the page to browsers, and the API's location to other clients."""
+        """Return the start page to browsers, and the paths of the API to other clients."""
         if parse_accept_header(request.headers.get("accept")).quality("text/html"):
             return shell("start", "./")
-        found = {"docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"}
-        return JSONResponse({"name": "steradian"} | {name: outside(path) for name, path in found.items()})
+        paths = {"docs": "/docs", "openapi": "/openapi.json", "api": "/api/v1"}
+        return JSONResponse({"name": "steradian"} | {name: outside(path) for name, path in paths.items()})
 
     for address, template in PAGES.items():
         show = _template_handler(shell, template, "../" * (address.count("/") - 1) or "./")
@@ -79,21 +79,21 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
 
     @router.get("/static/bokeh/{name}")
     def read_bokeh_file(request: Request, name: str) -> Response:
-        """Give one of Bokeh's scripts; raises :class:`NotFound`."""
+        """Return a script of Bokeh; raises :class:`NotFound`."""
         if name not in BOKEH:
             raise NotFound("static file", name)
         return _file(request, _bokeh(), name)
 
     @router.get("/static/lab/{name:path}")
     def read_lab_file(request: Request, name: str) -> Response:
-        """Give a file of the laboratory's own; raises :class:`NotFound`."""
+        """Return a custom script or its data; raises :class:`NotFound`."""
         if lab is None:
             raise NotFound("static file", name)
         return _file(request, lab, name)
 
     @router.get("/static/{name:path}")
     def read_static_file(request: Request, name: str) -> Response:
-        """Give a script, a style or a picture; raises :class:`NotFound`."""
+        """Return a script, style sheet or image; raises :class:`NotFound`."""
         return _file(request, _STATIC, name)
 
     return router
@@ -114,7 +114,7 @@ def _file(request: Request, folder: Path, name: str) -> Response:
     if path.suffix not in CONTENT_TYPES or not path.is_relative_to(root) or not path.is_file():
         raise NotFound("static file", name)
     body = path.read_bytes()
-    tag = hashlib.blake2s(body, digest_size=12).hexdigest()  # the files of a wheel may all have the same time
+    tag = hashlib.blake2s(body, digest_size=12).hexdigest()  # files of a wheel may have equal modification times
     headers = {"ETag": f'"{tag}"'}
     if parse_etags(request.headers.get("if-none-match")).contains_weak(tag):
         return Response(status_code=304, headers=headers)
@@ -122,5 +122,5 @@ def _file(request: Request, folder: Path, name: str) -> Response:
 
 
 def _bokeh() -> Path:
-    found: Any = importlib.util.find_spec("bokeh")
-    return Path(found.origin).parent / "server" / "static" / "js"
+    spec: Any = importlib.util.find_spec("bokeh")
+    return Path(spec.origin).parent / "server" / "static" / "js"

@@ -19,19 +19,19 @@ const MAX_CHECK_AGE = 2000; // ms for which a positive check is valid
 const USE_SWITCH = "use the hardware switch";
 const NO_ANSWER = `The service does not answer: the emergency stop may not reach the laser, ${USE_SWITCH}.`;
 
-/** @typedef {import("./elapsed_time.js").Timestamp} Mark */
-/** @typedef {{sent: string, answers: Map<string, any> | null, at: Mark, silent: boolean, reason: string, refused: string}} StopRequest */
+/** @typedef {import("./elapsed_time.js").Timestamp} Timestamp */
+/** @typedef {{sent: string, answers: Map<string, any> | null, at: Timestamp, silent: boolean, reason: string, refused: string}} StopRequest */
 
 /** @type {StopRequest | null} last stop of this page, until it is released */
 let stopRequest = null;
 /** @type {string} */
 let shownText = "";
-/** @type {Mark} request time of the last positive check */
+/** @type {Timestamp} request time of the last positive check */
 let checkedAt = NEVER;
 let isAllowed = false; // whether the service has accepted a check and not refused one since
 let refusal = ""; // reason of the last refusal
 let isFailing = false; // whether the last check had no response
-/** @type {Mark} time since which the page is visible */
+/** @type {Timestamp} time since which the page is visible */
 let visibleSince = timestamp();
 let isChecking = false;
 /** @type {Set<() => void>} */
@@ -99,7 +99,7 @@ function credentials() {
   return ticket ? { "X-Stop-Ticket": ticket } : {};
 }
 
-/** @param {Mark} time it was requestedAt */
+/** @param {Timestamp} time it was requestedAt */
 function accept(time) {
   [checkedAt, isAllowed, refusal, isFailing] = [time, true, "", false];
   if (stopRequest?.refused) stopRequest = null;
@@ -136,7 +136,7 @@ async function sendUntilAnswered(current) {
   while (stopRequest === current && !current.answers) {
     const startedAt = timestamp();
     try {
-      const { items } = await api.post(STOP_PATH, { reason: "pressed on the page" }, { urgent: true, promptSignIn: false, headers: credentials(), signal: AbortSignal.timeout(REQUEST_TIMEOUT) });
+      const { items } = await api.post(STOP_PATH, { reason: "triggered on the web page" }, { urgent: true, promptSignIn: false, headers: credentials(), signal: AbortSignal.timeout(REQUEST_TIMEOUT) });
       current.answers = new Map(items.map((/** @type {any} */ one) => [one.id, one.emergency_stop]));
       current.at = timestamp();
       accept(startedAt);

@@ -15,11 +15,11 @@ export const UNKNOWN_STATUS = /** @type {const} */ ({ laser: "unknown", shutter:
  * Status of a scanner. `reason` states why the laser is unknown, `age` the seconds since the device reported the rest.
  * @typedef {{laser: string, shutter: string, interlock: string, key: string, age: number | null, reason: string}} ScannerStatus
  */
-/** @typedef {import("./elapsed_time.js").Timestamp} Mark */
+/** @typedef {import("./elapsed_time.js").Timestamp} Timestamp */
 
 /** @type {any[]} as of the last poll, sorted by identifier */
 let scanners = [];
-/** @type {Mark} time of the last successful request */
+/** @type {Timestamp} time of the last successful request */
 let requestedAt = NEVER;
 /** @type {string | null} reason of the last failed poll */
 let failure = null;

@@ -10,7 +10,7 @@ import { stopWarning, laserStatus, startStop, stopLabel, onStop, acceptedSince }
 import { formatTime, count, duration } from "./units.js";
 import { urlOf } from "./urls.js";
 
-export { onScanners as watchScanner } from "./scanner_status.js";
+export { onScanners } from "./scanner_status.js";
 
 const ACTIVE_STATES = ["arming", "running", "pausing", "paused", "stopping", "recovering", "completing", "aborting"].map((state) => `state=${state}`).join("&");
 

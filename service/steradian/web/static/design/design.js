@@ -1,7 +1,7 @@
 // @ts-check
 // Design view: form, preview by the service, and the button that stores mask, plan and scan.
 import { api, idempotencyHeaders, Problem } from "../api.js";
-import { watchScanner } from "../status_bar.js";
+import { onScanners } from "../status_bar.js";
 import { byId, h, replace, debounce } from "../dom.js";
 import { startScan } from "../scan/create.js";
 import { ScannerChoice } from "../scan/scanner_choice.js";
@@ -34,7 +34,7 @@ replace(host,
   h("div", { class: "beside", tabindex: 0, role: "group", "aria-label": "Image quality at the point" }, spread, orientation, angle),
   h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Show a live image"), scanButton)));
 
-watchScanner((first, all) => first && scannerChoice.show(all));
+onScanners((first, all) => first && scannerChoice.show(all));
 const form = new Form(h("div", { class: "scrolled" }), design, onDesignChanged);
 formPanel.append(form.host, form.help);
 const plane = new MaskMap(planePanel, (place, over) => {

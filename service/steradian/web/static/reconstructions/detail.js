@@ -63,7 +63,7 @@ const pair = (name, value) => [h("dt", null, name), h("dd", null, value)];
 /** @param {string} id */
 async function cancel(id) {
   try {
-    await api.put(`/jobs/${id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" });
+    await api.put(`/jobs/${id}/desired-state`, { state: "cancelled", reason: "cancelled on the web page" });
     replace(messages);
   } catch (error) {
     replace(messages, ...errorElements(error));

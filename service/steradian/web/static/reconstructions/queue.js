@@ -141,7 +141,7 @@ function actionsOf(one) {
   const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Repeat …");
   if (!isOver(one)) {
     const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
-      onclick: () => runAction(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the page" })) }, "Cancel");
+      onclick: () => runAction(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the web page" })) }, "Cancel");
     return [details, cancel];
   }
   return one.state === "succeeded" ? [h("a", { class: "button", href: `/volumes/${one.id}` }, "Volume"), rerunOf, details] : [rerunOf, details];

@@ -176,7 +176,7 @@ export class Controls {
     try {
       const lease = state === "running" ? await readLease(this.scan.scanner_id) : null;
       const headers = lease ? { "Scanner-Lease": String(lease.fence) } : undefined;
-      await api.put(`/scans/${this.scan.id}/desired-state`, { state, reason: "asked for on the page" }, { headers });
+      await api.put(`/scans/${this.scan.id}/desired-state`, { state, reason: "requested on the web page" }, { headers });
       this.changed();
     } catch (error) {
       replace(this.messages, ...errorElements(error));

@@ -141,7 +141,7 @@ export class LiveImage {
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
-    const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image, from ${of}`;
+    const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image from ${of}`;
     this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.reconstruction.id}` }, "Open the volume"));
     const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
