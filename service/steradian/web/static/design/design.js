@@ -8,7 +8,7 @@ import { ScannerChoice } from "../scan/scanner_choice.js";
 import { errorElements } from "../panel_states.js";
 import { arrangementOf, requestedCount, previewBody, formFieldOf, fromQuery, otherPoints, planBody, toQuery } from "./fields.js";
 import { keyFigures } from "./key_figures.js";
-import { Form } from "./form.js";
+import { DesignForm } from "./form.js";
 import { solidAnglePanel, orientationPanel, pointSpreadPanel, timePanel } from "./panels.js";
 import { pinButton } from "./pinned_designs.js";
 import { MaskMap } from "./mask_map.js";
@@ -35,19 +35,19 @@ replace(host,
   h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Show a live image"), scanButton)));
 
 onScanners((first, all) => first && scannerChoice.show(all));
-const form = new Form(h("div", { class: "scrolled" }), design, onDesignChanged);
+const form = new DesignForm(h("div", { class: "scrolled" }), design, onDesignChanged);
 formPanel.append(form.host, form.help);
-const plane = new MaskMap(planePanel, (place, over) => {
+const maskMap = new MaskMap(planePanel, (place, over) => {
   if (design.look) design.look = [place[0], place[1], design.look[2]];
   else [design.mask.x, design.mask.y] = place;
   form.refresh();
   onDesignChanged();
   if (over) writeQuery();
 });
-plane.controls.append(
+maskMap.controls.append(
   h("label", { class: "row", for: "elsewhere", title: "Drag to evaluate a point other than the mask's point of interest" }, otherPlaceCheckbox, "Evaluate another point"),
   pinButton(/** @type {HTMLElement} */ (host.parentElement), design, writeQuery));
-plane.plane.aperture = design.mask.aperture;
+maskMap.pointMap.aperture = design.mask.aperture;
 const panels = { spread: pointSpreadPanel(spread), orientation: orientationPanel(orientation), angle: solidAnglePanel(angle), time: timePanel(time) };
 
 function toggleOtherPlace() {
@@ -110,7 +110,7 @@ function onDesignChanged() {
 /** @param {any} preview */
 function show(preview) {
   const point = design.look ?? preview.mask.point_of_interest;
-  plane.show(preview, point ? [point[0], point[1]] : [0, 0], otherPoints(design), requestedCount(design));
+  maskMap.show(preview, point ? [point[0], point[1]] : [0, 0], otherPoints(design), requestedCount(design));
   panels.orientation.show(preview, point);
   panels.angle.show(preview, point);
   panels.time.show(preview.plan);
@@ -130,7 +130,7 @@ function showProblem(error) {
   showBlockingError(form.remark(error.errors.map(({ pointer, detail, allowed }) => ({ name: formFieldOf(pointer), severity: "error", text: allowed ? `allowed: ${allowed}` : detail }))));
 }
 
-/** Show the blocking error next to the button, with a link to its field. @param {ReturnType<Form["remark"]>} fault */
+/** Show the blocking error next to the button, with a link to its field. @param {ReturnType<DesignForm["remark"]>} fault */
 function showBlockingError(fault) {
   replace(messages, fault && h("button", { type: "button", class: "fault", title: fault.text, onclick: fault.show }, `${fault.label || "Field"}: not allowed`));
 }

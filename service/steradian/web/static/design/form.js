@@ -12,7 +12,7 @@ import { tuningField } from "./tuning_map.js";
 
 const SLIDER_STEPS = 1000; // steps of a logarithmic slider
 
-export class Form {
+export class DesignForm {
   /**
    * @param {HTMLElement} host
    * @param {Design} design changed in place

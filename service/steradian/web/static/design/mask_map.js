@@ -26,8 +26,8 @@ export class MaskMap {
     stage.append(this.legend, this.countNote);
     this.controls = h("div", { class: "row" }, this.play, h("span", { class: "grow" }, this.order));
     host.append(stage, this.controls);
-    this.plane = new PointMap(stage, "Points of the mask on the film; arrow keys move the point of interest");
-    this.plane.painters.push((context, to) => this.paint(context, to));
+    this.pointMap = new PointMap(stage, "Points of the mask on the film; arrow keys move the point of interest");
+    this.pointMap.painters.push((context, to) => this.paint(context, to));
     /** @type {Place} */
     this.point = [0, 0];
     /** @type {Place[]} */
@@ -49,7 +49,7 @@ export class MaskMap {
     this.visitOrder = preview.visit;
     this.point = point;
     this.updateColours();
-    this.plane.show(preview.positions, preview.mask.aperture);
+    this.pointMap.show(preview.positions, preview.mask.aperture);
   }
 
   /** Colour the points by weight; equal weights have one colour. */
@@ -58,18 +58,18 @@ export class MaskMap {
     const minValue = Math.min(...extent(this.weights));
     const maxValue = Math.max(...extent(this.weights));
     const span = maxValue - minValue > 1e-6 * maxValue ? maxValue - minValue : 0;
-    this.plane.palette = palette("cividis", CLASSES);
-    this.plane.classes = Uint8Array.from(this.weights, (/** @type {number} */ one) =>
+    this.pointMap.palette = palette("cividis", CLASSES);
+    this.pointMap.classes = Uint8Array.from(this.weights, (/** @type {number} */ one) =>
       span ? Math.min(CLASSES - 1, Math.floor((CLASSES * (one - minValue)) / span)) : CLASSES >> 1);
     const unit = this.isLine ? (/** @type {number} */ one) => `${(one * 1e6).toPrecision(3)} µm` : area;
-    const bar = h("span", { class: "ramp", style: { background: `linear-gradient(90deg, ${this.plane.palette.join(", ")})` } });
+    const bar = h("span", { class: "ramp", style: { background: `linear-gradient(90deg, ${this.pointMap.palette.join(", ")})` } });
     this.legend.replaceChildren("weight ", span ? unit(minValue) : "", bar, span ? ` ${unit(maxValue)}` : ` ${unit(maxValue)} each`);
-    this.plane.draw();
+    this.pointMap.draw();
   }
 
   showOrder() {
     this.shownShare = Number(this.order.value);
-    this.plane.draw();
+    this.pointMap.draw();
   }
 
   toggle() {
@@ -80,7 +80,7 @@ export class MaskMap {
     const step = () => {
       this.shownShare = Math.min(1, (performance.now() - startedAt) / PLAY_MS);
       this.order.value = String(this.shownShare);
-      this.plane.draw();
+      this.pointMap.draw();
       this.animationFrame = this.shownShare < 1 ? requestAnimationFrame(step) : 0;
       if (!this.animationFrame) this.stopPlaying();
     };
@@ -95,7 +95,7 @@ export class MaskMap {
 
   /** @param {CanvasRenderingContext2D} context @param {(place: Place) => Place} to */
   paint(context, to) {
-    const { places } = this.plane;
+    const { places } = this.pointMap;
     const lastShown = Math.round(this.shownShare * this.visitOrder.length);
     if (this.visitOrder.length === places.length && lastShown > 1) {
       context.strokeStyle = colour("--text");
@@ -122,21 +122,21 @@ export class MaskMap {
 
   /** @param {(place: Place, over: boolean) => void} dragged */
   listen(dragged) {
-    const { canvas } = this.plane;
+    const { canvas } = this.pointMap;
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application"); // the arrow keys move the point
     canvas.style.touchAction = "none";
     let isDragging = false;
     const move = (/** @type {PointerEvent} */ event, /** @type {boolean} */ over) => {
-      const half = this.plane.aperture / 2;
-      const inside = this.plane.positionOf(event).map((one) => Math.round(Math.min(half, Math.max(-half, one)) * 1e5) / 1e5);
+      const half = this.pointMap.aperture / 2;
+      const inside = this.pointMap.positionOf(event).map((one) => Math.round(Math.min(half, Math.max(-half, one)) * 1e5) / 1e5);
       this.point = /** @type {Place} */ (inside);
-      this.plane.draw();
+      this.pointMap.draw();
       dragged(this.point, over);
     };
     canvas.addEventListener("pointerdown", (event) => {
-      const [x, y] = this.plane.positionOf(event);
-      const metresPerPixel = this.plane.aperture / Math.min(canvas.clientWidth, canvas.clientHeight);
+      const [x, y] = this.pointMap.positionOf(event);
+      const metresPerPixel = this.pointMap.aperture / Math.min(canvas.clientWidth, canvas.clientHeight);
       if (Math.hypot(x - this.point[0], y - this.point[1]) > GRAB_PIXELS * metresPerPixel) return;
       isDragging = true;
       canvas.setPointerCapture(event.pointerId);
@@ -149,13 +149,13 @@ export class MaskMap {
       });
     }
     canvas.addEventListener("keydown", (event) => {
-      const step = this.plane.aperture * (event.shiftKey ? 0.05 : 0.01);
+      const step = this.pointMap.aperture * (event.shiftKey ? 0.05 : 0.01);
       const direction = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] }[event.key];
       if (!direction) return;
       event.preventDefault();
-      const half = this.plane.aperture / 2;
+      const half = this.pointMap.aperture / 2;
       this.point = /** @type {Place} */ (this.point.map((one, n) => Math.round(Math.min(half, Math.max(-half, one + direction[n])) * 1e5) / 1e5));
-      this.plane.draw();
+      this.pointMap.draw();
       dragged(this.point, true);
     });
   }

@@ -7,8 +7,8 @@ import { count, duration, figure, pressure } from "../units.js";
 import { createSource } from "../volume/volume_data.js";
 import { mmText, slicePane } from "../volume/panes.js";
 import { SliceView } from "../volume/slice_view.js";
-import { Stage } from "../volume/shared_state.js";
-import { Store } from "../volume/view_store.js";
+import { VolumeState } from "../volume/volume_state.js";
+import { ViewStore } from "../volume/view_store.js";
 import { differences, parameterGroups, displayPath, formatValue, valueAt } from "./schema.js";
 import { runSeconds } from "./summary.js";
 
@@ -21,8 +21,8 @@ export async function showSideBySide(panel, identifiers) {
   try {
     const [groups, ...reconstructions] = await Promise.all([parameterGroups("ReconstructionParameters"), ...identifiers.map((id) => api.get(`/reconstructions/${id}`))]);
     const usable = reconstructions.map((one) => ({ one, source: one.state === "succeeded" ? createSource(one) : null })).filter(({ source }) => source);
-    const store = new Store();
-    const stages = usable.map(({ source }) => new Stage(/** @type {any} */ (source), store));
+    const store = new ViewStore();
+    const stages = usable.map(({ source }) => new VolumeState(/** @type {any} */ (source), store));
     await Promise.all(stages.map((stage) => stage.readOverview()));
     const brightest = Math.max(...stages.map((stage) => stage.defaultWindow[1]));
     for (const stage of stages) [stage.defaultPosition, stage.defaultWindow] = [stages[0].defaultPosition, [0, brightest]]; // a common scale keeps brightness comparable
@@ -32,7 +32,7 @@ export async function showSideBySide(panel, identifiers) {
   }
 }
 
-/** @param {HTMLElement} panel @param {any} groups @param {any[]} reconstructions @param {Stage[]} stages @param {Store} store */
+/** @param {HTMLElement} panel @param {any} groups @param {any[]} reconstructions @param {VolumeState[]} stages @param {ViewStore} store */
 function fillPanel(panel, groups, reconstructions, stages, store) {
   const cursor = h("output", { class: "cursor" });
   const tiles = h("div", { class: "tiles" });
@@ -51,7 +51,7 @@ function fillPanel(panel, groups, reconstructions, stages, store) {
   show();
 }
 
-/** @param {Stage} stage @param {Axis} axis @param {any} one @param {HTMLElement} cursor */
+/** @param {VolumeState} stage @param {Axis} axis @param {any} one @param {HTMLElement} cursor */
 function createTile(stage, axis, one, cursor) {
   const view = new SliceView(stage, axis, (hovered) => {
     cursor.textContent = hovered ? `${one.id.slice(-5)}: ${Object.entries(hovered.place).filter(([, mm]) => mm !== null).map(([name, mm]) => `${name} ${mmText(Number(mm))}`).join("  ")}  value ${pressure(hovered.value, 4)}` : "";

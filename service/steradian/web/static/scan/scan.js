@@ -45,12 +45,12 @@ const scanMap = new ScanMap(mapPanel, (row) => {
 const alinePlot = new AlinePlot(tracePanel);
 alinePlot.followButton.addEventListener("click", () => {
   selectedRow = scanMap.selectedRow = null;
-  scanMap.plane.draw();
+  scanMap.pointMap.draw();
   showAline();
 });
 const signals = new Signals(signalsPanel, id, (row) => {
   selectedRow = scanMap.selectedRow = row;
-  scanMap.plane.draw();
+  scanMap.pointMap.draw();
   showAline();
 });
 const imageBody = h("div", { class: "image-body" });
@@ -65,7 +65,7 @@ async function readScan() {
     liveImage.running = !FINAL_STATES.has(scan.state);
     if (!isBuilt) await buildPage();
     controls.show(scan, plan, hasShots ? shots?.coverage : null);
-    signals.setScan(scanMap.plane.aperture, !FINAL_STATES.has(scan.state));
+    signals.setScan(scanMap.pointMap.aperture, !FINAL_STATES.has(scan.state));
     if (hasChanged) void liveImage.findReconstruction(); // the actions depend on whether the scan is running
     await readShots();
   } catch (error) {

@@ -24,8 +24,8 @@ export class ScanMap {
     this.frame = h("select", { "aria-label": "Frame", hidden: true, onchange: () => this.draw() });
     const stage = h("div", { class: "stage" });
     host.append(h("div", { class: "row spread" }, this.filters, this.frame), stage);
-    this.plane = new PointMap(stage, "Points of the scan: stored, flagged and missing; the left and right arrow keys select an A-line, Escape selects the newest");
-    this.plane.painters.push((context, to) => this.paint(context, to));
+    this.pointMap = new PointMap(stage, "Points of the scan: stored, flagged and missing; the left and right arrow keys select an A-line, Escape selects the newest");
+    this.pointMap.painters.push((context, to) => this.paint(context, to));
     this.filter = "";
     /** @type {Shots | null} */
     this.shots = null;
@@ -34,19 +34,19 @@ export class ScanMap {
     this.isMoving = false;
     onTheme(() => this.updateColours());
     this.updateColours();
-    this.plane.canvas.addEventListener("click", (event) => {
-      const point = this.plane.nearest(/** @type {PointerEvent} */ (event));
+    this.pointMap.canvas.addEventListener("click", (event) => {
+      const point = this.pointMap.nearest(/** @type {PointerEvent} */ (event));
       const row = point < 0 ? -1 : this.offset + point;
       select(row >= 0 && row !== this.selectedRow && this.shots?.stored[row] ? row : null);
     });
     const select = (/** @type {number | null} */ row) => {
       this.selectedRow = row;
-      this.plane.draw();
+      this.pointMap.draw();
       selectedRow(row);
     };
-    this.plane.canvas.tabIndex = 0;
-    this.plane.canvas.setAttribute("role", "application"); // the arrow keys select A-lines
-    this.plane.canvas.addEventListener("keydown", (event) => {
+    this.pointMap.canvas.tabIndex = 0;
+    this.pointMap.canvas.setAttribute("role", "application"); // the arrow keys select A-lines
+    this.pointMap.canvas.addEventListener("keydown", (event) => {
       const direction = { ArrowLeft: -1, ArrowRight: 1, Escape: 0 }[event.key];
       if (direction === undefined) return;
       event.preventDefault();
@@ -56,7 +56,7 @@ export class ScanMap {
 
   /** Return the row of the next stored A-line of the frame in a direction. @param {number} direction @returns {number | null} */
   neighbourOf(direction) {
-    const { length } = this.plane.places;
+    const { length } = this.pointMap.places;
     let point = (this.selectedRow ?? this.shots?.newest ?? 0) % (length || 1);
     for (let n = 0; n < length; n++) {
       point = (point + direction + length) % length;
@@ -67,17 +67,17 @@ export class ScanMap {
 
   /** @param {Place[]} places @param {number} aperture */
   setPositions(places, aperture) {
-    this.plane.show(places, aperture);
+    this.pointMap.show(places, aperture);
   }
 
   updateColours() {
-    this.plane.palette = [colour("--missing"), colour("--accent"), colour("--fault"), colour("--line")];
-    this.plane.draw();
+    this.pointMap.palette = [colour("--missing"), colour("--accent"), colour("--fault"), colour("--line")];
+    this.pointMap.draw();
   }
 
   /** First row of the visible frame. */
   get offset() {
-    return Number(this.frame.value || 0) * this.plane.places.length;
+    return Number(this.frame.value || 0) * this.pointMap.places.length;
   }
 
   /** @param {Shots} shots @param {boolean} isMoving whether the beam moves over the map now */
@@ -101,14 +101,14 @@ export class ScanMap {
     const { offset } = this;
     const activeFilter = this.filter;
     const bit = FLAGS.find(([, name]) => name === activeFilter)?.[0] ?? 0;
-    this.plane.classes = Uint8Array.from(this.plane.places, (_, point) => {
+    this.pointMap.classes = Uint8Array.from(this.pointMap.places, (_, point) => {
       const row = offset + point;
       const status = !shots.stored[row] ? MISSING : shots.quality[row] ? FLAGGED : STORED;
       if (!activeFilter) return status;
       const passes = bit ? status !== MISSING && (shots.quality[row] & bit) !== 0 : activeFilter === "stored" ? status !== MISSING : status === MISSING;
       return passes ? status : FILTERED_OUT;
     });
-    this.plane.draw();
+    this.pointMap.draw();
     this.showCounts(shots);
   }
 
@@ -140,7 +140,7 @@ export class ScanMap {
 
   /** Mark flagged points by shape as well as colour, and the newest and selected points by rings. @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to */
   paint(context, to) {
-    const { classes, places, radius } = this.plane;
+    const { classes, places, radius } = this.pointMap;
     const arm = radius + 2;
     context.strokeStyle = colour("--fault");
     context.lineWidth = 1.2;
@@ -160,13 +160,13 @@ export class ScanMap {
 
   /** @param {CanvasRenderingContext2D} context @param {(setPositions: Place) => Place} to @param {number} row @param {string} stroke */
   mark(context, to, row, stroke) {
-    const position = this.plane.places[row - this.offset];
+    const position = this.pointMap.places[row - this.offset];
     if (!position) return;
     const [x, y] = to(position);
     context.strokeStyle = stroke;
     context.lineWidth = 2;
     context.beginPath();
-    context.arc(x, y, this.plane.radius + 5, 0, 2 * Math.PI);
+    context.arc(x, y, this.pointMap.radius + 5, 0, 2 * Math.PI);
     context.stroke();
   }
 }

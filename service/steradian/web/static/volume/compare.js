@@ -8,7 +8,7 @@ import { PLANES, createSource } from "./volume_data.js";
 import { correlation } from "./measurements.js";
 import { figureList } from "./measure_tools.js";
 
-/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 
 const BLINK_INTERVAL = 700; // ms for which each of the two images is shown
@@ -25,7 +25,7 @@ const METRICS = /** @type {Record<string, [string, string]>} */ ({
 });
 
 export class Compare {
-  /** @param {Stage} stage @param {SliceView[]} views @param {any} reconstruction the reconstruction, of the API */
+  /** @param {VolumeState} stage @param {SliceView[]} views @param {any} reconstruction the reconstruction, of the API */
   constructor(stage, views, reconstruction) {
     this.stage = stage;
     this.views = views;

@@ -6,14 +6,14 @@ import { PRESSURE, figure } from "../units.js";
 import { paintRamp, colourTable } from "./colours.js";
 import { mmText } from "./panes.js";
 
-/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 
 const BINS = 128;
 const [WIDTH, HEIGHT] = [256, 84];
 const STEP = 0.01; // of the range, per arrow key
 
 export class Histogram {
-  /** @param {Stage} stage @param {() => (ArrayLike<number> | null)[]} planes visible values */
+  /** @param {VolumeState} stage @param {() => (ArrayLike<number> | null)[]} planes visible values */
   constructor(stage, planes) {
     this.stage = stage;
     this.planes = planes;

@@ -11,7 +11,7 @@ import { lengthOf, lengthWithError, ticks } from "./scale.js";
 import { MAX_POINTS } from "./view_state.js";
 import { ObjectWidths } from "./object_width.js";
 
-/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Mark} Mark */
 /** @typedef {import("./view_state.js").Triple} Triple */
@@ -25,8 +25,8 @@ const TOOL_TEXTS = {
 };
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 154, 40, 22, 20];
 
-export class Tools {
-  /** @param {Stage} stage @param {SliceView[]} views @param {any} reconstruction the reconstruction, of the API */
+export class MeasureTools {
+  /** @param {VolumeState} stage @param {SliceView[]} views @param {any} reconstruction the reconstruction, of the API */
   constructor(stage, views, reconstruction) {
     this.stage = stage;
     this.views = views;

@@ -10,7 +10,7 @@ import { lengthOf, lengthWithError } from "./scale.js";
 /** @typedef {import("./view_state.js").Mark} Mark */
 
 export class ObjectWidths {
-  /** @param {import("./shared_state.js").Stage} stage @param {any} reconstruction the reconstruction, of the API */
+  /** @param {import("./volume_state.js").VolumeState} stage @param {any} reconstruction the reconstruction, of the API */
   constructor(stage, reconstruction) {
     this.stage = stage;
     this.reconstruction = reconstruction;

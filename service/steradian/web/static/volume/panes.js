@@ -77,16 +77,16 @@ export function sliderPosition(slabThickness, spacing, extent) {
   return Math.min(Math.max(Math.round(1 + share * (SLAB_STEPS - 1)), 1), SLAB_STEPS - 1);
 }
 
-/** Create the pane of the 3-D view with its clipping box. @param {import("./view_3d.js").View3D} solid */
-export function pane3d(solid) {
-  const { stage } = solid;
+/** Create the pane of the 3-D view with its clipping box. @param {import("./view_3d.js").View3D} view3d */
+export function pane3d(view3d) {
+  const { stage } = view3d;
   const caption = h("span", { class: "dim nowrap", dataset: { where: "3-D" } });
   const place = (/** @type {"x" | "y" | "z"} */ axis, /** @type {number} */ share) => {
     const [first, last] = stage.ends(axis);
     return first + share * (last - first);
   };
   const updateCaption = () => {
-    const clip = solid.clip;
+    const clip = view3d.clip;
     const sides = AXES.map((axis, n) => [0, 1].map((side) => place(axis, clip[2 * n + side])));
     const whole = () => sides.map(([from, to]) => (to - from).toFixed(1)).join(" × ");
     const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one)).join("…")}`).join(", ");
@@ -115,5 +115,5 @@ export function pane3d(solid) {
     })));
   return h("section", { class: "pane panel", "aria-label": "3-D view", dataset: { steradian: "view-3d" } },
     h("header", null, h("h2", null, "3-D"), caption),
-    solid.element, h("div", { class: "pane-controls" }, h("span", { class: "dim" }, "box"), ...sliders));
+    view3d.element, h("div", { class: "pane-controls" }, h("span", { class: "dim" }, "box"), ...sliders));
 }

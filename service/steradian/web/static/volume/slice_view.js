@@ -11,13 +11,13 @@ import { addPointerHandlers } from "./pointer.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
 /** @typedef {import("./measurements.js").Plane} Plane */
-/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 
 const CRISP_PIXELS = 4; // pixels per voxel above which voxel edges are drawn sharp
 const REDRAW_KEYS = new Set(["difference", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
 
 export class SliceView {
-  /** @param {Stage} stage @param {Axis} axis @param {(hovered: any) => void} onHover receives position and value under the cursor */
+  /** @param {VolumeState} stage @param {Axis} axis @param {(hovered: any) => void} onHover receives position and value under the cursor */
   constructor(stage, axis, onHover) {
     this.stage = stage;
     this.axis = axis;

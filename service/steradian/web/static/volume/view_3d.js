@@ -7,9 +7,9 @@ import { colourTable } from "./colours.js";
 import { drawDepthBar, drawScaleBar, drawLabel, strokeOutlined } from "./overlay.js";
 import { clampZoom } from "./pointer.js";
 import { boxEdges, createRaycaster, projection } from "./raycast.js";
-import { colourEnd } from "./shared_state.js";
+import { colourEnd } from "./volume_state.js";
 
-/** @typedef {import("./shared_state.js").Stage} Stage */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {[number, number, number, number, number, number]} Clip */
 
@@ -20,7 +20,7 @@ const DEGREES_PER_PIXEL = 0.4; // rotation per pixel
 const REDRAW_KEYS = new Set(["window", "map", "camera", "clip", "cut"]);
 
 export class View3D {
-  /** @param {Stage} stage */
+  /** @param {VolumeState} stage */
   constructor(stage) {
     this.stage = stage;
     this.image = h("canvas", { class: "image", dataset: { image: "3-D" } });

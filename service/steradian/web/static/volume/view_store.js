@@ -7,7 +7,7 @@ import { decode, encode } from "./view_state.js";
 
 const WRITE_DELAY = 200; // ms after the last change; browsers limit the rate of URL changes
 
-export class Store {
+export class ViewStore {
   constructor() {
     /** @type {View} */
     this.view = decode(location.hash);

@@ -17,10 +17,10 @@ import { mmText, slicePane, pane3d } from "./panes.js";
 import { SliceView } from "./slice_view.js";
 import { View3D } from "./view_3d.js";
 import { soundSpeedPanel } from "./sound_speed.js";
-import { Stage } from "./shared_state.js";
-import { Store } from "./view_store.js";
+import { VolumeState } from "./volume_state.js";
+import { ViewStore } from "./view_store.js";
 import { tabs } from "./tabs.js";
-import { Tools } from "./measure_tools.js";
+import { MeasureTools } from "./measure_tools.js";
 import { TOOLS } from "./view_state.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
@@ -48,15 +48,15 @@ function showAbsent(panel, reconstruction) {
 
 /** @param {HTMLElement} panel @param {any} reconstruction @param {import("./volume_data.js").Source} source */
 async function show(panel, reconstruction, source) {
-  const store = new Store();
-  const stage = new Stage(source, store);
+  const store = new ViewStore();
+  const stage = new VolumeState(source, store);
   const cursor = h("output", { class: "cursor", dataset: { cursor: "" }, "aria-live": "off" });
   const showPosition = (/** @type {any} */ hovered) => (cursor.textContent = hovered ? positionText(hovered) : "");
   const axes = /** @type {Axis[]} */ (source.flat ? ["y"] : ["z", "y", "x"]);
   const views = axes.map((axis) => new SliceView(stage, axis, showPosition));
-  const solid = source.flat ? null : new View3D(stage);
+  const view3d = source.flat ? null : new View3D(stage);
   const histogram = new Histogram(stage, () => views.map((view) => view.plane?.values ?? null));
-  const tools = new Tools(stage, views, reconstruction);
+  const tools = new MeasureTools(stage, views, reconstruction);
   const compare = new Compare(stage, views, reconstruction);
   const downloads = new Downloads(reconstruction);
   const provenancePanel = provenance(reconstruction);
@@ -72,7 +72,7 @@ async function show(panel, reconstruction, source) {
   replace(panel,
     createHeading(reconstruction, cursor),
     h("div", { class: source.flat ? "volume flat" : "volume" },
-      h("div", { class: "views" }, slicePane(views[0]), solid ? pane3d(solid) : null, ...views.slice(1).map(slicePane)),
+      h("div", { class: "views" }, slicePane(views[0]), view3d ? pane3d(view3d) : null, ...views.slice(1).map(slicePane)),
       h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
     h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection."));
   const overview = loadOverview(stage, views, histogram); // before the views request the same data
@@ -83,13 +83,13 @@ async function show(panel, reconstruction, source) {
   document.addEventListener("steradian:resized", () => views.forEach((view) => view.draw()));
   const reloadOverview = latestOnly(() => loadOverview(stage, views, histogram), () => null); // the views show their own errors
   store.on((_view, changed) => (changed.has("cut") || changed.has("map")) && reloadOverview(null));
-  void overview.catch(() => null).then(() => solid?.load());
+  void overview.catch(() => null).then(() => view3d?.load());
   addShortcuts(stage, side);
   void compare.loadReferences();
   document.dispatchEvent(new CustomEvent("steradian:volume", { detail: { about: reconstruction, stage, views, store } }));
 }
 
-/** Read the overview of the volume and update all views. @param {Stage} stage @param {SliceView[]} views @param {Histogram} histogram */
+/** Read the overview of the volume and update all views. @param {VolumeState} stage @param {SliceView[]} views @param {Histogram} histogram */
 async function loadOverview(stage, views, histogram) {
   await stage.readOverview();
   if (stage.isDepthMap) await stage.readDepths();
@@ -118,7 +118,7 @@ function positionText({ value, place, whose: volumeName }) {
   return `${coordinates.join("  ")}  value ${pressure(value, 4)}${volumeName ? ` in ${volumeName}` : ""}`;
 }
 
-/** @param {Stage} stage */
+/** @param {VolumeState} stage */
 function colourChoice(stage) {
   const legend = h("p", { class: "dim small" });
   const choice = h("select", { id: "map", onchange: () => stage.store.change({ map: choice.value }) },
@@ -132,7 +132,7 @@ function colourChoice(stage) {
   return h("div", { class: "stack" }, h("label", { for: "map" }, "Colours"), choice, legend);
 }
 
-/** @param {Stage} stage */
+/** @param {VolumeState} stage */
 function nearFieldControl(stage) {
   const [first, last] = stage.ends("z");
   const slider = h("input", { type: "range", min: 0, max: Math.max(last, first), step: stage.source.spacing[2], "aria-label": "Hidden near field, up to (mm)" });
@@ -148,7 +148,7 @@ function nearFieldControl(stage) {
   return h("div", { class: "stack" }, h("div", { class: "row spread" }, h("span", null, "Hidden near field: ", status), autoButton), slider);
 }
 
-/** Create the crosshair controls. @param {Stage} stage */
+/** Create the crosshair controls. @param {VolumeState} stage */
 function positionControls(stage) {
   const show = h("dl", { class: "figures", dataset: { place: "" } });
   const update = () => replace(show, AXES.flatMap((axis, n) => (stage.source.flat && axis === "y" ? [] : [h("dt", null, axis), h("dd", { dataset: { axis, value: String(stage.position[n]) } }, mmText(stage.position[n]))])));
@@ -161,12 +161,12 @@ function positionControls(stage) {
     h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections")));
 }
 
-/** @param {Stage} stage */
+/** @param {VolumeState} stage */
 async function moveToBrightest(stage) {
   stage.store.change({ at: await findBrightest(stage.source, stage.cut) });
 }
 
-/** @param {Stage} stage @param {HTMLElement} side */
+/** @param {VolumeState} stage @param {HTMLElement} side */
 function addShortcuts(stage, side) {
   TOOLS.forEach((tool, n) => addShortcut(String(n + 1), `Tool: ${tool}`, () => {
     stage.store.change({ tool });

@@ -28,8 +28,8 @@ export class SignalMap {
     const stage = h("div", { class: "stage" });
     this.status = h("output", { class: "small", "aria-live": "polite" }, "\u00a0");
     host.append(h("div", { class: "row spread" }, this.select, h("span", { class: "legend" }, this.minLabel, this.colourBar, this.maxLabel)), stage, this.status, this.kinds);
-    this.plane = new PointMap(stage, "Map");
-    this.plane.painters.push((context, to) => this.paint(context, to));
+    this.pointMap = new PointMap(stage, "Map");
+    this.pointMap.painters.push((context, to) => this.paint(context, to));
     /** @type {any} */
     this.maps = null;
     this.isCounts = true;
@@ -43,7 +43,7 @@ export class SignalMap {
 
   /** @param {(aline: number) => void} onSelect */
   listen(onSelect) {
-    const { canvas } = this.plane;
+    const { canvas } = this.pointMap;
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application"); // the arrow keys select bad A-lines
     canvas.addEventListener("keydown", (event) => {
@@ -55,14 +55,14 @@ export class SignalMap {
       const now = this.highlighted ? this.bad.indexOf(this.highlighted) : direction > 0 ? -1 : 0;
       this.highlight(direction && length ? this.bad[(now + direction + length) % length] : null);
     });
-    canvas.addEventListener("pointermove", (event) => this.showValue(this.plane.nearest(event)));
+    canvas.addEventListener("pointermove", (event) => this.showValue(this.pointMap.nearest(event)));
     canvas.addEventListener("pointerleave", () => this.highlight(null));
     canvas.addEventListener("click", () => this.highlighted && onSelect(this.highlighted.aline));
   }
 
   /** Show the value at the pointer. @param {number} place */
   showValue(place) {
-    const [x, y] = this.plane.places[place] ?? [NaN, NaN];
+    const [x, y] = this.pointMap.places[place] ?? [NaN, NaN];
     const match = this.bad.find((one) => one.x === x && one.y === y) ?? null;
     if (match !== this.highlighted) this.highlight(match);
     if (!match && place >= 0) this.status.textContent = `${this.select.selectedOptions[0].text}: ${mapValue(this.select.value, this.maps[this.select.value][place], this.isCounts)}`;
@@ -72,7 +72,7 @@ export class SignalMap {
   highlight(bad) {
     this.highlighted = bad;
     this.status.textContent = bad ? alineText(bad) : "\u00a0";
-    this.plane.draw();
+    this.pointMap.draw();
   }
 
   /** @param {any} maps @param {Bad[]} bad @param {number} aperture in metres @param {boolean} isCounts whether the samples are a digitiser's */
@@ -81,7 +81,7 @@ export class SignalMap {
     this.bad = bad;
     this.isCounts = isCounts;
     this.highlighted = bad.find(({ aline }) => aline === this.highlighted?.aline) ?? null;
-    this.plane.show(maps.x.map((/** @type {number} */ x, /** @type {number} */ n) => [x, maps.y[n]]), aperture);
+    this.pointMap.show(maps.x.map((/** @type {number} */ x, /** @type {number} */ n) => [x, maps.y[n]]), aperture);
     replace(this.kinds, groupByKind(bad).map(([kind, all]) => h("span", { role: "listitem", dataset: { mark: kind } }, `${markOf(kind)} ${kind} (${count(all.length)})`)));
     this.draw();
   }
@@ -94,13 +94,13 @@ export class SignalMap {
     const at = (/** @type {number} */ share) => Number(known[Math.round(share * (known.length - 1))] ?? NaN);
     const [minValue, maxValue] = [at(0.01), at(0.99)]; // percentiles, so that one outlier does not determine the colour scale
     const step = (/** @type {number} */ one) => Math.min(COLOUR_STEPS - 1, Math.max(0, Math.floor((COLOUR_STEPS * (one - minValue)) / (maxValue - minValue || 1))));
-    this.plane.classes = Uint8Array.from(values, (one) => (one === null ? COLOUR_STEPS : step(one)));
-    this.plane.palette = [...palette("cividis", COLOUR_STEPS), colour("--missing")];
-    this.colourBar.style.background = `linear-gradient(to right, ${this.plane.palette.slice(0, COLOUR_STEPS).join(", ")})`;
+    this.pointMap.classes = Uint8Array.from(values, (one) => (one === null ? COLOUR_STEPS : step(one)));
+    this.pointMap.palette = [...palette("cividis", COLOUR_STEPS), colour("--missing")];
+    this.colourBar.style.background = `linear-gradient(to right, ${this.pointMap.palette.slice(0, COLOUR_STEPS).join(", ")})`;
     [this.minLabel.textContent, this.maxLabel.textContent] = [figure(minValue * factor), `${figure(maxValue * factor)} ${mapUnit(name, this.isCounts)}`];
     const description = `Map of the A-lines' ${title.toLowerCase()}, most between ${mapValue(name, minValue, this.isCounts)} and ${mapValue(name, maxValue, this.isCounts)}, ${count(this.bad.length)} bad A-lines marked; the left and right arrow keys select the next one, Enter shows it, Escape clears the selection`;
-    this.plane.canvas.setAttribute("aria-label", description);
-    this.plane.draw();
+    this.pointMap.canvas.setAttribute("aria-label", description);
+    this.pointMap.draw();
   }
 
   /** @param {CanvasRenderingContext2D} context @param {(place: [number, number]) => [number, number]} to */

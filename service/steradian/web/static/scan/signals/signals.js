@@ -28,12 +28,12 @@ export class Signals {
     this.statusLine = h("p", { class: "dim small" });
     this.counts = h("div");
     this.noise = h("div", { class: "chart", role: "group" });
-    this.map = h("div", { class: "stack field-map" });
+    this.mapHost = h("div", { class: "stack field-map" });
     this.tables = h("div", { class: "stack" });
     this.list = h("div", { class: "stack" });
-    this.signalMap = new SignalMap(this.map, onSelect);
+    this.signalMap = new SignalMap(this.mapHost, onSelect);
     this.body = h("div", { class: "stack" });
-    this.view = [this.summary, this.statusLine, h("div", { class: "signals-grid" }, this.counts, h("div", null, h("h3", null, "Noise spectrum"), this.noise), this.map, h("div", { class: "stack" }, h("h3", null, "Bad A-lines"), this.list)), this.tables];
+    this.view = [this.summary, this.statusLine, h("div", { class: "signals-grid" }, this.counts, h("div", null, h("h3", null, "Noise spectrum"), this.noise), this.mapHost, h("div", { class: "stack" }, h("h3", null, "Bad A-lines"), this.list)), this.tables];
     this.details = h("details", { ontoggle: () => this.read() }, h("summary", null, h("strong", null, "Signals"), h("span", { class: "dim" }, " histogram, noise, maps, bad A-lines")), this.body);
     host.append(this.details);
     setInterval(() => this.running && this.read(), READ_INTERVAL * 1000);

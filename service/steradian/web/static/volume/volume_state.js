@@ -19,8 +19,8 @@ export function colourEnd(sorted) {
   return Math.max(sorted[Math.floor(COLOUR_PERCENTILE * last)], MIN_END_SHARE * sorted[last]);
 }
 
-export class Stage {
-  /** @param {Source} source @param {import("./view_store.js").Store} store */
+export class VolumeState {
+  /** @param {Source} source @param {import("./view_store.js").ViewStore} store */
   constructor(source, store) {
     this.source = source;
     this.store = store;
