@@ -25,7 +25,7 @@ def scan(client):
     """A ball's recording, whose label is markup."""
     traces, positions = ball()
     given = {"sampling_interval": INTERVAL, "sound_speed": SOUND_SPEED}
-    return client.imports.arrays(traces, positions, labels={"phantom": MARKUP[:60], MARKUP[:50]: "x"}, **given)
+    return client.imports.import_arrays(traces, positions, labels={"phantom": MARKUP[:60], MARKUP[:50]: "x"}, **given)
 
 
 @pytest.fixture(scope="module")
