@@ -159,7 +159,7 @@ const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
 /** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
 function* bars(parts, total, limiting) {
   const [limitingLabel, help] = limiting ? TIME_PARTS[limiting] ?? [limiting, ""] : [];
-  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), limitingLabel ? `: ${limitingLabel} decides; ${help}.` : "");
+  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), limitingLabel ? `, limited by: ${limitingLabel}; ${help}.` : "");
   const scaleSeconds = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {
     const [label] = TIME_PARTS[name] ?? [name];

@@ -37,7 +37,7 @@ function show(one, groups, log, attempts) {
     h("div", { class: "row spread" }, h("div", { class: "row state-cell" }, stateElement(one), one.error ? h("span", { class: "fault" }, one.error.detail) : null, one.reason ? h("span", { class: "dim" }, one.reason) : null),
       h("div", { class: "row" },
         one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Open the volume") : null,
-        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Repeat …"),
+        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …"),
         isOver ? null : h("button", { type: "button", disabled: one.desired_state === "cancelled", onclick: () => void cancel(one.id) }, "Cancel"))),
     h("div", { class: "halves" },
       h("section", { class: "panel" }, h("h2", null, "Request"),

@@ -138,7 +138,7 @@ function moveJob(id, to) {
 /** @param {any} one */
 function actionsOf(one) {
   const details = h("a", { class: "button", href: `/reconstructions/${one.id}` }, "Details");
-  const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Repeat …");
+  const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …");
   if (!isOver(one)) {
     const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
       onclick: () => runAction(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the web page" })) }, "Cancel");

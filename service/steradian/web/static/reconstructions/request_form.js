@@ -49,7 +49,7 @@ function fillForm(panel, groups, origin, scans, query, onCreated) {
   const button = h("button", { class: "primary", disabled: !usable.length }, "Reconstruct");
   const close = h("button", { type: "button", onclick: () => { panel.hidden = true; history.replaceState(null, "", urlOf("/reconstructions")); } }, "Close");
   const whole = h("form", { novalidate: true, class: "stack" },
-    h("h2", null, origin ? `Repeat: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
+    h("h2", null, origin ? `Rerun: …${origin.id.slice(-5)}` : "Reconstruct a scan"),
     usable.length ? null : h("p", { class: "note" }, "There is no scan with A-lines yet: run a scan, or import your own data."),
     h("div", { class: "fields" },
       h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),

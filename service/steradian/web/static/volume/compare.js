@@ -112,7 +112,7 @@ export class Compare {
     const blink = view.how === "blink";
     this.status.textContent = !reference ? "Select a reference reconstruction."
       : blink ? `Shown now: ${this.isReferenceShown ? "the reference" : "this image"}.`
-        : this.stage.isComparable ? `Blue: below the reference; orange: above; dark: equal. Colour range ±${pressure(this.stage.differenceEnd)}. Projections show the difference of the two maxima; 3-D shows this image only.`
+        : this.stage.isComparable ? `Blue: below the reference; orange: above; dark: equal. Colour range ±${pressure(this.stage.differenceEnd)}; projections show the difference of the two maxima, 3-D shows this image only`
           : "The voxel grids differ, so the images cannot be subtracted: use Blink, or reconstruct with the same modes and depth range.";
   }
 

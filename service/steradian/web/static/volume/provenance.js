@@ -34,7 +34,7 @@ async function load(element, reconstruction) {
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
     h("h3", null, "Parameters that differ from the defaults"), parameters(groups, reconstruction.parameters),
     h("div", { class: "row" },
-      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Repeat …"),
+      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Rerun …"),
       h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Log and attempts")),
     ...rerunCommands(groups, reconstruction));
 }

@@ -64,7 +64,7 @@ export function soundSpeedPanel(reconstruction) {
     status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
     const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
-      h("a", { class: "button", href: rerunUrl(best) }, `Repeat at ${best.toFixed(1)} m/s`),
+      h("a", { class: "button", href: rerunUrl(best) }, `Rerun at ${best.toFixed(1)} m/s`),
       ...(job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`)),
       h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed line: this volume, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or select a point of the curve.`));
   }
@@ -86,6 +86,6 @@ function chart(speeds, sharpness, startSpeed, rerunUrl) {
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
     startSpeed && startSpeed >= low && startSpeed <= high ? s("path", { class: "width", d: `M${x(startSpeed)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
-    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Repeat at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
+    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Rerun at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
       s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));
 }
