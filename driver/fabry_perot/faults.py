@@ -63,7 +63,7 @@ def by_code(code: int) -> Fault:
     """
     if code in _KNOWN:
         return _KNOWN[code]
-    part = f"; of an Apparatus this is the {_OWN_PARTS[code]}" if code in _OWN_PARTS else ""
+    part = f"; of a ComposedInstrument this is the {_OWN_PARTS[code]}" if code in _OWN_PARTS else ""
     remedy = "look for the cause in the log of the scanner's own program, and for the number in its manual"
     return Fault(code, f"hardware-fault-{code}", f"the scanner's hardware reports its fault {code}{part}", remedy)
 

@@ -60,4 +60,4 @@ def test_device_fault_has_the_text_of_the_device_in_its_message_and_survives_pic
 
     fault = pickle.loads(pickle.dumps(DeviceFault(5, "/dev/ttyUSB0", "laser off")))  # noqa: S301
     assert (fault.fault, fault.port, fault.text) == (5, "/dev/ttyUSB0", "laser off")
-    assert "(the scanner says: laser off)" in str(fault)
+    assert "(scanner: laser off)" in str(fault)

@@ -1,4 +1,4 @@
-"""The simulated hardware: an apparatus of simulated parts over a phantom, with its own account of every shot."""
+"""Simulated hardware: an instrument of simulated parts that measures a phantom and keeps a log of every shot."""
 
 from __future__ import annotations
 
