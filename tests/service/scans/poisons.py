@@ -203,7 +203,7 @@ POISONS = {
     inflating_chunk: "inflates",
     chunk_of_noise: "gzip",
     strange_filter: "lzf",
-    group_for_data: "no dataset|has no variable|nothing that a scan file|0 cuboids",
+    group_for_data: "no dataset|has no variable|unknown in a scan file|0 cuboids",
     not_finite: "finite|checksum",
     beyond_float32: "finite|float64",
     beyond_use: "finite|checksum",
