@@ -89,7 +89,7 @@ def with_weights(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
     Examples
     --------
     >>> from steradian import equi_steradian_mask
-    >>> round(reweighted(equi_steradian_mask(13.56e-3, 3.6e-3, 100), "uniform").weight_ratio, 9)
+    >>> round(with_weights(equi_steradian_mask(13.56e-3, 3.6e-3, 100), "uniform").weight_ratio, 9)
     1.0
     """
     outline = resolve_outline(mask)

@@ -58,7 +58,7 @@ def test_a_scan_is_exported_as_ipasc_and_imported_again(walk):
         (["import", "lines.csv", "scan.h5", "--description", "about.json"], 4, ["exists"]),
         (["import", "about.json", "new.h5"], 3, ["neither HDF5"]),
         (["export", "out/volume.h5", "ball.dicom"], 2, ["format", "nrrd"]),
-        (["export", "out/volume.h5", "pngs"], 2, ["pngs", "-f hdf5|", "|png|", ".nrrd"]),
+        (["export", "out/volume.h5", "pngs"], 2, ["pngs", "-f hdf5|", "|png,", ".nrrd"]),
         (["export", "out/volume.h5", "ball", "--format", "dicom"], 2, ["nifti, tiff, ome-zarr"]),
         (["export", "out/volume.h5", "out", "--format", "png"], 4, ["folder that exists"]),
         (["export", "scan.h5", "scan.nrrd", "--format", "nrrd"], 2, ["ipasc"]),
