@@ -1,4 +1,4 @@
-"""``python -m fabry_perot``: a scanner from the command line, without the rest of Steradian."""
+"""Command line ``python -m fabry_perot``, which operates a scanner without the Steradian service."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _status(given: argparse.Namespace) -> None:
 
 
 def _statistics(scanner: Scanner) -> dict[str, object]:
-    """Return counters of host and device; of a device with failed hardware, those that it still reports."""
+    """Return counters of host and device; for failed hardware, those that the device still reports."""
     for _ in range(2):  # a refusal latches the fault, after which the device answers without its hardware
         with suppress(RequestRejected):
             return scanner.statistics()
@@ -80,7 +80,7 @@ def _statistics(scanner: Scanner) -> dict[str, object]:
 
 
 def _watch(given: argparse.Namespace) -> None:
-    """Show the scanner's state, one line every so often, until Ctrl-C."""
+    """Print the scanner's state at regular intervals, until Ctrl-C."""
     with _connect(given) as scanner:
         left = given.count
         while left is None or left > 0:
@@ -106,7 +106,7 @@ def _stop(given: argparse.Namespace) -> int:
 
 
 def _clear_fault(given: argparse.Namespace) -> None:
-    """Clear a latched fault or emergency stop, a person's deed that is refused while the cause stands; no laser."""
+    """Clear a latched fault or emergency stop in a person's name; refused while the cause persists; laser stays off."""
     if not given.by.strip():
         raise PlanInvalid("by", given.by, "the name of a person")
     with _connect(given) as scanner:
@@ -215,7 +215,7 @@ def _laser(scanner: Scanner) -> str:
 
 
 def _fault(scanner: Scanner) -> tuple[str, str]:
-    """Return the latched fault's name, and a sentence with its remedy; both empty for none."""
+    """Return the name of a latched fault, and a sentence with its remedy; both empty without a fault."""
     if scanner.state not in ("fault", "estop"):
         return "", ""
     code = scanner.status.fault if scanner.state == "fault" else 0

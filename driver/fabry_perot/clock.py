@@ -1,4 +1,4 @@
-"""Clocks passed explicitly to the state machines.
+"""Clocks passed to the protocol's state machines: real, virtual and scaled time.
 
 All times are whole microseconds (``int``), so that equal inputs give equal behaviour on every machine.
 """
@@ -13,7 +13,7 @@ MICROSECONDS = 1_000_000
 
 
 class Clock(Protocol):
-    """Protocol of a clock in µs."""
+    """Interface (typing protocol) of a clock in µs."""
 
     def now(self) -> int:
         """Return the present time in µs; it never runs backwards."""
@@ -35,7 +35,7 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock that stands still until it is moved: for tests.
+    """Clock for tests, whose time changes only through :meth:`advance`.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class VirtualClock:
         return self._now
 
     def advance(self, microseconds: int) -> int:
-        """Move forward by ``microseconds`` (≥ 0) and return the new time."""
+        """Advance the time by ``microseconds`` (≥ 0) and return the new time."""
         if microseconds < 0:
             raise ValueError(f"the clock cannot run backwards (requested: {microseconds} µs)")
         self._now += microseconds
@@ -59,7 +59,7 @@ class VirtualClock:
 
 
 class ScaledClock:
-    """A clock that runs ``rate`` times as fast as its base, and can be held back.
+    """Clock that runs ``rate`` times as fast as its base clock, and can be set back.
 
     A simulator that cannot compute in time calls :meth:`rewind_to`: simulated time then continues from where the
     simulation really is instead of jumping over work that was never done.
@@ -85,5 +85,5 @@ class ScaledClock:
         return self._offset + int((self._base.now() - self._origin) * self.rate)
 
     def rewind_to(self, at: int) -> None:
-        """Continue from ``at`` µs, a time not later than now."""
+        """Set the time back to ``at`` µs, a time not later than now."""
         self._offset, self._origin = min(at, self.now()), self._base.now()

@@ -1,4 +1,4 @@
-"""Exceptions between host and scanner, as a tree.
+"""Exception classes of the driver.
 
 ScannerError
 ├── PlanInvalid            a plan or parameter lies outside the device's limits (also a ``ValueError``)
@@ -30,13 +30,13 @@ from fabry_perot import faults
 
 
 class ScannerError(Exception):
-    """Root of all errors raised on purpose."""
+    """Base class of all exceptions of the driver."""
 
     code: ClassVar[str] = "scanner-error"
 
 
 class PlanInvalid(ScannerError, ValueError):
-    """A value is outside of the device's limits.
+    """A plan's value is outside the device's limits.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class FrameError(ScannerError, ValueError):
 
 
 class LinkError(ScannerError, ConnectionError):
-    """The line between host and device failed."""
+    """Base class of failures of the line between host and device."""
 
     code = "link-error"
 
@@ -83,37 +83,37 @@ class PortForbidden(PortUnavailable):
 
 
 class PortBusy(LinkError):
-    """Another process holds the port."""
+    """The port is in use by another process."""
 
     code = "port-busy"
 
 
 class ResponseTimeout(LinkError):
-    """Nothing answered within the protocol's time limit."""
+    """The device does not answer within the protocol's time limit."""
 
     code = "no-answer"
 
 
 class ProtocolMismatch(LinkError):
-    """Device and host share no protocol version."""
+    """Device and host have no protocol version in common."""
 
     code = "protocol-mismatch"
 
 
 class LinkLost(LinkError):
-    """An established link went silent or was unplugged."""
+    """An established link was silent for too long or was unplugged."""
 
     code = "link-lost"
 
 
 class DeviceError(ScannerError):
-    """The device answered, and the answer is no."""
+    """Base class of errors that the device itself reports."""
 
     code = "device-error"
 
 
 class RequestRejected(DeviceError):
-    """The device rejected a request.
+    """The device rejected a request of the host.
 
     Parameters
     ----------
@@ -136,13 +136,13 @@ class RequestRejected(DeviceError):
 
 
 class LeaseExpired(DeviceError):
-    """The laser lease ran out some time ago: the laser is off, plan and data are kept; ``resume()`` continues."""
+    """The laser lease has expired: the laser is off, plan and data are retained; ``resume()`` continues."""
 
     code = "lease-lapsed"
 
 
 class ScanAborted(DeviceError):
-    """The laser was switched off on request; plan and data are kept."""
+    """The laser was switched off on request; plan and data are retained."""
 
     code = "scan-aborted"
 
@@ -157,7 +157,7 @@ class DeviceRestarted(DeviceError):
 
 
 class DeviceFault(DeviceError):
-    """The device reports a latched hardware fault; the message names it, its remedy and the command that clears it.
+    """Hardware fault that the device has latched; the message has the fault, its remedy and the clearing command.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class DeviceFault(DeviceError):
 
 
 class FaultStands(DeviceError):
-    """A fault was not cleared, because its cause still stands.
+    """A fault was not cleared, because its cause persists.
 
     Parameters
     ----------
@@ -202,6 +202,6 @@ class FaultStands(DeviceError):
 
 
 class EmergencyStopped(DeviceError):
-    """The emergency stop is latched."""
+    """The emergency stop is latched, so that the scanner rejects work until a person clears it."""
 
     code = "emergency-stop"

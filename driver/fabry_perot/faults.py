@@ -1,4 +1,4 @@
-"""Names, explanations and remedies of the faults that a device reports by number (FAULT and STATUS in PROTOCOL.md)."""
+"""Names, descriptions and remedies of the device's fault codes (FAULT and STATUS in PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One kind of fault.
+    """Kind of fault: code, name, description and remedy.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ CODES = range(256)
 
 
 def by_code(code: int) -> Fault:
-    """Return the fault with a code; codes of the hardware's own (4 … 255) have a name with the number in it.
+    """Return the fault with a code; hardware-specific codes (4 … 255) get a name that contains the number.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def by_code(code: int) -> Fault:
 
 
 def standing(code: int, *, interlock_closed: bool, key_on: bool, light: bool) -> str:
-    """Return the cause of a fault that still stands, as a clause; empty when the fault may be cleared.
+    """Return the persisting cause of a fault, as a clause; empty when the fault may be cleared.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def standing(code: int, *, interlock_closed: bool, key_on: bool, light: bool) ->
 
 
 def advice(code: int, port: str = "PORT") -> str:
-    """Return one sentence with the event, its remedy and the command that clears the fault.
+    """Return one sentence with a fault's description, its remedy and the command that clears the fault.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def __dir__() -> list[str]:
 
 
 def _load_displays() -> None:
-    """Import the modules that implement :mod:`steradian.drawing.display`."""
+    """Import the modules that display and plot objects, which register with :mod:`steradian.drawing.display`."""
     import steradian.masks.figures
     import steradian.plans.figures
     import steradian.reconstructions.display  # noqa: F401

@@ -1,4 +1,4 @@
-"""Functions that import the implementations of :mod:`steradian.drawing.display`; ``steradian/__init__`` adds them."""
+"""Lazy imports of the modules that display, plot and save masks, scans and volumes in notebooks."""
 
 TYPE_CHECKING = False  # not typing's: this module is part of the package's start
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""open(): open a mask, plan, scan or volume by content."""
+"""``steradian.open()``: open a mask, plan, scan or volume file, with its type detected from the content."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KNOWN = "a mask or plan (.json), a scan or a volume (.h5) of Steradian, or the f
 
 
 def open(path: str | Path) -> Opened:
-    """Open a mask, a plan, a scan or a volume, recognised by its content.
+    """Open a mask, plan, scan or volume file, with its type detected from the content.
 
     Parameters
     ----------

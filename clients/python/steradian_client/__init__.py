@@ -1,4 +1,4 @@
-"""Typed client of a Steradian service, blocking (:class:`Client`) and awaited (:class:`AsyncClient`)."""
+"""Typed client of the Steradian HTTP API, blocking (:class:`Client`) and asynchronous (:class:`AsyncClient`)."""
 
 from steradian_client.arrays import Volume
 from steradian_client.client import AsyncClient, Client

@@ -1,4 +1,4 @@
-"""``python -m steradian_client``."""
+"""Entry point of ``python -m steradian_client``, which runs the command line."""
 
 from steradian_client.cli import main
 

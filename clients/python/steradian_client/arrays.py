@@ -1,4 +1,4 @@
-"""Arrays of the service: of NumPy where it is there, else memory views of the same shape."""
+"""Decoding of binary responses into NumPy arrays, or into memory views if NumPy is not installed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CODES: Final = {"f4": "f", "f8": "d", "i1": "b", "i2": "h", "i4": "i", "i8": "q
 
 @dataclass(frozen=True)
 class Volume:
-    """A volume, or a slice of one.
+    """Reconstructed volume, or a slice of a volume, with coordinates along each axis.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Volume:
 
 
 def parse_array(answer: httpx.Response) -> Array:
-    """Decode a response of raw bytes according to its headers.
+    """Decode a binary response into an array with the shape and data type of its headers.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def parse_array(answer: httpx.Response) -> Array:
 
 
 def slice_axes(report: dict[str, Any], chosen: str | None) -> tuple[tuple[float, ...], ...]:
-    """Return the places along x, y and z (m) of a slice, in numpy's syntax, of the volume of a report."""
+    """Return the coordinates (m) along x, y and z of a slice in NumPy's syntax, from the report of its volume."""
     shape, origin, spacing = (report.get(name, ()) for name in ("shape", "origin_m", "spacing_m"))
     places: list[tuple[float, ...]] = []
     parts = (chosen or "").split(",") if chosen else []

@@ -1,4 +1,4 @@
-"""The clients: the service's nouns, one attribute each, blocking or awaited."""
+"""Blocking and asynchronous client, with one attribute for each resource of the HTTP API."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class _ClientBase(Resource[Mode]):
 
     @dual_method
     async def health(self) -> Health:
-        """Ask whether the process answers."""
+        """Return the status and version of the service's process, as a liveness check."""
         return await self._session.request_model(Health, routes.HEALTH)
 
     @dual_method
@@ -85,12 +85,12 @@ class _ClientBase(Resource[Mode]):
 
     @dual_method
     async def close(self) -> None:
-        """Close the connections."""
+        """Close all connections to the service."""
         await self._session.transport.close()
 
 
 class Client(_ClientBase[SyncMode]):
-    """A connection to a Steradian service.
+    """Blocking client of a Steradian service.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class Client(_ClientBase[SyncMode]):
 
 
 class AsyncClient(_ClientBase[AsyncMode]):
-    """A connection whose every method is awaited, under asyncio or trio.
+    """Asynchronous client of a Steradian service, under asyncio or trio.
 
     Examples
     --------

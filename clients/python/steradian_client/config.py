@@ -18,7 +18,7 @@ DEFAULT: Final = "http://127.0.0.1:8000"
 
 @dataclass(frozen=True)
 class Address:
-    """Address and key of a service."""
+    """URL and API key of a service."""
 
     url: str
     key: str | None
@@ -27,7 +27,7 @@ class Address:
     def resolve(
         cls, url: str | None = None, key: str | None = None, environment: Mapping[str, str] = os.environ
     ) -> Self:
-        """Return the address and key: from the arguments, the environment or the configuration file (``url``, ``key``).
+        """Return URL and API key from the arguments, the environment or the configuration file (``url``, ``key``).
 
         A key goes only to the address that it was written beside: never the file's to another address.
 

@@ -1,4 +1,4 @@
-"""Downloads: resumed where they broke off, checked, and at their place only when they are whole."""
+"""Resumable downloads with checksum verification, written by atomic writes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DIGEST: Final = re.compile(r"sha-256=:([A-Za-z0-9+/=]+):")
 
 
 class Download:
-    """A body on its way into a file.
+    """State of one download into a file: received bytes, total bytes, ETag and checksum.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Download:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _range(self) -> dict[str, str]:
-        """Return the headers that request the remaining bytes, if the partial file is of the same version."""
+        """Return the range headers that request the remaining bytes of a partial file, if its version is unchanged."""
         if not self._done or self._etag is None or self._etag.startswith("W/"):
             return {}
         return {"Range": f"bytes={self._done}-", "If-Range": self._etag}
@@ -127,7 +127,7 @@ async def download(
     headers: Mapping[str, str] | None = None,
     progress: Report | None = None,
 ) -> Path:
-    """Save an answer's body as ``target``, which appears only when it is whole.
+    """Download a response body into ``target``, which appears only when the download is complete.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Exceptions of the client, as a tree.
+"""Exception classes of the client.
 
 ClientError
 ├── ConnectionFailed  no service answers at that address, or the connection broke off
@@ -23,11 +23,11 @@ from typing import Any
 
 
 class ClientError(Exception):
-    """Root of this package's errors."""
+    """Base class of this package's errors."""
 
 
 class ConnectionFailed(ClientError):
-    """No service answers at that address."""
+    """The service does not answer at the given URL."""
 
 
 class CorruptTransfer(ClientError):
@@ -35,7 +35,7 @@ class CorruptTransfer(ClientError):
 
 
 class ServiceError(ClientError):
-    """The service refused or failed; the attributes are those of its problem document.
+    """Error response of the service, with the attributes of its problem document (RFC 9457).
 
     Attributes
     ----------
@@ -66,25 +66,25 @@ class ServiceError(ClientError):
 
     @staticmethod
     def of(status: int, problem: dict[str, Any]) -> ServiceError:
-        """Choose the exception that a problem is: by its code, else by its status."""
+        """Create the exception for a problem document, chosen by its code, otherwise by its status."""
         kind = _BY_CODE.get(str(problem.get("code"))) or _BY_STATUS.get(status, ServiceError)
         return kind(status, problem)
 
 
 class Unauthorized(ServiceError):
-    """A key is needed, or the one sent is unknown, revoked or expired."""
+    """The API key is missing, unknown, revoked or expired."""
 
 
 class Forbidden(ServiceError):
-    """The key does not allow this."""
+    """The API key does not permit this request."""
 
 
 class NotFound(ServiceError):
-    """Nothing has that identifier."""
+    """A resource with this identifier does not exist."""
 
 
 class Conflict(ServiceError):
-    """The request does not fit the present state."""
+    """The request conflicts with the present state of the resource."""
 
 
 class NotReady(Conflict):
@@ -92,7 +92,7 @@ class NotReady(Conflict):
 
 
 class HasDependents(Conflict):
-    """The resource to delete is needed by ``dependents``."""
+    """The resource cannot be deleted, because the resources in ``dependents`` need it."""
 
 
 class PreconditionFailed(ServiceError):
@@ -104,11 +104,11 @@ class InvalidInput(ServiceError):
 
 
 class RateLimited(ServiceError):
-    """The key is used more often than it may be."""
+    """The API key exceeds its request rate."""
 
 
 class DiskFull(ServiceError):
-    """The service's disk has no room for it."""
+    """The service's disk has too little free space for the request."""
 
 
 _BY_CODE: dict[str, type[ServiceError]] = {"not-ready": NotReady, "has-dependents": HasDependents}
@@ -125,7 +125,7 @@ _BY_STATUS: dict[int, type[ServiceError]] = {
 
 
 class JobFailed(ClientError):
-    """A scan, reconstruction, job or batch did not end well.
+    """A scan, reconstruction, job or batch failed or was cancelled.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The event stream: decoded, and followed across broken connections and restarts of the service."""
+"""Event stream of the service (server-sent events): decoder, and reconnection after interruptions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LINE_END: Final = re.compile(rb"\r\n|\n|\r(?=.)", re.DOTALL)
 
 
 class Decoder:
-    """Takes a stream of server-sent events apart (WHATWG HTML, 9.2.6)."""
+    """Incremental decoder of server-sent events (WHATWG HTML, 9.2.6)."""
 
     def __init__(self) -> None:
         self.last_id: str | None = None
@@ -36,7 +36,7 @@ class Decoder:
         self._data: list[str] = []
 
     def feed(self, piece: bytes) -> Iterator[Event]:
-        """Yield the events that a piece completes."""
+        """Yield the events that a chunk of the stream completes."""
         *lines, self._rest = _LINE_END.split(self._rest + piece)
         for line in lines:
             if line:
@@ -65,7 +65,7 @@ class Decoder:
 async def follow(
     session: RequestSession, filters: Mapping[str, Any], last_id: str | None
 ) -> AsyncGenerator[Event | None, None]:
-    """Yield events across breaks, each change once, and ``None`` at every sign of life.
+    """Yield events across reconnections, each change once, and ``None`` after every received chunk.
 
     Raises
     ------
@@ -99,7 +99,7 @@ async def follow(
 
 
 class Events(Resource[Mode]):
-    """Live events of a service."""
+    """Event stream of a service: live changes of state and progress."""
 
     @dual_iterator
     async def follow(
@@ -110,7 +110,7 @@ class Events(Resource[Mode]):
         progress: bool = True,
         last_event_id: str | None = None,
     ) -> AsyncGenerator[Event, None]:
-        """Follow changes of state and progress; a broken stream is taken up again where it broke.
+        """Yield changes of state and progress; after an interruption, the stream resumes at the last event.
 
         Parameters
         ----------
@@ -129,5 +129,5 @@ class Events(Resource[Mode]):
 
     @dual_method
     async def ticket(self) -> Ticket:
-        """Get a ticket with which a browser may open one stream."""
+        """Request a single-use ticket with which a browser opens one event stream."""
         return await self._session.request_model(Ticket, routes.CREATE_TICKET)

@@ -1,4 +1,4 @@
-"""Typed responses of the service; fields of a newer service are kept as further attributes."""
+"""Typed responses of the service; unknown fields of a newer service become further attributes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Progress(ResponseModel):
 
 
 class Problem(ResponseModel):
-    """Why work failed."""
+    """Error that made a scan or job fail: code and detail."""
 
     code: str
     detail: str
 
 
 class Service(ResponseModel):
-    """The service: its version, whether its scanner is simulated, and its limits."""
+    """Service information: version, whether the scanner is simulated, and limits."""
 
     version: str
     mode: str
@@ -50,7 +50,7 @@ class Storage(ResponseModel):
 
 
 class Health(ResponseModel):
-    """The process answers."""
+    """Liveness of the service's process, and its version."""
 
     status: str
     version: str
@@ -65,7 +65,7 @@ class Readiness(ResponseModel):
 
 
 class Mask(ResponseModel):
-    """A mask without its points; lengths in metres."""
+    """Mask with its parameters and metrics, without its points; lengths in metres."""
 
     id: str
     arrangement: dict[str, Any]
@@ -107,7 +107,7 @@ class Points(ResponseModel):
 
 
 class Plan(ResponseModel):
-    """Plan and its cost; SI units."""
+    """Scan plan and its cost; SI units."""
 
     id: str
     mask_id: str
@@ -132,7 +132,7 @@ class Preview(ResponseModel):
 
 
 class DesignPreview(ResponseModel):
-    """Preview of a mask and its plan: points, order, coverage seen from a place, and cost."""
+    """Preview of a mask and its plan: points, order, coverage seen from a point of interest, and cost."""
 
     mask: MaskPreview
     positions: list[list[float]]
@@ -144,7 +144,7 @@ class DesignPreview(ResponseModel):
 
 
 class PointSpread(ResponseModel):
-    """The image of a tiny ball: a section (x, z) with its peak 1, axes and widths in metres."""
+    """Image of a tiny ball (point-spread function): section (x, z) with peak 1, axes and widths in metres."""
 
     x: list[float]
     z: list[float]
@@ -181,7 +181,7 @@ class LongRunning(ResponseModel):
 
     @property
     def is_over(self) -> bool:
-        """Whether it changes no more by itself."""
+        """Whether the resource has ended."""
         return self.state in {"succeeded", "failed", "cancelled"}
 
     @property
@@ -191,7 +191,7 @@ class LongRunning(ResponseModel):
 
 
 class Scan(LongRunning):
-    """A scan: where it stands."""
+    """Scan: its plan, state, progress and labels."""
 
     plan_id: str
     mask_id: str | None = None
@@ -211,7 +211,7 @@ class Scan(LongRunning):
 
     @property
     def succeeded(self) -> bool:
-        """Whether it ended with data to use: every point, or those measured before it was stopped."""
+        """Whether the scan ended with usable data: every point, or those measured before a stop."""
         return self.state in {"complete", "partial"}
 
 
@@ -234,7 +234,7 @@ class Signals(ResponseModel):
 
 
 class Shots(ResponseModel):
-    """Each point's shot, in the order of the mask, frame after frame; columns of equal length.
+    """Metadata of each point's shot, in the order of the mask, frame after frame; columns of equal length.
 
     ``next`` is what to ask with as ``since``, to be told only what has changed; a service of before tells none.
     """
@@ -260,7 +260,7 @@ class Coverage(ResponseModel):
 
 
 class Reconstruction(LongRunning):
-    """Reconstruction: its request and progress."""
+    """Reconstruction job: its request and progress."""
 
     scan_id: str
     kind: str = "reconstruction"
@@ -278,7 +278,7 @@ class Reconstruction(LongRunning):
 
 
 class Revision(ResponseModel):
-    """An image of a scan that is being followed."""
+    """Intermediate image of a scan that is still running: number of points, coverage and quality."""
 
     number: int
     points: int
@@ -289,7 +289,7 @@ class Revision(ResponseModel):
 
 
 class Quality(ResponseModel):
-    """A comparison of a reconstruction with another one."""
+    """Result of comparing a reconstruction with a reference reconstruction."""
 
     reference_id: str
     diameter: float | None
@@ -311,7 +311,7 @@ class Job(LongRunning):
 
 
 class Attempt(ResponseModel):
-    """A start of a job and its end."""
+    """Execution attempt of a job: number, worker and outcome."""
 
     number: int
     worker: str | None = None
@@ -320,7 +320,7 @@ class Attempt(ResponseModel):
 
 
 class BatchMember(ResponseModel):
-    """Job of a batch: its varied parameters, and its report's figures."""
+    """Job of a batch: its varied parameters, and the figures of its report."""
 
     id: str
     varied: dict[str, Any]
@@ -330,7 +330,7 @@ class BatchMember(ResponseModel):
 
 
 class Batch(ResponseModel):
-    """A batch and how its jobs stand."""
+    """Batch of reconstructions: varied parameters, and its jobs with their states."""
 
     id: str
     scan_id: str
@@ -352,17 +352,17 @@ class Batch(ResponseModel):
 
     @property
     def is_over(self) -> bool:
-        """Whether no job of it changes any more."""
+        """Whether all jobs of the batch have ended."""
         return self.state in {"succeeded", "failed", "cancelled", "forgotten"}
 
     @property
     def succeeded(self) -> bool:
-        """Whether all its jobs succeeded."""
+        """Whether all jobs of the batch succeeded."""
         return self.state == "succeeded"
 
 
 class Upload(ResponseModel):
-    """A file that waits to be imported."""
+    """Uploaded file that waits for its import."""
 
     id: str
     bytes: int
@@ -371,7 +371,7 @@ class Upload(ResponseModel):
 
 
 class MissingField(ResponseModel):
-    """Field of the description that an import requires, with its allowed values."""
+    """Metadata field that an import requires and the file lacks, with its allowed values."""
 
     field: str
     allowed: str
@@ -408,7 +408,7 @@ class Lease(ResponseModel):
 
 
 class EmergencyStop(ResponseModel):
-    """Active emergency stop.
+    """Active emergency stop of a scanner: time, person, and state of the laser.
 
     ``laser`` is off (the scanner itself said so), idle (there is no scanner) or unconfirmed: use the hardware switch.
     ``detail`` is what the scanner said, or why it could not be asked.
@@ -470,7 +470,7 @@ class Ticket(ResponseModel):
 
 
 class Event(ResponseModel):
-    """Something that happened.
+    """Event of the service's stream: a change of state, or progress.
 
     ``kind`` is scan, reconstruction, job, batch or scanner for a change of state; progress; ready when the stream
     stands (again); reset when the log does not go back to where it was left: read the resources again.
@@ -482,5 +482,5 @@ class Event(ResponseModel):
 
     @property
     def subject(self) -> str | None:
-        """Identifier of the resource that it is about."""
+        """Identifier of the resource that the event concerns."""
         return self.data.get("id")

@@ -1,4 +1,4 @@
-"""Wait for completion using events, with polling as fallback."""
+"""Waiting for the end of a scan or job, by events with polling as fallback."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Kind = TypeVar("Kind", bound=LongRunning | Batch)
 
 
 class CompletionWaiter(Generic[Kind]):
-    """A wait for one scan, reconstruction, job or batch.
+    """Wait for the end of one scan, reconstruction, job or batch.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class CompletionWaiter(Generic[Kind]):
         self._has_stream, self._said = True, ("", 0, 0)
 
     async def wait(self, work: Kind) -> Kind:
-        """Return it as it is when it is over.
+        """Wait until the resource has ended, and return its final state.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class CompletionWaiter(Generic[Kind]):
         return work
 
     async def _ask(self, seconds: float) -> Kind:
-        """Poll once for up to ``seconds``, whether or not the service holds its answer."""
+        """Poll the resource once, and return its state after ``seconds`` unless it ends before."""
         begun = time.monotonic()
         work = await self._look(max(1.0, seconds))
         if not work.is_over and (rest := begun + seconds - time.monotonic()) > 0:
@@ -98,7 +98,7 @@ class CompletionWaiter(Generic[Kind]):
         return work
 
     def _concerns(self, work: Kind, event: Event | None) -> bool:
-        """Whether an event is a reason to poll; progress events are passed on."""
+        """Return whether an event is a reason to poll, and report progress events."""
         if event is None or event.kind in {"ready", "reset"}:
             return event is not None
         if event.subject != work.id:

@@ -1,4 +1,4 @@
-"""Every request that the service answers, and whether it may be sent again when its answer was lost.
+"""Routes of the HTTP API, each with whether a request may be repeated after a lost response.
 
 A request that never left is always sent again. One whose answer was lost is sent again only where twice does no more
 than once: it reads or names an end state, is told apart by its content, or carries an idempotency key. Not so what
@@ -16,7 +16,7 @@ V1: Final = "/api/v1"
 
 @dataclass(frozen=True)
 class Route:
-    """A method and the template of a path.
+    """API route: HTTP method and path template.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Route:
     keyed: bool = False
 
     def path(self, **identifiers: str) -> str:
-        """Fill in identifiers."""
+        """Return the path with the identifiers inserted."""
         return self.template.format_map({name: quote(value, safe="") for name, value in identifiers.items()})
 
 

@@ -1,4 +1,4 @@
-"""Requests that are sent again where that is safe, and answers as models or exceptions."""
+"""HTTP session: requests with retries where safe, responses as models or exceptions."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class RequestSession:
         wait: float = 0.0,
         accepted: frozenset[int] = frozenset(),
     ) -> httpx.Response:
-        """Send a request, again where that is safe, until it is answered.
+        """Send a request, retrying where repetition is safe, and return the response.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class RequestSession:
     async def request_model(
         self, kind: type[Kind], route: Route, identifiers: Mapping[str, str] | None = None, **more: Any
     ) -> Kind:
-        """Send a request and read its answer; ``more`` and errors as of :meth:`send_with_retries`."""
+        """Send a request and return its response as a model; ``more`` and errors as of :meth:`send_with_retries`."""
         return kind.model_validate_json((await self.send_with_retries(route, identifiers, **more)).content)
 
     async def list(
@@ -109,7 +109,7 @@ class RequestSession:
         filters: Mapping[str, Any] | None = None,
         identifiers: Mapping[str, str] | None = None,
     ) -> list[Kind]:
-        """Read the newest ``limit`` resources, page by page; errors as of :meth:`send_with_retries`."""
+        """Return the newest ``limit`` resources, read page by page; errors as of :meth:`send_with_retries`."""
         found: list[Kind] = []
         params: Mapping[str, Any] | None = filters or {}
         if limit is not None:
@@ -126,7 +126,7 @@ class RequestSession:
     async def open(
         self, route: Route, identifiers: Mapping[str, str], **more: Any
     ) -> AsyncGenerator[StreamedResponse, None]:
-        """Send a request once and leave the answer to be read as it comes.
+        """Send a request once and yield the response, whose body the caller reads as a stream.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class RequestSession:
             raise self.unreachable(error, route) from error
 
     def unreachable(self, error: httpx.TransportError, route: Route) -> ConnectionFailed:
-        """Say that a request had no answer, and whether it may have been done all the same."""
+        """Return the error for a request without response, with whether the service may have processed it."""
         said = f"no answer from {self.transport.url}: {str(error) or type(error).__name__}"
         if not route.repeatable and not isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
             said += f"; {route.method} {route.template} may have been done all the same, so look before you repeat it"
@@ -151,7 +151,7 @@ class RequestSession:
 
 
 def problem_of(answer: httpx.Response) -> ServiceError:
-    """Make an exception of a refusal."""
+    """Return the exception for an error response."""
     try:
         problem = answer.json()
     except ValueError:
@@ -160,7 +160,7 @@ def problem_of(answer: httpx.Response) -> ServiceError:
 
 
 def _not_ours(answer: httpx.Response) -> dict[str, Any]:
-    """Describe a refusal without a problem document: its sender is a proxy between client and service."""
+    """Return a problem for an error response that a proxy sent, without a problem document."""
     if answer.status_code != 413:
         return {"title": answer.reason_phrase}
     server = answer.headers.get("Server", "")

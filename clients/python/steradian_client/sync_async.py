@@ -1,4 +1,4 @@
-"""Decorators that expose one coroutine as a sync and an async method.
+"""Decorators that expose one coroutine function as a blocking and as an asynchronous method.
 
 Every method is written once, as a coroutine. With an awaited transport it is awaited by the caller; with a blocking
 one, whose every wait is over when it returns, the coroutine is run to its end on the spot.
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class SyncMode:
-    """The world in which a call returns when it is done."""
+    """Type marker of blocking clients."""
 
 
 class AsyncMode:
-    """The world in which a call is awaited."""
+    """Type marker of asynchronous clients."""
 
 
 Mode = TypeVar("Mode", SyncMode, AsyncMode)
@@ -37,14 +37,14 @@ _END: Final = object()
 
 
 class Resource(Generic[Mode]):
-    """One noun of the service, in one of the two worlds."""
+    """Base class of resource collections, generic in the client's mode (blocking or asynchronous)."""
 
     def __init__(self, session: RequestSession) -> None:
         self._session = session
 
 
 class dual_method(Generic[P, T]):  # noqa: N801 - a decorator
-    """Make a coroutine a method that blocks in the one world and is awaited in the other."""
+    """Decorator that makes a coroutine function a blocking or an awaitable method, depending on the client."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]) -> None:
         self._function = function
@@ -72,7 +72,7 @@ class dual_method(Generic[P, T]):  # noqa: N801 - a decorator
 
 
 class dual_iterator(Generic[P, T]):  # noqa: N801 - a decorator
-    """The same of an asynchronous generator: an iterator in the one world, an asynchronous one in the other."""
+    """Decorator that makes an async generator a plain or an async iterator, depending on the client."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], AsyncGenerator[T, None]]) -> None:
         self._function = function
@@ -100,7 +100,7 @@ class dual_iterator(Generic[P, T]):  # noqa: N801 - a decorator
 
 
 class dual_context_manager(Generic[P, T]):  # noqa: N801 - a decorator
-    """The same of a generator that yields once: a context manager, or an asynchronous one."""
+    """Decorator that makes an async generator a plain or an async context manager, depending on the client."""
 
     def __init__(self, function: Callable[Concatenate[Any, P], AsyncIterator[T]]) -> None:
         self._function = contextlib.asynccontextmanager(function)
@@ -137,7 +137,7 @@ class dual_context_manager(Generic[P, T]):  # noqa: N801 - a decorator
 
 
 def finish(coroutine: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine of a blocking transport, none of whose waits suspends it."""
+    """Run a coroutine of a blocking transport to its end, without an event loop."""
     try:
         coroutine.send(None)
     except StopIteration as end:

@@ -1,4 +1,4 @@
-"""Requests as values, and the two that send them: over a blocking httpx client, or an asynchronous one."""
+"""HTTP transports over a blocking or an asynchronous httpx client, and their request objects."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class UploadFile:
         self.size, self.sha256, self.start = path.stat().st_size, "", 0
 
     def pieces(self) -> Iterator[bytes]:
-        """Yield the content after the offset, read from the beginning each time."""
+        """Yield the content after the offset in chunks; each call reads the file from its beginning."""
         digest, done = hashlib.sha256(), 0
         with self.path.open("rb") as source:
             while piece := source.read(PIECE):
@@ -56,7 +56,7 @@ class UploadFile:
 
 @dataclass(frozen=True)
 class Request:
-    """Request to send.
+    """HTTP request: method, path, parameters, headers and body.
 
     Attributes
     ----------
@@ -77,20 +77,20 @@ class Request:
 
 @dataclass(frozen=True)
 class StreamedResponse:
-    """An answer whose body has still to come."""
+    """HTTP response whose body is read as a stream."""
 
     response: httpx.Response
     pieces: AsyncIterator[bytes]
 
     async def read(self) -> httpx.Response:
-        """Read the body, of an error for example."""
+        """Read and return the whole body, for example that of an error."""
         content = b"".join([piece async for piece in self.pieces])
         about = self.response
         return httpx.Response(about.status_code, headers=about.headers, content=content, request=about.request)
 
 
 class Transport(ABC):
-    """Sends requests to one service.
+    """Base class of HTTP transports, which send requests to one service.
 
     Parameters
     ----------
@@ -110,23 +110,23 @@ class Transport(ABC):
 
     @abstractmethod
     async def send(self, request: Request) -> httpx.Response:
-        """Send a request and read the whole answer; raises :class:`httpx.TransportError`."""
+        """Send a request and return the response with its whole body; raises :class:`httpx.TransportError`."""
 
     @abstractmethod
     def stream(self, request: Request) -> AbstractAsyncContextManager[StreamedResponse]:
-        """Send a request and leave the answer's body to be read; raises :class:`httpx.TransportError`."""
+        """Send a request and yield the response, whose body is not read yet; raises :class:`httpx.TransportError`."""
 
     @abstractmethod
     async def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for ``seconds``."""
 
     @abstractmethod
     async def call(self, function: Callable[[], T]) -> T:
-        """Run a slow call, such as reading a file, without blocking other tasks."""
+        """Run a slow function, such as reading a file, without blocking other tasks."""
 
     @abstractmethod
     async def close(self) -> None:
-        """Close the connections."""
+        """Close all connections to the service."""
 
     def _options(self, request: Request) -> dict[str, Any]:
         size = {} if request.file is None else {"Content-Length": str(request.file.size - request.file.start)}
@@ -141,7 +141,7 @@ class Transport(ABC):
 
 
 class SyncTransport(Transport):
-    """Waits for everything where it is asked for."""
+    """Blocking HTTP transport, whose coroutines never suspend."""
 
     blocks = True
 
@@ -150,13 +150,13 @@ class SyncTransport(Transport):
         self._http = httpx.Client(base_url=self.url, headers=self.headers)
 
     async def send(self, request: Request) -> httpx.Response:
-        """Send a request and read the whole answer."""
+        """Send a request and return the response with its whole body."""
         content = None if request.file is None else request.file.pieces()
         return self._http.request(content=content, **self._options(request))
 
     @asynccontextmanager
     async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
-        """Send a request and leave the answer's body to be read."""
+        """Send a request and yield the response, whose body is not read yet."""
         with self._http.stream(**self._options(request)) as response:
 
             async def pieces() -> AsyncGenerator[bytes, None]:
@@ -166,20 +166,20 @@ class SyncTransport(Transport):
             yield StreamedResponse(response, pieces())
 
     async def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Block for ``seconds``."""
         time.sleep(seconds)  # noqa: ASYNC251 - there is no loop that it could hold up
 
     async def call(self, function: Callable[[], T]) -> T:
-        """Call it."""
+        """Call a function in the caller's thread."""
         return function()
 
     async def close(self) -> None:
-        """Close the connections."""
+        """Close all connections to the service."""
         self._http.close()
 
 
 class AsyncTransport(Transport):
-    """Asynchronous transport, under asyncio or trio."""
+    """Asynchronous HTTP transport, under asyncio or trio."""
 
     blocks = False
 
@@ -188,26 +188,26 @@ class AsyncTransport(Transport):
         self._http = httpx.AsyncClient(base_url=self.url, headers=self.headers)
 
     async def send(self, request: Request) -> httpx.Response:
-        """Send a request and read the whole answer."""
+        """Send a request and return the response with its whole body."""
         content = None if request.file is None else self._pieces(request.file.pieces())
         return await self._http.request(content=content, **self._options(request))
 
     @asynccontextmanager
     async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
-        """Send a request and leave the answer's body to be read."""
+        """Send a request and yield the response, whose body is not read yet."""
         async with self._http.stream(**self._options(request)) as response:
             yield StreamedResponse(response, response.aiter_bytes())
 
     async def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for ``seconds`` without blocking other tasks."""
         await anyio.sleep(seconds)
 
     async def call(self, function: Callable[[], T]) -> T:
-        """Call it in a thread."""
+        """Call a function in a worker thread."""
         return await anyio.to_thread.run_sync(function)
 
     async def close(self) -> None:
-        """Close the connections."""
+        """Close all connections to the service."""
         await self._http.aclose()
 
     async def _pieces(self, source: Iterator[bytes]) -> AsyncGenerator[bytes, None]:

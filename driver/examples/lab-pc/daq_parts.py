@@ -1,4 +1,4 @@
-"""Galvo, gate of the pulsed laser, shutter: what hangs on a DAQ card, by the interface of the package ``nidaqmx``.
+"""Galvo, pulsed-laser gate and shutter on a DAQ card, by the interface of the package ``nidaqmx``.
 
 ``daq`` is that package, or ``bench.cards.Cards``, which has as much of its interface as is used here. Wiring and
 terminals are in docs/hardware.md: the pulsed laser's sync output comes back to PFI0 and, later by a record's length, to
@@ -19,7 +19,7 @@ SETTLING = 400
 
 
 class DaqGalvo:
-    """A :class:`~fabry_perot.hardware.Galvo`: two analogue outputs that go through a table, a step a trigger."""
+    """:class:`~fabry_perot.hardware.Galvo` on two analogue outputs that step through a table, one row per trigger."""
 
     steps_by_trigger = True
 
@@ -32,12 +32,12 @@ class DaqGalvo:
         """(T, 2) where each trigger of the present table finds the beam, in nm."""
 
     def limits(self) -> dict[str, Any]:
-        """Return its reach."""
+        """Return the reach of the beam in nm."""
         reach = round(1e9 * self._reach)
         return {"x_nm": [-reach, reach], "y_nm": [-reach, reach]}
 
     def start_path(self, path: BeamPath, now: int) -> None:
-        """Go to the first position, and give the card a table of those that come after each trigger."""
+        """Move to the first position, and load the positions that follow each trigger into the card."""
         if path.settle[1:].any():
             raise ValueError("a table of the card cannot wait: set steps_by_trigger to False for points that settle")
         self.halt()
@@ -59,18 +59,18 @@ class DaqGalvo:
         return now >= self._rests_at
 
     def park(self, now: int) -> None:
-        """Go to the middle."""
+        """Move the beam to the centre of the film."""
         self.halt()
         self._go(self._calibration.volts(np.zeros((1, 2)))[0])
         self._rests_at = now + SETTLING
 
     def position(self) -> tuple[int, int]:
-        """Return x, y of the last place it was sent to by software."""
+        """Return x, y (nm) of the last position set by software."""
         x, y = self._calibration.metres(self._volts[None])[0]
         return round(1e9 * x), round(1e9 * y)
 
     def halt(self) -> None:
-        """Take the table from the card."""
+        """Stop the table of positions on the card."""
         if self._table is not None:
             self._table.close()
             self._table = None
@@ -88,7 +88,7 @@ class DaqGalvo:
 
 
 class CounterGatedLaser:
-    """An :class:`~fabry_perot.hardware.ExcitationLaser` that fires a pulse a trigger and none without.
+    """:class:`~fabry_perot.hardware.ExcitationLaser` that fires one pulse per trigger of a counter.
 
     Counter 0 makes the triggers while counter 1 lets it: a one-shot as long as is permitted, which the card ends by its
     own clock whatever becomes of this program. Counter 2 counts what the laser says it fired (its sync output).
@@ -109,15 +109,15 @@ class CounterGatedLaser:
         self._monitor.di_channels.add_di_chan(f"{device}/port0/line4")
 
     def limits(self) -> dict[str, Any]:
-        """Return its range."""
+        """Return the ranges of pulse rate and parameters, and whether there is a gate input."""
         return {"pulse_rate_mhz": [1_000, round(1e3 * self._highest)], "gate": bool(self._edges), "parameters": {}}
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set the pulse rate."""
+        """Set the pulse rate of a plan."""
         self._rate = 1e-3 * sampling.pulse_rate_mhz
 
     def permit(self, until: int, now: int) -> None:
-        """Set counter 1 anew: high until then, low ever after."""
+        """Program counter 1 to be high until ``until`` and low afterwards."""
         self._synchronise(now)
         self.shots()
         self._gate, self._until = self._over(self._gate), until
@@ -129,11 +129,11 @@ class CounterGatedLaser:
             self._gate.start()
 
     def fire(self, pulses: int, now: int) -> None:
-        """Have counter 0 make so many triggers while counter 1 is high."""
+        """Start a train of ``pulses`` triggers on counter 0, paused while counter 1 is low."""
         self._start(pulses, now)
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
-        """Have counter 0 do so from the next rising edge on; one that comes while counter 1 is low spends itself.
+        """Start the train of triggers at the next rising edge; an edge while counter 1 is low is lost.
 
         Then counter 0 would go on in the middle: the permission's end is followed by :meth:`halt`.
         """
@@ -155,32 +155,32 @@ class CounterGatedLaser:
         self._train.start()
 
     def halt(self, now: int) -> None:
-        """Stop both counters."""
+        """Stop both counters, which ends emission."""
         self._synchronise(now)
         self._train, self._gate = self._over(self._train), self._over(self._gate)
 
     def shots(self) -> int:
-        """Return what counter 2 has counted; a lab gives the laser's own count, which outlives the card's."""
+        """Return the count of counter 2; real labs return the laser's own count, which survives a reset of the card."""
         count = int(self._count.read())
         if count != self._seen:
             self._seen, self._last = count, min(round(1e6 * time.monotonic() + self._offset), self._until - 1)
         return count
 
     def last_shot(self) -> int:
-        """Return when the count was first seen to be what it is, a look later than the shot, or the gate's end."""
+        """Return the time of the last change of the shot count, at most the end of the permission, in µs."""
         self.shots()
         return self._last
 
     def emitting(self) -> bool:
-        """Return what the photodiode behind the shutter says."""
+        """Return whether the photodiode behind the shutter detects light."""
         return bool(self._monitor.read())
 
     def parameters(self) -> dict[str, int]:
-        """Return nothing: this laser has one wavelength."""
+        """Return an empty dictionary, because this laser has no adjustable parameters."""
         return {}
 
     def configure(self, name: str, value: int) -> None:
-        """Change nothing."""
+        """Raise ValueError, because this laser has no adjustable parameters."""
         raise ValueError(f"no parameter {name}")
 
     def _synchronise(self, now: int) -> None:
@@ -192,7 +192,7 @@ class CounterGatedLaser:
 
 
 class DigitalLineShutter:
-    """A :class:`~fabry_perot.hardware.Shutter` on digital lines: 0 opens; 1 is its end switch, 2 interlock, 3 key."""
+    """:class:`~fabry_perot.hardware.Shutter` on digital lines: drive (0), end switch (1), interlock (2), key (3)."""
 
     def __init__(self, daq: Any, device: str) -> None:
         self._drive, self._sense = daq.Task(), [daq.Task() for _ in range(3)]
@@ -202,21 +202,21 @@ class DigitalLineShutter:
         self.close()
 
     def open(self) -> None:
-        """Drive the line high; the interlock relay stands between it and the shutter."""
+        """Drive the shutter line high; the interlock relay is wired between this line and the shutter."""
         self._drive.write(True)
 
     def close(self) -> None:
-        """Drive it low."""
+        """Drive the shutter line low."""
         self._drive.write(False)
 
     def is_open(self) -> bool:
-        """Return whether the end switch does not say that it is wholly closed."""
+        """Return whether the end switch reports that the shutter is not fully closed."""
         return not self._sense[0].read()
 
     def interlock_closed(self) -> bool:
-        """Return what the loop says."""
+        """Return whether the interlock line is high."""
         return bool(self._sense[1].read())
 
     def key_on(self) -> bool:
-        """Return what the switch says."""
+        """Return whether the key line is high."""
         return bool(self._sense[2].read())

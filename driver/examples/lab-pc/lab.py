@@ -1,4 +1,4 @@
-"""A lab's computer as a scanner: SCPI laser, DAQ card and digitiser, made one and served.
+"""Example scanner on a lab computer: SCPI laser, DAQ card and digitiser combined and served on a port.
 
     python lab.py calibrate -o galvo.json                 # the galvo, from a target
     python lab.py serve socket://127.0.0.1:4001 --laser TCPIP::127.0.0.1::5025::SOCKET --galvo galvo.json
@@ -23,7 +23,7 @@ from fabry_perot.hardware import GalvoCalibration
 
 
 def build(laser: str, galvo: Path, film: Path | None = None) -> ComposedInstrument:
-    """Make the scanner of its parts."""
+    """Create the instrument from its components."""
     _, host, port, _ = laser.split("::")
     table = OpticalTable((host, int(port)))
     cards, known = Cards(table), None if film is None else TuningMap.load(film)
@@ -48,7 +48,7 @@ def build(laser: str, galvo: Path, film: Path | None = None) -> ComposedInstrume
 
 
 def main() -> None:
-    """Calibrate, or serve."""
+    """Run the command line: calibrate the galvo, or serve the scanner."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(required=True, dest="command")
     calibrate = commands.add_parser("calibrate", help="fit the galvo to a target's marks")

@@ -1,4 +1,4 @@
-"""The digitiser: a card that takes a record a trigger into a ring of its own, with the trigger's time.
+"""Digitiser component for a card that stores one record per trigger, with its time, in a ring buffer.
 
 ``card`` has what cards for multiple records have under many names: ``setup``, ``start``, ``available``, ``read``,
 ``stop``, ``clock`` and ``mean``; ``bench.cards.DigitiserCard`` is one that is made up.
@@ -21,7 +21,7 @@ SATURATED = 1
 
 
 class RingDigitiser:
-    """A :class:`~fabry_perot.hardware.Digitiser`.
+    """:class:`~fabry_perot.hardware.Digitiser` on a card with a ring buffer of records.
 
     Parameters
     ----------
@@ -51,21 +51,21 @@ class RingDigitiser:
         self._offset = self._taken = 0
 
     def limits(self) -> dict[str, Any]:
-        """Return its range."""
+        """Return the ranges of record length and sampling interval, and the ADC resolution."""
         return {"samples": [16, 8192], "interval_ps": [4_000, 1_000_000], "adc_bits": 14}
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up length and interval of records."""
+        """Set number of samples and sampling interval of records."""
         self._card.setup(sampling.samples, 1e-12 * sampling.interval_ps)
 
     def arm(self, records: int, now: int) -> None:
-        """Have the card take so many triggers; its clock is compared with the device's."""
+        """Start recording of ``records`` triggers, and measure the offset between the card's and the device's clock."""
         self._taken = 0
         self._offset = now - self._card.clock()
         self._card.start(records)
 
     def records(self, now: int) -> list[TriggerRecord]:
-        """Return what the ring has got."""
+        """Return the finished records from the card's ring buffer."""
         counts, times, numbers = self._card.read(self._card.available())
         where, wavelength = self._places()
         made = []
@@ -88,15 +88,15 @@ class RingDigitiser:
         return made
 
     def disarm(self) -> None:
-        """Stop the card; its ring is emptied."""
+        """Stop the card and clear its ring buffer."""
         self._card.stop()
 
     def level(self, now: int) -> int:
-        """Return the DC level in mV."""
+        """Return the DC level of the reflected light in mV."""
         return round(1e3 * self._card.mean())
 
     def _pascals(self, place: NDArray[np.int64]) -> float:
-        """Return the pressure of a count at a place: volts a count over volts a metre over metres a pascal."""
+        """Return the pressure (Pa) of one count at a position, from film slope and resonance shift per pascal."""
         slope = 2e9
         if self._film is not None:
             slope = float(self._film.sensitivity[np.argmin(np.hypot(*(self._film.points - 1e-9 * place).T))])

@@ -1,4 +1,4 @@
-"""The interrogation laser: a tunable laser that speaks SCPI as the HP/Agilent/Keysight 8168 does, through PyVISA.
+"""Interrogation laser with the SCPI commands of the HP/Agilent/Keysight 8168, controlled through PyVISA.
 
 Of its commands ``:WAVelength``, ``:POWer``, ``:POWer:STATe`` are used, and of IEEE 488.2 ``*OPC``, ``*ESR?`` and
 ``*CLS``. Nothing waits: ``*OPC`` has the laser set a bit of its event register when it is tuned, and
@@ -26,7 +26,7 @@ OPENING, AGAIN = 1_000, 1.0
 
 
 class ScpiLaser:
-    """An :class:`~fabry_perot.hardware.InterrogationLaser`.
+    """:class:`~fabry_perot.hardware.InterrogationLaser` controlled by SCPI commands over VISA.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class ScpiLaser:
         self._range = [round(low * 1e12), round(high * 1e12)]
 
     def _open(self) -> None:
-        """Open a session and have the laser shine; it may have been off meanwhile, so what it is at is asked."""
+        """Open a VISA session, switch the laser on, and query its wavelength, which may have changed meanwhile."""
         if time.monotonic() - self._tried < AGAIN:
             raise ConnectionError(f"{self._resource} does not answer; is it on?")
         self._tried = time.monotonic()
@@ -65,15 +65,15 @@ class ScpiLaser:
         self._visa.write(":POW:STAT ON")
 
     def _write(self, command: str) -> None:
-        """Send a command."""
+        """Send a SCPI command."""
         self._talk("write", command)
 
     def _query(self, question: str) -> str:
-        """Send a question and return the answer."""
+        """Send a SCPI query and return the answer."""
         return str(self._talk("query", question))
 
     def _talk(self, how: str, words: str) -> Any:
-        """Use the session, or a new one where the last was lost; one that fails is given up."""
+        """Call a method of the VISA session, which is reopened after a loss; a failed session is closed."""
         try:
             if self._visa is None:
                 self._open()
@@ -89,47 +89,47 @@ class ScpiLaser:
                 lost.close()
 
     def limits(self) -> dict[str, Any]:
-        """Return its range, as the instrument says it, and what can be changed."""
+        """Return the wavelength range reported by the instrument, the tuning time, and the adjustable parameters."""
         power = {"interrogation_uw": [100, 5_000]}
         return {"wavelength_pm": self._range, "tuning_us": self._tuning_us, "parameters": power}
 
     def bias(self, x: int, y: int) -> int:
-        """Return the wavelength of the nearest place of the film's map."""
+        """Return the optimum wavelength at the nearest point of the tuning map, or the present wavelength."""
         if self._film is None:
             return self.wavelength
         nearest = np.argmin(np.hypot(*(self._film.points - [1e-9 * x, 1e-9 * y]).T))
         return round(float(self._film.wavelength[nearest]) * 1e12)
 
     def tune(self, wavelength: int, now: int) -> None:
-        """Begin to tune."""
+        """Start tuning to a wavelength (pm)."""
         if wavelength != self.wavelength:
             self._write(f":WAV {1e-3 * wavelength:.4f}NM;*OPC")
             self.wavelength, self._tuned = wavelength, False
 
     def tuned(self, now: int) -> bool:
-        """Return whether the laser says that it is there."""
+        """Return whether the laser has reached the wavelength."""
         if not self._tuned:
             self._tuned = bool(self._events() & OPERATION_COMPLETE)
         return self._tuned
 
     def parameters(self) -> dict[str, int]:
-        """Return its power."""
+        """Return the laser's power in µW."""
         return {"interrogation_uw": round(float(self._query(":POW?")) * 1e6)}
 
     def configure(self, name: str, value: int) -> None:
-        """Change its power."""
+        """Set the laser's power in µW."""
         self._write(f":POW {value}UW")
         self._events()
 
     def close(self) -> None:
-        """Turn its light off and leave it."""
+        """Switch the light off and close the session."""
         with suppress(ConnectionError):  # a laser that is gone is dark, and one that is off needs no session for it
             if self._visa is not None:
                 self._write(":POW:STAT OFF")
         self._give_up()
 
     def _events(self) -> int:
-        """Return the event register; an error in it is raised with what the instrument says of it."""
+        """Return the standard event register; raises RuntimeError with the instrument's message for an error bit."""
         events = int(self._query("*ESR?"))
         if events & ERRORS:
             raise RuntimeError(f"the laser reports {self._query(':SYST:ERR?')}")

@@ -1,4 +1,4 @@
-"""Helpers for conformance tests during a scan."""
+"""Helper functions of conformance tests that need a running scan."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PROMPT_SECONDS = 1.0
 
 
 def many(peer: ConformanceHost) -> int:
-    """Return the points of a plan that does not end while it is looked at, however fast the device's time runs.
+    """Return the number of points of a plan that lasts longer than a test, at any speed of the device's clock.
 
     A plan that is longer than the ring blocks the laser, and ends only when A-lines are acknowledged.
     """
@@ -36,7 +36,7 @@ def start_scan(peer: ConformanceHost) -> None:
 
 
 def renew_without_proof(peer: ConformanceHost, echo: Callable[[], int]) -> None:
-    """Renew the lease with messages that do not prove reception, for longer than a lease.
+    """Send lease renewals without a valid echo for longer than a lease, and check that the laser goes off.
 
     The laser must then be off.
     """
@@ -48,7 +48,7 @@ def renew_without_proof(peer: ConformanceHost, echo: Callable[[], int]) -> None:
 
 
 def expect_lease_expiry(peer: ConformanceHost, what: str) -> None:
-    """Wait until the lease has expired, and check that no shot was fired outside of it."""
+    """Wait until the lease has expired, and check that no shot was fired after its end."""
     longest = (peer.ttl / peer.rate) * 1e-6 + PROMPT_SECONDS
     peer.expect(peer.wait(lambda: peer.state not in RUNNING, longest), f"the laser off: {what}")
     peer.expect(peer.state is DeviceState.SAFE_HOLD, f"SAFE_HOLD: {what}")
@@ -59,7 +59,7 @@ def expect_lease_expiry(peer: ConformanceHost, what: str) -> None:
 
 
 def expect_no_emission(peer: ConformanceHost) -> None:
-    """Look that the shutter is closed, and that no shot is fired."""
+    """Check that the shutter is closed and that no shot is fired."""
     peer.listen(QUIET_PERIOD)
     laser = peer.status.laser if peer.status else 0xFF
     peer.expect(not laser & (SHUTTER_OPEN | LASER_EMITTING), f"shutter closed and laser off in {peer.state.name}")

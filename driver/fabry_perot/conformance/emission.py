@@ -1,4 +1,4 @@
-"""Tests of laser emission: conditions that must turn the laser off, and those that must not turn it on."""
+"""Conformance tests of laser emission: conditions that must turn the laser off, or must not turn it on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fabry_perot.wire.states import DeviceState, HoldCause
 
 @conformance_test("lease", fires=True)  # it does where the device starts although it must not
 def arm_token(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """START requires the current token and a fresh echo; each ARM creates a new token."""
+    """START requires the current arm token and a fresh time echo; each ARM creates a new token."""
     peer.upload(many(peer))
     first = peer.request_ok(Operation.ARM)["token"]
     echo = peer.fresh()
@@ -37,7 +37,7 @@ def arm_token(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("lease", fires=True)
 def earlier_session(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """An echo from before the session starts nothing."""
+    """START with a time echo from before the session is rejected."""
     old = peer.fresh()
     peer.connect()
     peer.upload(many(peer))
@@ -48,7 +48,7 @@ def earlier_session(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("lease", fires=True)
 def lease_expiry(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A host that falls silent: the lease lapses, the laser is off, and no LEASE brings it back."""
+    """If the host is silent, the lease expires, the laser goes off, and LEASE does not switch the laser on again."""
     start_scan(peer)
     peer.renewing = False
     expect_lease_expiry(peer, "nobody renews the lease")
@@ -64,7 +64,7 @@ def lease_expiry(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("lease", fires=True)
 def stale_echo(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """The same old echo over and over keeps no laser on: age counts, not arrival."""
+    """Repetition of one old time echo does not extend the lease: the age of the echo counts, not its arrival."""
     start_scan(peer)
     peer.renewing, echo = False, peer.now()
     renew_without_proof(peer, lambda: echo)
@@ -73,7 +73,7 @@ def stale_echo(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("lease", fires=True)
 def future_echo(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """An echo of the future keeps no laser on, and is counted."""
+    """A time echo from the future does not extend the lease, and is counted."""
     start_scan(peer)
     peer.renewing = False
     renew_without_proof(peer, lambda: peer.now() + round(60_000_000 * peer.rate))
@@ -95,7 +95,7 @@ def new_session(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("lease", fires=True, asks=True)
 def interlock(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """An interlock that opens while the laser fires is a fault that lasts."""
+    """An interlock that opens while the laser fires causes a latched fault."""
     start_scan(peer)
     ask("open the interlock")
     peer.expect(peer.wait(lambda: peer.state is DeviceState.FAULT, 2.0), "FAULT when the interlock opens")
@@ -113,7 +113,7 @@ def interlock(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("abort")
 def emergency_stop(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """An emergency stop is taken in any session, acknowledged, and latched until it is cleared."""
+    """An emergency stop is accepted in any session, acknowledged, and latched until it is cleared."""
     peer.upload(4)
     ack = peer.abort(AbortLevel.EMERGENCY_STOP)
     peer.expect(ack.state == DeviceState.ESTOP, "ABORT_ACK with ESTOP")
@@ -144,7 +144,7 @@ def abort_levels(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("reboot", asks=True)
 def reboot(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """After a loss of power the boot id is another one, the laser off, plan and A-lines gone."""
+    """After a loss of power the boot id differs, the laser is off, and plan and A-lines are lost."""
     peer.upload(4)
     before = peer.hello.boot if peer.hello else 0
     ask("switch the device off and on again")

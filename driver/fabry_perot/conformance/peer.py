@@ -1,4 +1,4 @@
-"""Scripted host that sends arbitrary frames, valid or invalid, and records all received frames."""
+"""Scripted host for conformance tests: sends arbitrary frames, valid or invalid, and records received frames."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ RETRY_INTERVAL = 250_000
 
 
 class Failed(Exception):
-    """The device did something else than the document says."""
+    """The device does not behave as the protocol document requires."""
 
 
 class Reply(NamedTuple):
-    """The answer to a request."""
+    """Reply of the device to a request: result code and parameters."""
 
     result: int
     state: int
@@ -63,7 +63,7 @@ class Reply(NamedTuple):
 
 
 class ConformanceHost:
-    """Scripted host end of a line, for conformance tests.
+    """Scripted host side of the protocol, for conformance tests.
 
     Parameters
     ----------
@@ -100,11 +100,11 @@ class ConformanceHost:
         """Numbers of A-lines that came as a retransmission."""
 
     def raw(self, data: bytes) -> None:
-        """Send any bytes."""
+        """Send arbitrary bytes."""
         self._transport.write(data)
 
     def frame(self, kind: int, payload: bytes, *, flags: int = 0, session: int = -1, boot: int = -1) -> bytes:
-        """Return a frame of the present session, or of another."""
+        """Return the encoded bytes of a frame, of the present session or another one."""
         hello = self.hello
         self._sequence = (self._sequence + 1) & 0xFFFF
         return encode_frame(
@@ -123,7 +123,7 @@ class ConformanceHost:
         self.raw(self.frame(kind, payload))
 
     def open_session(self, nonce: int, oldest: int = PROTOCOL, newest: int = PROTOCOL) -> HelloAck | None:
-        """Send HELLO until it is answered, and return the answer."""
+        """Send HELLO until the device answers, and return the HELLO_ACK."""
         self.nonce = nonce
         for _ in range(8):
             self.send(Type.HELLO, pack(Hello(oldest, newest, MAX_PAYLOAD, nonce)))
@@ -136,7 +136,7 @@ class ConformanceHost:
         return next((ack for ack in acks if ack.nonce == nonce), None)
 
     def connect(self) -> HelloAck:
-        """Begin a session, and read the capabilities where they are not known."""
+        """Open a session, and read the capabilities if they are not known yet."""
         ack = self.open_session(1 + secrets.randbelow(0xFFFFFFFE))
         if ack is None or ack.version != PROTOCOL:
             raise Failed(f"HELLO of version {PROTOCOL} is not answered" if ack is None else f"version {ack.version}")
@@ -148,7 +148,7 @@ class ConformanceHost:
         return ack
 
     def read_capabilities(self) -> None:
-        """Ask for the capabilities, piece by piece."""
+        """Read the device's capabilities, piece by piece."""
         assert self.hello is not None  # noqa: S101
         self.caps, tries = b"", 0
         while len(self.caps) < self.hello.caps_size:
@@ -165,7 +165,7 @@ class ConformanceHost:
         return self._number
 
     def request(self, operation: int, *, number: int = 0, patience: float = REPLY, **body: Any) -> Reply:
-        """Make a request, repeat it until it is answered, and return the answer."""
+        """Send a request until the device replies, and return the reply."""
         number = number or self.next_request_id()
         self.replies.pop(number, None)
         for _ in range(max(1, round(2 * patience))):
@@ -175,7 +175,7 @@ class ConformanceHost:
         raise Failed(f"no reply to {Operation(operation).name}")
 
     def request_ok(self, operation: int, **body: Any) -> dict[str, Any]:
-        """Make a request that must be granted, and return its answer's parameters."""
+        """Send a request that must succeed, and return the parameters of its reply."""
         reply = self.request(operation, **body)
         self.expect(reply.result == 0, f"{Operation(operation).name} granted, not result {reply.result} ({reply.body})")
         return reply.body
@@ -196,17 +196,17 @@ class ConformanceHost:
         raise Failed(f"ABORT of level {level} is not acknowledged")
 
     def lease(self, echo: int, ttl: int | None = None) -> None:
-        """Send LEASE."""
+        """Send LEASE, which renews the laser lease."""
         assert self.hello is not None  # noqa: S101
         self.send(Type.LEASE, pack(Lease(self.hello.boot, echo, self.ttl if ttl is None else ttl)))
 
     def acknowledge(self, durable: int, limit: int, *missing: tuple[int, int]) -> None:
-        """Send ALINE_ACK."""
+        """Send ALINE_ACK, which acknowledges A-lines, grants credit and requests missing ones."""
         tail = b"".join(MISSING.pack(*item) for item in missing)
         self.send(Type.ALINE_ACK, pack(ALineAck(self.plan, durable, limit)) + tail)
 
     def points(self, count: int) -> np.ndarray[tuple[int], np.dtype[np.void]]:
-        """Return points in the middle of the film, a step apart."""
+        """Return plan points near the centre of the film, one step apart."""
         points = np.zeros(count, POINT)
         for axis in ("x", "y"):
             low, high = self.limits[f"{axis}_nm"]
@@ -215,7 +215,7 @@ class ConformanceHost:
         return points
 
     def plan_new(self, count: int, **changes: Any) -> dict[str, Any]:
-        """Return PLAN_NEW's parameters for a plan of its own, within all limits."""
+        """Return the parameters of PLAN_NEW for a new plan within all limits of the device."""
         self.plan = self.plan % 0xFFFFFFFE + 1
         self._uploading = np.zeros(0, POINT)
         limits = self.limits
@@ -231,12 +231,12 @@ class ConformanceHost:
 
     @property
     def pulse_rate(self) -> int:
-        """The pulse rate of plans, in mHz."""
+        """Pulse rate of the test's plans, in mHz."""
         low, high = self.limits["pulse_rate_mhz"]
         return min(max(100_000, int(low)), int(high))
 
     def send_plan_data(self, points: np.ndarray[tuple[int], np.dtype[np.void]], first: int = 0) -> None:
-        """Send PLAN_DATA, in frames that any line takes."""
+        """Send points as PLAN_DATA, in frames small enough for any line."""
         assert self.hello is not None  # noqa: S101
         each = (self.hello.max_payload - PLAN_HEAD.size) // POINT.itemsize
         for at in range(0, len(points), each):
@@ -263,7 +263,7 @@ class ConformanceHost:
             self.send_plan_data(self._uploading[first:stop], first)
 
     def start(self, *, renewing: bool = True) -> None:
-        """Arm and start, with a fresh echo."""
+        """Send ARM and START, with a fresh time echo."""
         token = self.request_ok(Operation.ARM)["token"]
         self.request_ok(Operation.START, token=token, echo=self.fresh(), ttl=self.ttl)
         self.renewing = renewing
@@ -286,21 +286,21 @@ class ConformanceHost:
 
     @property
     def rate(self) -> float:
-        """Device seconds a second."""
+        """Speed of the device's clock, in device seconds per second."""
         return float(self.limits.get("clock_rate", 1.0))
 
     @property
     def ttl(self) -> int:
-        """The lease asked for, in µs of device time."""
+        """Lease duration (time to live) requested by the host, in µs of device time."""
         return min(round(500_000 * self.rate), int(self.limits["lease_cap_us"]))
 
     @property
     def state(self) -> DeviceState:
-        """The state last heard of."""
+        """Device state in the last STATUS."""
         return DeviceState(self.status.state) if self.status else DeviceState.BOOT
 
     def fresh(self) -> int:
-        """Return the device time of a STATUS that has yet to come."""
+        """Wait for a new STATUS and return its device time."""
         before = self.status.device_time if self.status else 0
         self.expect(self.wait(lambda: self.now() > before, 1.0), "STATUS at 10 Hz")
         return self.now()
@@ -310,20 +310,20 @@ class ConformanceHost:
         return self.status.device_time if self.status else 0
 
     def forget(self) -> None:
-        """Forget the frames that came."""
+        """Clear the record of received frames."""
         self.frames.clear()
 
     def received(self, kind: int) -> list[Frame]:
-        """Return the frames of a type that came."""
+        """Return the received frames of one type."""
         return [frame for frame in self.frames if frame.type == kind]
 
     def expect(self, condition: object, what: str) -> None:
-        """Fail unless ``condition`` holds; ``what`` is the requirement of the protocol document."""
+        """Raise :class:`Failed` unless ``condition`` holds; ``what`` is the requirement of the protocol document."""
         if not condition:
             raise Failed(f"expected: {what}")
 
     def wait(self, over: Callable[[], bool], seconds: float) -> bool:
-        """Process frames until ``over()`` or a timeout; return whether the condition holds."""
+        """Receive frames until ``over()`` is true or a timeout expires; return whether it is true."""
         deadline = self._clock.now() + int(seconds * 1e6)
         while not over() and self._clock.now() < deadline:
             self.absence = max(self.absence, (self._clock.now() - self._looked_at) * 1e-6)
@@ -338,7 +338,7 @@ class ConformanceHost:
         return over()
 
     def listen(self, seconds: float) -> None:
-        """Process frames for a given time."""
+        """Receive and record frames for a given time."""
         self.wait(lambda: False, seconds)
 
     def _take(self, frame: Frame) -> None:
@@ -380,7 +380,7 @@ class ConformanceHost:
         self.fragments[head.number].setdefault(-1, bytes([head.fragments, head.encoding]))
 
     def blobs(self) -> dict[int, bytes]:
-        """Return the A-lines that are here whole, meta ‖ encoded samples."""
+        """Return the completely received A-lines by number, each as meta ‖ encoded samples."""
         whole = {}
         for number, parts in self.fragments.items():
             count = parts[-1][0]

@@ -13,7 +13,7 @@ from fabry_perot.wire.states import DeviceState
 
 @conformance_test("limits")
 def limits(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """Parameters beyond the capabilities are rejected by name, without any change."""
+    """Plan parameters beyond the device's limits are rejected with the parameter's name; the plan is unchanged."""
     for name in ("samples", "interval_ps", "pulse_rate_mhz"):
         for value in (peer.limits[name][0] - 1, peer.limits[name][1] + 1):
             if 0 <= value < 1 << 32:
@@ -26,7 +26,7 @@ def limits(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("limits")
 def out_of_range_points(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """Points out of reach are refused with all that came with them."""
+    """A PLAN_DATA frame with points out of range is rejected as a whole."""
     peer.request_ok(Operation.PLAN_NEW, **peer.plan_new(4))
     points = peer.points(4)
     points["x"][2] = peer.limits["x_nm"][1] + 1
@@ -39,7 +39,7 @@ def out_of_range_points(peer: ConformanceHost, ask: ConformanceFunction) -> None
 
 @conformance_test("limits")
 def beams(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A plan of more beams than there are is refused, one of some of a place's points too; of one it is taken."""
+    """Plans with too many beams, or with a part of a place's beams, are rejected; plans with one beam are accepted."""
     has = int(peer.limits["beams"])
     peer.expect(1 <= has <= MOST_BEAMS, f"1 to {MOST_BEAMS} beams")
     offsets = peer.limits.get("beam_offsets_nm", [[0, 0]])
@@ -57,7 +57,7 @@ def beams(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("credit", fires=True)
 def multi_beam_order(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """All beams record a place's shots, an A-line each, in their order; a plan may start between them."""
+    """All beams record each shot, one A-line per beam in beam order; a plan may start between two beams."""
     has, places = int(peer.limits["beams"]), 3
     for start in sorted({0, has - 1}):
         before = peer.status.shots if peer.status else 0
@@ -82,7 +82,7 @@ def multi_beam_order(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("limits")
 def gate(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A device without a gate input refuses points that wait for one; flags that ask for nothing are taken."""
+    """A device without a gate input rejects points that wait for the gate, and accepts other flags."""
     for flag, refused in ((FLAG_GATE, not peer.limits.get("gate", False)), (FLAG_FIDUCIAL, False)):
         peer.request_ok(Operation.PLAN_NEW, **peer.plan_new(2))
         points = peer.points(2)
@@ -98,7 +98,7 @@ def gate(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("credit")
 def plan_gaps(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A gap in the plan is not closed by later points; an overlap is harmless."""
+    """Points after a gap in the plan are not stored until the gap is filled; overlapping points are harmless."""
     peer.request_ok(Operation.PLAN_NEW, **peer.plan_new(8))
     points = peer.points(8)
 
@@ -117,7 +117,7 @@ def plan_gaps(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("credit", fires=True)
 def credit(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A-lines below the limit are sent and none beyond it."""
+    """The device sends A-lines below the host's limit (credit) only."""
     peer.upload(many(peer))
     peer.start()
     peer.expect(peer.wait(lambda: peer.status is not None and peer.status.produced >= 6, 5.0), "six A-lines fired")
@@ -129,7 +129,7 @@ def credit(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("credit", fires=True)
 def full_ring(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A full ring stops the laser, overwrites no A-line, and the scan continues when space is freed."""
+    """A full ring buffer stops the laser without overwriting A-lines; the scan continues when space is freed."""
     assert peer.hello is not None  # noqa: S101
     ring = peer.hello.ring
     peer.upload(ring + 40)
@@ -149,7 +149,7 @@ def full_ring(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("repair", fires=True)
 def retransmission(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A-lines that are asked for again come again, the same, and marked."""
+    """A-lines that the host requests again are sent with the same bytes and the retransmission flag."""
     peer.upload(6)
     peer.acknowledge(0, RING_HEADROOM)
     peer.start()
@@ -170,7 +170,7 @@ def retransmission(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("repair", fires=True)
 def redelivery_after_session(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A new session is offered all that was not acknowledged, and nothing that was."""
+    """After a new session, the device resends all unacknowledged A-lines and no acknowledged ones."""
     peer.upload(6)
     peer.acknowledge(0, RING_HEADROOM)
     peer.start()

@@ -13,7 +13,7 @@ ConformanceFunction = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class ConformanceTest:
-    """One thing that is tried.
+    """Conformance test: group, title, function, and its effects on laser and operator.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def conformance_test(
 ) -> Callable[
     [Callable[[ConformanceHost, ConformanceFunction], None]], Callable[[ConformanceHost, ConformanceFunction], None]
 ]:
-    """Decorator that registers a conformance test; its docstring describes it."""
+    """Decorator that registers a conformance test, whose docstring is its title."""
 
     def add(
         run: Callable[[ConformanceHost, ConformanceFunction], None],

@@ -1,4 +1,4 @@
-"""Running the scenarios, and telling how they ended."""
+"""Conformance test runner, and reports as text or JUnit XML."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ConformanceResult(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The scenario's name."""
+        """Name of the conformance test."""
         return self.scenario.run.__name__
 
 
@@ -41,7 +41,7 @@ def run(
     only: Sequence[str] = (),
     told: Callable[[ConformanceResult], None] = lambda outcome: None,
 ) -> list[ConformanceResult]:
-    """Run the scenarios on a device.
+    """Run the conformance tests on a device.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _run(
 
 
 def _make_safe(peer: ConformanceHost) -> None:
-    """Stop any running scan after a test."""
+    """Stop a running scan after a test."""
     peer.renewing = False
     try:
         peer.abort(AbortLevel.LASER_OFF)
@@ -108,7 +108,7 @@ def _make_safe(peer: ConformanceHost) -> None:
 
 
 def as_table(outcomes: Iterable[ConformanceResult]) -> str:
-    """Return a line a scenario."""
+    """Return the results as text, one line per test."""
     lines = []
     for outcome in outcomes:
         word = "FAILED " if outcome.failure else "skipped" if outcome.skipped else "ok     "
@@ -119,7 +119,7 @@ def as_table(outcomes: Iterable[ConformanceResult]) -> str:
 
 
 def as_junit(outcomes: Sequence[ConformanceResult], port: str) -> bytes:
-    """Return the outcomes as a JUnit file, which continuous integration shows."""
+    """Return the results as JUnit XML for continuous integration."""
     counts = {
         "tests": len(outcomes),
         "failures": sum(bool(outcome.failure) for outcome in outcomes),

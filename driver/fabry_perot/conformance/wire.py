@@ -1,4 +1,4 @@
-"""Frames, sessions and requests."""
+"""Conformance tests: frames, sessions and requests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fabry_perot.wire.messages import REQUEST_HEAD
 
 @conformance_test("wire")
 def hello_nonce(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """HELLO with the same nonce changes nothing; with another nonce it begins another session."""
+    """HELLO with the same nonce does not change the session; HELLO with another nonce opens a new session."""
     first = peer.connect()
     peer.forget()
     again = peer.open_session(peer.nonce)
@@ -46,7 +46,7 @@ def checksum(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("wire")
 def length(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A frame whose length does not hold is dropped, though its CRC is right."""
+    """A frame with an inconsistent length is dropped, even with a correct CRC."""
     number = peer.next_request_id()
     for size in (2, 4, 200):
         body = HEADER.pack(VERSION, Type.REQ, 0, *_current_session(peer), 1, size) + _get(peer, number)
@@ -55,7 +55,7 @@ def length(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("wire")
 def noise_tolerance(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """Noise, frames without end and unknown types cost nothing but themselves."""
+    """Noise, unterminated frames and unknown message types do not affect valid frames."""
     number = peer.next_request_id()
     for data in (bytes(range(1, 255)) * 4, b"\0" * 50, b"\x01" * 40_000, b"\xff\0\xfe\0", peer.frame(0x7F, b"what?")):
         _ignored(peer, data, number, "noise")
@@ -80,7 +80,7 @@ def stale_boot_frames(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 @conformance_test("wire")
 def requests(peer: ConformanceHost, ask: ConformanceFunction) -> None:
-    """A request is carried out once, its reply repeated; old ids are stale, unknown operations refused."""
+    """A request is executed once and its reply repeated; old ids are stale, unknown operations rejected."""
     peer.upload(4)
     number = peer.next_request_id()
     first = peer.request(Operation.ARM, number=number)
@@ -101,7 +101,7 @@ def requests(peer: ConformanceHost, ask: ConformanceFunction) -> None:
 
 
 def _ignored(peer: ConformanceHost, data: bytes, number: int, what: str) -> None:
-    """Send bytes that look like request ``number``, and have them ignored."""
+    """Send bytes that resemble request ``number``, and check that the device ignores them."""
     peer.raw(data)
     peer.listen(QUIET_PERIOD)
     peer.expect(number not in peer.replies, f"no answer to {what}")

@@ -1,4 +1,4 @@
-"""Device side of the protocol as a sans-I/O state machine."""
+"""Device side of the protocol: a state machine without I/O, and its endpoints and event loop."""
 
 from fabry_perot.device.device import Device
 from fabry_perot.device.timing import DeviceTiming

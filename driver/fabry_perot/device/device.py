@@ -1,4 +1,4 @@
-"""Sans-I/O device: bytes and time in, bytes out."""
+"""Device state machine without I/O: receives bytes and time, returns bytes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 
 
 class Device(DeviceBody):
-    """A Fabry–Pérot scanner's firmware; parameters as of :class:`~fabry_perot.device.state.DeviceBody`.
+    """Firmware of a Fabry–Pérot scanner; parameters as of :class:`~fabry_perot.device.state.DeviceBody`.
 
     Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_deadline` says so, and
     :meth:`next_frames` to get the bytes to send. Nothing here waits, reads a clock or touches hardware other than the
@@ -22,7 +22,7 @@ class Device(DeviceBody):
     """
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes from the line at device time ``now``."""
+        """Process bytes received at device time ``now``."""
         self.now = max(self.now, now)
         for frame in self.deframer.feed(data):
             mine = frame.session == self.outbox.session != 0 and frame.boot == self.boot & 0xFF
@@ -68,7 +68,7 @@ class Device(DeviceBody):
             self.finish_sweep(Result.OK, {"dc_mv": levels})
 
     def next_deadline(self) -> int:
-        """Return the device time at which :meth:`poll` has something to do next."""
+        """Return the device time of the next action of :meth:`poll`."""
         due = [self._status_at]
         if self.state in RUNNING:
             due.append(self.lease.until)
@@ -83,7 +83,7 @@ class Device(DeviceBody):
         return max(self.now, min(due))
 
     def next_frames(self, budget: int) -> bytes:
-        """Return frames to send now, up to the one that reaches ``budget`` bytes; empty when there are none."""
+        """Return frames to send now, up to the one that reaches ``budget`` bytes; empty without frames."""
         parts: list[bytes] = []
         size = 0
         while size < budget:

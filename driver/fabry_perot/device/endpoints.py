@@ -20,7 +20,7 @@ REOPEN = 0.5
 
 
 class Endpoint(Protocol):
-    """One end of a line."""
+    """Interface of a device's end of a line."""
 
     url: str
 
@@ -41,12 +41,12 @@ class Endpoint(Protocol):
         ...
 
     def close(self) -> None:
-        """Give everything back."""
+        """Close the endpoint and release its resources."""
         ...
 
 
 class PairEndpoint:
-    """One end of a pair of sockets, whose other end is a host in the same process.
+    """Endpoint on one socket of a socket pair; the other socket belongs to a host in the same process.
 
     Parameters
     ----------
@@ -61,15 +61,15 @@ class PairEndpoint:
         self._end = end
 
     def descriptors(self) -> list[int]:
-        """Return the socket."""
+        """Return the socket to wait on for reading."""
         return [self._end.fileno()]
 
     def writable_descriptor(self) -> int | None:
-        """Return the socket."""
+        """Return the socket to wait on for writing."""
         return self._end.fileno()
 
     def read(self, limit: int) -> bytes:
-        """Return received bytes."""
+        """Return received bytes without waiting."""
         try:
             return self._end.recv(min(limit, CHUNK))
         except OSError:
@@ -85,12 +85,12 @@ class PairEndpoint:
             return len(data)
 
     def close(self) -> None:
-        """Close it."""
+        """Close the socket."""
         self._end.close()
 
 
 class SerialEndpoint:
-    """A serial port; one that is unplugged is looked for until it is back.
+    """Endpoint on a serial port, which is reopened after it was unplugged.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class SerialEndpoint:
         self._port = serial.Serial(self.url, self._baudrate, timeout=0, write_timeout=0, exclusive=True)
 
     def descriptors(self) -> list[int]:
-        """Return the port, where it has a descriptor to wait on."""
+        """Return the serial port to wait on for reading, if it has a file descriptor."""
         return [self._port.fileno()] if self._port is not None and hasattr(self._port, "fileno") else []
 
     def writable_descriptor(self) -> int | None:
@@ -130,7 +130,7 @@ class SerialEndpoint:
             return b""
 
     def write(self, data: bytes) -> int:
-        """Send as much as may wait in the system; without a port the bytes are lost."""
+        """Send as many bytes as the system's buffer may hold; bytes are lost while the port is unplugged."""
         if self._port is None:
             return len(data)
         try:
@@ -152,7 +152,7 @@ class SerialEndpoint:
             self._open()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the serial port."""
         if self._port is not None:
             with suppress(Exception):  # an unplugged port cannot be flushed, and need not be
                 self._port.close()

@@ -157,7 +157,7 @@ def _abort(device: DeviceBody, frame: Frame) -> None:
 
 
 def _keep_held(device: DeviceBody) -> None:
-    """Keep a briefly interrupted scan paused for a person, because laser off was requested meanwhile."""
+    """Require a person to resume an interrupted scan, because laser off was requested during the interruption."""
     if device.state is DeviceState.SAFE_HOLD and device.cause is not HoldCause.INTERLOCK:
         device.cause, device._status_due = HoldCause.REQUEST, True
 

@@ -1,10 +1,10 @@
-"""The laser lease: permission to emit that ends by itself."""
+"""Laser lease: time-limited permission to emit."""
 
 from __future__ import annotations
 
 
 class LaserLease:
-    """Emission is allowed until ``echo + min(TTL, cap)`` of device time, for an ``echo`` that is not after now.
+    """Lease that permits emission until ``echo + min(TTL, cap)`` of device time, for an ``echo`` not after now.
 
     The host echoes a time the device itself sent, so bytes that waited in a buffer carry their age with them and
     cannot keep the laser on; a watchdog on arrival times could not tell. A time the device has not reached yet it
@@ -24,7 +24,7 @@ class LaserLease:
         self._not_before = 0
 
     def renew(self, echo: int, ttl: int, now: int) -> bool:
-        """Extend the lease; return whether it permits emission now.
+        """Extend the lease by a time echo and TTL; return whether the laser may emit now.
 
         An echo from before the present session is ignored, and an older renewal that arrives late shortens nothing.
         """
@@ -39,14 +39,14 @@ class LaserLease:
         return now < self.until
 
     def remaining(self, now: int) -> int:
-        """Return the remaining µs, 0 when expired."""
+        """Return the µs until the lease expires, 0 when expired."""
         return max(0, self.until - now)
 
     def clear(self, now: int) -> None:
-        """End the lease at ``now``; a renewal with any echo of this session may follow."""
+        """End the lease at ``now``; a later renewal with any time echo of this session is still valid."""
         self.until = min(self.until, now)
 
     def revoke(self, now: int) -> None:
-        """End the lease at ``now``; echoes of earlier times count no more."""
+        """End the lease at ``now``; renewals with an echo of an earlier time are ignored."""
         self.clear(now)
         self._not_before = now

@@ -1,4 +1,4 @@
-"""The requests a host can make (REQ), one function each, in one table."""
+"""Handlers of the requests (REQ) of a host: one function per operation, in one table."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _release(device: DeviceBody, body: Body) -> OperationResult:
 
 
 def _cause_stands(device: DeviceBody) -> bool:
-    """Return whether the cause of a latched fault is still present, so that it cannot be cleared."""
+    """Return whether the cause of a latched fault persists, so that the fault cannot be cleared."""
     bits = device.hardware_bits()
     cause = faults.standing(
         device.fault,

@@ -1,4 +1,4 @@
-"""Sliding window of plan points."""
+"""Buffer for a sliding window of plan points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fabry_perot.wire.messages import POINT
 
 
 class PlanBuffer:
-    """Points of the present plan; a plan longer than the memory is uploaded while scanning.
+    """Buffer of the present plan's points; a plan longer than the memory is uploaded while scanning.
 
     Parameters
     ----------
@@ -22,19 +22,19 @@ class PlanBuffer:
         self.reset(0, 0)
 
     def reset(self, plan: int, length: int, start: int = 0) -> None:
-        """Forget everything and expect the points of ``plan``, ``length`` in all, from index ``start``."""
+        """Discard all points and expect those of ``plan``, ``length`` in all, from index ``start``."""
         self.plan, self.length = plan, length
         self.position = self.expected = start
         self._points = np.zeros(min(self.capacity, max(length, 1)), POINT)
 
     @property
     def window_end(self) -> int:
-        """Points from here on are not accepted yet."""
+        """Index of the first point that is not accepted yet."""
         return min(self.length, self.position + self.capacity)
 
     @property
     def loaded(self) -> bool:
-        """Whether a scan can start: all points are here, or as many as fit."""
+        """Whether a scan can start: all points are stored, or as many as fit."""
         return self.length > 0 and self.expected >= self.window_end
 
     def accept(self, first: int, points: NDArray[np.void]) -> NDArray[np.void]:
@@ -51,6 +51,6 @@ class PlanBuffer:
         return new
 
     def points(self, first: int, count: int) -> NDArray[np.void]:
-        """Return ``count`` points from index ``first``, all of them at or after the position and here."""
+        """Return ``count`` stored points from index ``first``, which is not before the plan's position."""
         points: NDArray[np.void] = self._points[np.arange(first, first + count) % len(self._points)]
         return points

@@ -6,7 +6,7 @@ from collections import OrderedDict
 
 
 class ReplyCache:
-    """The last few replies of a session, by request id.
+    """Cache of the last replies of a session, by request id.
 
     Parameters
     ----------
@@ -20,20 +20,20 @@ class ReplyCache:
         self._newest: int | None = None
 
     def clear(self) -> None:
-        """Forget everything: a new session."""
+        """Delete all replies at the start of a session."""
         self._replies.clear()
         self._newest = None
 
     def find(self, request: int) -> bytes | None:
-        """Return the stored reply to ``request``, if it is still kept."""
+        """Return the cached reply to ``request``, or ``None``."""
         return self._replies.get(request)
 
     def stale(self, request: int) -> bool:
-        """Return whether ``request`` is not newer than one already carried out; ids count modulo 2¹⁶."""
+        """Return whether ``request`` is not newer than an executed one; ids count modulo 2¹⁶."""
         return self._newest is not None and not 0 < (request - self._newest) & 0xFFFF < 0x8000
 
     def store(self, request: int, reply: bytes) -> None:
-        """Keep ``reply``."""
+        """Store the reply to a request."""
         if not self.stale(request):
             self._newest = request
         self._replies[request] = reply

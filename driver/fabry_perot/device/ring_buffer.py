@@ -1,4 +1,4 @@
-"""Ring buffer of A-lines until they are acknowledged."""
+"""Ring buffer of A-lines that the host has not acknowledged yet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fabry_perot.wire.messages import ALineHead, pack
 
 
 class ALineRingBuffer:
-    """A-lines by number, freed only by acknowledgement and never overwritten.
+    """Ring buffer of A-lines by number, freed only by acknowledgement and never overwritten.
 
     Parameters
     ----------
@@ -36,16 +36,16 @@ class ALineRingBuffer:
 
     @property
     def used(self) -> int:
-        """A-lines held."""
+        """Number of A-lines in the ring buffer."""
         return len(self._blobs)
 
     @property
     def free(self) -> int:
-        """A-lines that still fit."""
+        """Number of A-lines that still fit into the ring buffer."""
         return self.capacity - len(self._blobs)
 
     def append(self, point: int, blob: bytes, encoding: int = 0) -> None:
-        """Hold one more A-line; a full ring raises ``OverflowError`` because nothing may be overwritten."""
+        """Append an A-line; a full ring raises ``OverflowError`` because A-lines are never overwritten."""
         if self.free <= 0:
             raise OverflowError("the A-line ring is full")
         self._blobs.append((point, encoding, blob))
@@ -67,7 +67,7 @@ class ALineRingBuffer:
                 self._again.append(item)
 
     def resend_all(self) -> None:
-        """Resend all unacknowledged A-lines from the start, when the host grants credit again."""
+        """Queue all unacknowledged A-lines again, to be sent when the host grants credit."""
         self.sent, self._fragment, self.limit = self.acknowledged, 0, 0
         self._again.clear()
 
@@ -103,7 +103,7 @@ class ALineRingBuffer:
         return payload, False
 
     def _together(self, room: int) -> int:
-        """Return how many A-lines from the next one on may share a frame: plain, equally long, of points in a row."""
+        """Return the number of next A-lines that may share a frame: whole, of equal length, of consecutive points."""
         begin = self.sent - self.acknowledged
         point, encoding, blob = self._blobs[begin]
         most = min(self.group, room // len(blob), min(self.produced, self.limit) - self.sent)

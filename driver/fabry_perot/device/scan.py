@@ -1,4 +1,4 @@
-"""The scan itself: points go to the hardware as far as the ring has room for them, A-lines come back."""
+"""Execution of a scan: moves points from the plan to the hardware, and records from the hardware to the ring buffer."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOOKAHEAD_POINTS = 64
 
 
 class Scan:
-    """Drives the instrument through the plan while the device's state allows it.
+    """Scan in progress: executes the plan on the instrument while the device's state allows it.
 
     With several beams the points of a plan come as many at a time as there are beams, all at one place: point n is
     measured by beam n mod beams. The instrument is given the places.
@@ -61,11 +61,11 @@ class Scan:
         self.due: int | None = None
 
     def begin(self) -> None:
-        """Start, or start again, at the plan's position."""
+        """Start or restart the scan at the plan's position."""
         self._given, self._until = self._plan.position, -1
 
     def end(self, now: int) -> None:
-        """Stop the instrument; a point not finished will be moved to and fired again from its first shot."""
+        """Stop the instrument; an unfinished point is repeated from its first shot."""
         self.due = None
         try:
             self._instrument.stop(now)
@@ -74,7 +74,7 @@ class Scan:
             self.shots_wasted = self.shots - self._used
 
     def advance(self, now: int) -> None:
-        """Do everything that is due at ``now``; afterwards :attr:`due` says when to come again."""
+        """Execute all actions due at ``now``, and set :attr:`due` to the time of the next call."""
         if self._state() not in RUNNING:
             self.due = None
             return
@@ -88,7 +88,7 @@ class Scan:
         self.due = self._instrument.next_due(now) if self._state() in RUNNING else None
 
     def _collect(self, now: int) -> None:
-        """Move finished records from the instrument into the ring."""
+        """Move finished records from the instrument into the ring buffer."""
         for taken in self._instrument.poll(now):
             if taken.beam == 0:
                 self._used += taken.averages
@@ -101,7 +101,7 @@ class Scan:
         self.shots, self.last_shot = self._instrument.shots() - self._before, self._instrument.last_shot()
 
     def _feed(self, now: int) -> bool:
-        """Bring the state in line with plan and ring; return whether the instrument was given more points."""
+        """Pass more points to the instrument, or change the state if none are ready; return whether any were passed."""
         plan, under_way = self._plan, self._given - self._plan.position
         if plan.position >= plan.length:
             self._step(Event.LAST_POINT_FIRED)

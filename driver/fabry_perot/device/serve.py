@@ -27,7 +27,7 @@ BLIND_INTERVAL = 0.001
 
 
 class DeviceServer:
-    """One device on one line; all calls to the instrument come from the thread that runs it.
+    """Event loop of one device on one line; all calls to the instrument come from the loop's thread.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class DeviceServer:
         return self._clock.now() - self._start
 
     def run(self, stopping: Callable[[], bool], ready: Callable[[str], None] = lambda url: None) -> None:
-        """Serve until ``stopping()`` returns true or an end is requested.
+        """Run the event loop until ``stopping()`` returns true or an end is requested.
 
         The shutter then closes and the hardware stops.
         """
@@ -97,7 +97,7 @@ def serve(
     plan_points: int = 8192,
     max_payload: int | None = None,
 ) -> None:
-    """Make this computer a scanner: speak the protocol on a port until Ctrl-C or SIGTERM, with ``instrument`` under it.
+    """Serve ``instrument`` as a scanner on a port, by the serial protocol, until Ctrl-C or SIGTERM.
 
     What a host asks for is done by the very device that the simulator runs: lease, arming, exactly-once A-lines,
     latched faults. The laser's lease is also the limit of :meth:`~fabry_perot.hardware.Instrument.permit`, which a
@@ -148,7 +148,7 @@ def serve(
 
 @contextmanager
 def _told_by_sigterm(service: DeviceServer) -> Iterator[None]:
-    """Install a SIGTERM handler that ends the service, unless the program has its own.
+    """Install a SIGTERM handler that ends the event loop, unless the program has its own handler.
 
     The handler raises nothing, so that it cannot come between the service and the closing of the shutter.
     """

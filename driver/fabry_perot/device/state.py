@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 
 class DeviceBody:
-    """Plan, ring, lease, state and hardware of a device; :class:`~fabry_perot.device.device.Device` adds line and time.
+    """State of a device: plan, ring, lease, hardware; :class:`~fabry_perot.device.device.Device` adds line and time.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class DeviceBody:
         self.try_transition(Event.SELF_TEST_PASSED)
 
     def check_safety(self) -> bool:
-        """Check interlock, key and shutter, and react to violations; return whether the laser may fire."""
+        """Check interlock, key and shutter, and latch violations as faults; return whether the laser may fire."""
         bits = self.hardware_bits()
         if bits & SAFE_BITS != SAFE_BITS:
             if self.state in RUNNING or self.state is DeviceState.ARMED:
@@ -123,7 +123,7 @@ class DeviceBody:
         return bits & SAFE_BITS == SAFE_BITS and not self.fault
 
     def hardware(self, call: Callable[[], T], otherwise: T) -> T:
-        """Call the hardware and return its result; a reported fault is latched, and ``otherwise`` returned."""
+        """Call the hardware and return its result; on a hardware fault, latch the fault and return ``otherwise``."""
         try:
             return call()
         except InstrumentError as error:
@@ -131,17 +131,17 @@ class DeviceBody:
             return otherwise
 
     def _rest(self) -> None:
-        """Stop and discard operations that an earlier boot started on the hardware."""
+        """Stop hardware operations of an earlier boot and discard their results."""
         self.instrument.stop(self.now)
         self.instrument.poll(self.now)
 
     def close(self) -> None:
-        """Close the shutter."""
+        """Close the shutter and stop emission."""
         self._shut_at = self.now
         self.hardware(self.instrument.close, None)
 
     def try_transition(self, event: Event) -> bool:
-        """Make the transition for ``event``; return whether the table allows it."""
+        """Make the state transition for ``event``, if the table allows it; return whether it does."""
         after = TRANSITIONS.get((self.state, event))
         if after is None:
             return False
@@ -169,7 +169,7 @@ class DeviceBody:
         return True
 
     def finish_sweep(self, result: Result | None, body: dict[str, Any] | None = None) -> None:
-        """Answer the request whose sweep is in progress, if any; without a result the request is dropped."""
+        """Reply to the request whose sweep is in progress, if any; without a result the request is dropped."""
         number, self.job = self.job, None
         if number is None:
             return
@@ -179,19 +179,19 @@ class DeviceBody:
             self.reply(number, Operation.TUNE_SCAN, result, body or {})
 
     def reply(self, number: int, operation: int, result: Result, body: dict[str, Any]) -> None:
-        """Answer a request, and keep the answer for its repetitions."""
+        """Reply to a request, and cache the reply for repetitions of the request."""
         reply = REPLY_HEAD.pack(number, operation, result, self.state) + pack_body(body)
         if result is not Result.STALE_REQUEST:
             self.replies.store(number, reply)
         self.outbox.enqueue(Type.RSP, reply)
 
     def transition(self, event: Event) -> None:
-        """Make a transition that the table must allow."""
+        """Make a state transition, which the table must allow."""
         if not self.try_transition(event):
             raise RuntimeError(f"no transition from {self.state.name} by {event.name}")
 
     def new_session(self, nonce: int) -> None:
-        """Begin a session: laser off, old requests and permissions void, plan and ring kept."""
+        """Open a session: laser off, earlier requests and permissions invalid; plan and A-lines are retained."""
         self.try_transition(Event.NEW_SESSION)
         self.finish_sweep(None)
         self.nonce, self.token = nonce, None
@@ -211,29 +211,29 @@ class DeviceBody:
         return self.token
 
     def begin(self, sampling: PlanSampling, encoding: int) -> None:
-        """Take over the parameters of a new plan."""
+        """Apply the parameters of a new plan."""
         self.scan.sampling, self.scan.encoding = sampling, encoding
         self.instrument.begin(sampling)
         self.plan_status_due, self.plan_refused = True, False
 
     def raise_fault(self, code: int, reason: str = "") -> None:
-        """Latch a hardware fault and repeat it until the host acknowledges; the first one counts, all are logged."""
+        """Latch a hardware fault and send it until acknowledged; later faults are logged but do not replace it."""
         log.error("hardware fault: %s%s", faults.by_code(code), f": {reason}" if reason else "")
         if self.try_transition(Event.HARDWARE_FAULT) or (self.state in LATCHED_STATES and not self.fault):
             self.fault, self.fault_text, self._fault_at = code, reason, self.now
             self._fault_number += 1
 
     def acknowledge_fault(self, number: int) -> None:
-        """Stop repeating fault ``number``."""
+        """Stop sending fault ``number``, which the host has acknowledged."""
         if number == self._fault_number:
             self._fault_at = 1 << 62
 
     def plan_status(self) -> PlanStatus:
-        """Return the present PLAN_STATUS."""
+        """Return the present PLAN_STATUS message."""
         return PlanStatus(self.plan.plan, self.plan.expected, self.plan.window_end, int(self.plan_refused) << 1)
 
     def hardware_bits(self) -> int:
-        """Return the hardware's state as STATUS' laser bits; unknown states are reported as the unsafe ones."""
+        """Return the hardware's part of STATUS's laser bits; unknown states are reported as the unsafe ones."""
         asked = (
             (LASER_EMITTING, self.instrument.emitting, True),
             (SHUTTER_OPEN, self.instrument.shutter_open, True),
@@ -243,12 +243,12 @@ class DeviceBody:
         return sum(bit for bit, read, worse in asked if self.hardware(read, worse))
 
     def laser_bits(self) -> int:
-        """Return STATUS' laser bits."""
+        """Return the laser bits of STATUS."""
         bits = self.hardware_bits()
         return bits | (LASER_ARMED if self.state in RUNNING or self.state is DeviceState.ARMED else 0)
 
     def status(self) -> Status:
-        """Return the present STATUS."""
+        """Return the present STATUS message."""
         x, y = self.hardware(self.instrument.position, (0, 0))
         laser = self.laser_bits()  # first: what these calls may latch belongs into what follows
         return Status(
@@ -274,7 +274,7 @@ class DeviceBody:
         )
 
     def statistics(self) -> dict[str, Any]:
-        """Return the device's counters, as GET reports them."""
+        """Return the device's counters for a GET request."""
         counters = self.deframer.counters
         return {
             **self.status()._asdict(),

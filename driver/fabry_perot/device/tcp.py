@@ -1,4 +1,4 @@
-"""A device's TCP port: one host, which has said HELLO, and observers, which may send ABORT and read STATUS.
+"""TCP port of a device, for one host (after its HELLO) and for observers, which may send ABORT and read STATUS.
 
 ``PROTOCOL.md``, section *TCP endpoints*, has the rules; nothing here blocks.
 """
@@ -32,7 +32,7 @@ _LONGEST = encoded_size(MAX_PAYLOAD)
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """A connection; ``heard`` is in s of the endpoint's clock."""
+    """TCP connection of a client; ``heard`` is the time of its last bytes, in s of the endpoint's clock."""
 
     socket: socket.socket
     heard: float
@@ -50,14 +50,14 @@ class _Client:
         return data
 
     def send(self, data: bytes) -> None:
-        """Send ``data`` if there is space; observers lose data that they do not read."""
+        """Send ``data`` without waiting; bytes that an observer does not read in time are dropped."""
         try:
             self.socket.send(data)
         except OSError:
             return
 
     def next_frame(self) -> bytes | None:
-        """Take the next whole frame's bytes, without delimiters, from those that arrived."""
+        """Return the bytes of the next complete received frame, without delimiters; ``None`` if there is none."""
         end = self.pending.find(0)
         if end < 0:
             if len(self.pending) > _LONGEST:
@@ -68,7 +68,7 @@ class _Client:
         return chunk
 
     def has_left(self) -> bool:
-        """Return whether the client has closed its end, even with unread bytes (where the system reports it)."""
+        """Return whether the client has closed its end, even if bytes are unread (where the system reports this)."""
         if not hasattr(select, "poll"):  # Windows
             try:
                 return not self.socket.recv(1, socket.MSG_PEEK)
@@ -80,7 +80,7 @@ class _Client:
 
 
 class TcpEndpoint:
-    """A TCP port for one host at a time, and for observers.
+    """Endpoint on a TCP port, for one host at a time and for observers.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ class TcpEndpoint:
         self.url = f"socket://{name[0]}:{name[1]}"
 
     def descriptors(self) -> list[int]:
-        """Return listener and clients."""
+        """Return the sockets of listener and clients to wait on for reading."""
         clients = [*self._observers, *([self._host] if self._host else [])]
         return [self._listener.fileno(), *(client.socket.fileno() for client in clients)]
 
     def writable_descriptor(self) -> int | None:
-        """Return the host."""
+        """Return the host's socket to wait on for writing."""
         return self._host.socket.fileno() if self._host else None
 
     def read(self, limit: int) -> bytes:
@@ -133,7 +133,7 @@ class TcpEndpoint:
         return data
 
     def _hear(self, observer: _Client, now: float) -> bytes:
-        """Return the frames of an observer for the device: ABORT, or everything after the HELLO of a new host."""
+        """Return an observer's frames for the device: ABORT, or all frames from its HELLO if it becomes the host."""
         heard = b""
         while (chunk := observer.next_frame()) is not None:
             kind = _kind(chunk)
@@ -154,7 +154,7 @@ class TcpEndpoint:
         return heard
 
     def write(self, data: bytes) -> int:
-        """Send to the host as many bytes as fit, and its STATUS and ABORT_ACK to observers.
+        """Send to the host as many bytes as fit, and copies of STATUS and ABORT_ACK to observers.
 
         Without a host, bytes are dropped.
         """
@@ -186,7 +186,7 @@ class TcpEndpoint:
         return len(data)
 
     def unplug(self) -> None:
-        """Drop all clients and turn others away."""
+        """Close all connections and reject new ones, like an unplugged line."""
         self._unplugged = True
         self._drop()
         for observer in self._observers:
@@ -194,11 +194,11 @@ class TcpEndpoint:
         self._observers.clear()
 
     def plug(self) -> None:
-        """Take clients again."""
+        """Accept connections again."""
         self._unplugged = False
 
     def close(self) -> None:
-        """Close everything."""
+        """Close the listener and all connections."""
         self.unplug()
         self._listener.close()
 
@@ -226,7 +226,7 @@ class TcpEndpoint:
 
     @staticmethod
     def _refuse(observer: _Client, host: _Client) -> None:
-        """Answer an observer's HELLO by the address of the host that is connected."""
+        """Reply BUSY, with the address of the connected host, to an observer's HELLO."""
         try:
             address, port = host.socket.getpeername()[:2]
         except OSError:  # it leaves at this moment; HELLO is repeated
@@ -235,7 +235,7 @@ class TcpEndpoint:
 
 
 def _kind(chunk: bytes) -> int | None:
-    """Return the type of a frame that is sound."""
+    """Return the message type of a valid frame; ``None`` for an invalid frame."""
     frames = Deframer().feed(chunk + b"\0")
     return frames[0].type if frames else None
 

@@ -12,7 +12,7 @@ MAX_QUEUED = 64
 
 
 class TransmitQueue:
-    """Control messages waiting for the line, and the frame sequence number.
+    """Queue of control messages, and the sequence number of frames.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class TransmitQueue:
         self.session = 0
 
     def enqueue(self, kind: Type, payload: bytes, *, urgent: bool = False) -> None:
-        """Queue a control message; an urgent one goes first, and once however often it is put."""
+        """Queue a control message; an urgent message is placed first, and only once."""
         if urgent:
             item = (kind, payload, FLAG_URGENT)
             if item in self._control:
@@ -39,20 +39,20 @@ class TransmitQueue:
             self._control.append((kind, payload, 0))
 
     def clear(self) -> None:
-        """Drop messages of an earlier session."""
+        """Discard queued messages at the start of a session."""
         self._control.clear()
 
     def next_control(self) -> bytes | None:
-        """Return the next control frame's bytes, or ``None``."""
+        """Return the next control frame's bytes, or ``None`` if the queue is empty."""
         if not self._control:
             return None
         return self.frame(*self._control.popleft())
 
     def frame(self, kind: Type, payload: bytes, flags: int = 0) -> bytes:
-        """Return the bytes of one frame."""
+        """Return the encoded bytes of one frame, with the next sequence number."""
         self._sequence = (self._sequence + 1) & 0xFFFF
         return encode_frame(Frame(kind, flags, self._boot, self.session, self._sequence, payload))
 
     def aline(self, payload: bytes, again: bool) -> bytes:
-        """Return the bytes of one ALINE frame."""
+        """Return the encoded bytes of one ALINE frame."""
         return self.frame(Type.ALINE, payload, FLAG_RETRANSMISSION if again else 0)

@@ -1,4 +1,4 @@
-"""Hardware abstraction: component protocols and the apparatus that combines them."""
+"""Hardware abstraction: component interfaces and the instrument composed of them."""
 
 from fabry_perot.hardware.calibration import GalvoCalibration, time_zero
 from fabry_perot.hardware.components import (

@@ -1,4 +1,4 @@
-"""The A-line of a point, from the records of its shots."""
+"""Averaging of a point's shots into its A-line."""
 
 from __future__ import annotations
 

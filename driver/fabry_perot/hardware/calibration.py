@@ -1,4 +1,4 @@
-"""Calibrations of a scanner: from a galvo's volts to the film, and from the trigger to the first sample."""
+"""Calibration of galvo voltages to film positions, and of time zero."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AFFINE, CUBIC = 1, 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GalvoCalibration:
-    """Polynomials in two variables from film to mirrors and back, fitted to marks of a target at known places.
+    """Bivariate polynomials between film positions and galvo voltages, fitted to marks at known positions.
 
     Degree 1 is affine: scale, rotation, shear, offset. Degree 3 takes up the pincushion of two mirrors and a lens.
 
@@ -39,7 +39,7 @@ class GalvoCalibration:
 
     @classmethod
     def fit(cls, metres: Array, volts: Array, degree: int = CUBIC) -> GalvoCalibration:
-        """Fit a calibration.
+        """Fit a calibration to the positions and voltages of marks.
 
         Parameters
         ----------
@@ -70,24 +70,24 @@ class GalvoCalibration:
         return cls(degree, scales, to_volts, to_metres, float(np.sqrt((left_out**2).sum(axis=1).mean())))
 
     def volts(self, metres: Array) -> Array:
-        """Return the volts (N, 2) that bring the beam to places (N, 2) in m."""
+        """Return the voltages (N, 2) that move the beam to positions (N, 2) in m."""
         found: Array = _terms(np.asarray(metres) / self.scales[0], self.degree) @ self.to_volts
         return found
 
     def metres(self, volts: Array) -> Array:
-        """Return the places (N, 2) in m to which volts (N, 2) bring the beam."""
+        """Return the positions (N, 2) in m to which voltages (N, 2) move the beam."""
         found: Array = _terms(np.asarray(volts) / self.scales[1], self.degree) @ self.to_metres
         return found
 
     def save(self, path: Path) -> None:
-        """Write it as JSON."""
+        """Write the calibration as JSON."""
         arrays = {"to_volts": self.to_volts.tolist(), "to_metres": self.to_metres.tolist()}
         document = {"degree": self.degree, "scales": self.scales, **arrays, "residual_m": self.residual}
         path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> GalvoCalibration:
-        """Load a calibration written by :meth:`save`."""
+        """Read a calibration written by :meth:`save`."""
         said = json.loads(path.read_text(encoding="utf-8"))
         metre, volt = said["scales"]
         to_volts, to_metres = np.array(said["to_volts"]), np.array(said["to_metres"])
@@ -95,13 +95,13 @@ class GalvoCalibration:
 
 
 def _terms(points: Array, degree: int) -> Array:
-    """Return all products xᵖ·yᵠ (N, T) with p + q up to ``degree``."""
+    """Return the polynomial terms xᵖ·yᵠ (N, T) with p + q up to ``degree``."""
     x, y = np.asarray(points, dtype=np.float64).T
     return np.stack([x**p * y**q for p in range(degree + 1) for q in range(degree + 1 - p)], axis=1)
 
 
 def time_zero(record: NDArray[np.generic], interval: float, earlier: float = 0.0) -> float:
-    """Return the time of a record's first sample after the laser pulse, in s, from light that the film absorbs.
+    """Return the time (s) of a record's first sample after the laser pulse, measured with light absorbed by the film.
 
     Light on the film itself, or on a drop of ink on it, makes sound at the moment of the pulse and at no distance: the
     record begins to rise then. With it ``TriggerRecord.time_zero`` is set.

@@ -1,4 +1,4 @@
-"""Protocols of the components of a scanner.
+"""Component interfaces (typing protocols) of a scanner: galvo, lasers, digitiser and shutter.
 
 No call waits and none needs to be fast: what takes time is started by one call and asked after by another. Shots are
 taken by the hardware's own triggers: the laser's trigger (or sync) output starts a record of the digitiser and steps
@@ -19,7 +19,7 @@ from fabry_perot.hardware.instrument import PlanSampling
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamPath:
-    """Path of the beam during a block of shots.
+    """Path of the interrogation beam during a block of shots.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class BeamPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriggerRecord:
-    """Digitiser record of one trigger.
+    """Digitiser record of one trigger: samples, scale, time and quality.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class TriggerRecord:
 
 
 class Galvo(Protocol):
-    """The mirrors that steer the interrogation beam over the film."""
+    """Mirrors that steer the interrogation beam over the film."""
 
     steps_by_trigger: bool
     """Whether it steps through a path by itself, a trigger a shot, and holds the laser's gate until it has settled.
@@ -91,11 +91,11 @@ class Galvo(Protocol):
     """
 
     def limits(self) -> dict[str, Any]:
-        """Return ``x_nm`` and ``y_nm``, [lowest, highest] each."""
+        """Return the position ranges ``x_nm`` and ``y_nm``, [lowest, highest] each."""
         ...
 
     def start_path(self, path: BeamPath, now: int) -> None:
-        """Go to the first position, and after each position's shots to the next."""
+        """Move to the first position of a path; after each position's shots, step to the next."""
         ...
 
     def is_settled(self, now: int) -> bool:
@@ -103,55 +103,55 @@ class Galvo(Protocol):
         ...
 
     def park(self, now: int) -> None:
-        """Go to the rest position."""
+        """Move to the rest position."""
         ...
 
     def position(self) -> tuple[int, int]:
-        """Return x, y."""
+        """Return the position x, y in nm."""
         ...
 
 
 class InterrogationLaser(Protocol):
-    """The tunable continuous laser that reads the film."""
+    """Tunable continuous-wave laser that interrogates the film."""
 
     def limits(self) -> dict[str, Any]:
-        """Return ``wavelength_pm`` [lowest, highest], ``tuning_us``, and ``parameters``, name to [lowest, highest]."""
+        """Return ``wavelength_pm`` [lowest, highest], ``tuning_us``, and the ranges of ``parameters`` by name."""
         ...
 
     def bias(self, x: int, y: int) -> int:
-        """Return the wavelength for a point whose plan names none: from a map of the film, or the same everywhere."""
+        """Return the wavelength for a point without one in its plan: from a map of the film, or constant."""
         ...
 
     def tune(self, wavelength: int, now: int) -> None:
-        """Begin to tune."""
+        """Start tuning to a wavelength."""
         ...
 
     def tuned(self, now: int) -> bool:
-        """Return whether it is there."""
+        """Return whether the laser has reached the wavelength."""
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return the adjustable parameters, by name."""
+        """Return the values of the adjustable parameters, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
-        """Change a parameter."""
+        """Set an adjustable parameter."""
         ...
 
 
 class Digitiser(Protocol):
-    """The card that records the film's reflection, a record a trigger, into a ring of its own."""
+    """Digitiser card that records the film's reflection, one record per trigger, in its own ring buffer."""
 
     def limits(self) -> dict[str, Any]:
         """Return ``samples`` and ``interval_ps``, [lowest, highest] each, and ``adc_bits``."""
         ...
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up length and interval of records, and of how many beams."""
+        """Set record length, sampling interval and number of beams for a plan."""
         ...
 
     def arm(self, records: int, now: int) -> None:
-        """Accept ``count`` triggers."""
+        """Accept the next ``records`` triggers."""
         ...
 
     def records(self, now: int) -> list[TriggerRecord]:
@@ -162,19 +162,19 @@ class Digitiser(Protocol):
         ...
 
     def disarm(self) -> None:
-        """Accept no more triggers, and discard records that were not fetched."""
+        """Ignore further triggers, and discard records that were not read."""
         ...
 
     def level(self, now: int) -> int:
-        """Return the DC level now, in mV."""
+        """Return the present DC level of the reflected light, in mV."""
         ...
 
 
 class ExcitationLaser(Protocol):
-    """The pulsed laser that makes the sound, and the gate of its pulses."""
+    """Pulsed laser that generates the ultrasound, and the gate of its pulses."""
 
     def limits(self) -> dict[str, Any]:
-        """Return ``pulse_rate_mhz`` [lowest, highest], and ``parameters``, name to [lowest, highest].
+        """Return the range ``pulse_rate_mhz`` [lowest, highest], and the ranges of ``parameters`` by name.
 
         With ``gate``: true, it is a :class:`GatedLaser`. Where a photodiode tells each pulse's energy (a record's
         ``energy``): ``energy_nj``, what is nominal, and ``energy_range``, [lowest, highest] of it in 10⁻⁴, beyond which
@@ -183,7 +183,7 @@ class ExcitationLaser(Protocol):
         ...
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set the pulse rate; no pulse leaves."""
+        """Set the pulse rate for a plan; no pulse is emitted."""
         ...
 
     def permit(self, until: int, now: int) -> None:
@@ -191,39 +191,39 @@ class ExcitationLaser(Protocol):
         ...
 
     def fire(self, pulses: int, now: int) -> None:
-        """Emit the next ``count`` pulses, as far as they are permitted."""
+        """Emit the next ``pulses`` pulses, as far as they are permitted."""
         ...
 
     def halt(self, now: int) -> None:
-        """Stop emission."""
+        """Stop emission of pulses."""
         ...
 
     def shots(self) -> int:
-        """Return the count of pulses that left, which no reboot sets back."""
+        """Return the number of emitted pulses, a count that no reboot resets."""
         ...
 
     def last_shot(self) -> int:
-        """Return the time of the last pulse that left, 0 before the first."""
+        """Return the time of the last emitted pulse, 0 before the first."""
         ...
 
     def emitting(self) -> bool:
-        """Return whether light may leave the aperture, by the laser's own monitor."""
+        """Return whether light may be emitted, according to the laser's own monitor."""
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return the adjustable parameters, by name."""
+        """Return the values of the adjustable parameters, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
-        """Change a parameter."""
+        """Set an adjustable parameter."""
         ...
 
 
 class GatedLaser(ExcitationLaser, Protocol):
-    """An excitation laser that can wait for something else: a heart, a breath, a stimulus."""
+    """Excitation laser with a gate input, which synchronises pulses with a heartbeat, a breath or a stimulus."""
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
-        """Emit ``count`` pulses from the next edge at the gate input, as far as they are permitted then.
+        """Emit ``pulses`` pulses from the next edge at the gate input, as far as they are permitted then.
 
         A permission that runs out before the last of them is followed by :meth:`halt`, never made up for.
         """
@@ -231,18 +231,18 @@ class GatedLaser(ExcitationLaser, Protocol):
 
 
 class Shutter(Protocol):
-    """The shutter in the excitation beam, and the loop of interlock and key that holds it."""
+    """Shutter in the excitation beam, with its interlock and key switch."""
 
     def open(self) -> None:
-        """Open it, if interlock and key let it."""
+        """Open the shutter, if interlock and key permit it."""
         ...
 
     def close(self) -> None:
-        """Close it; harmless where it is closed."""
+        """Close the shutter; no effect on a closed one."""
         ...
 
     def is_open(self) -> bool:
-        """Return whether it is not wholly closed, by its own sensor."""
+        """Return whether the shutter is not fully closed, according to its own sensor."""
         ...
 
     def interlock_closed(self) -> bool:

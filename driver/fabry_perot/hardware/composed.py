@@ -1,4 +1,4 @@
-"""An instrument made of its parts: galvo, interrogation laser, digitiser, excitation laser and shutter."""
+"""Instrument composed of galvo, interrogation laser, digitiser, excitation laser and shutter."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 class ComposedInstrument(Instrument):
-    """Instrument composed of galvo, lasers, digitiser and shutter.
+    """Real instrument assembled from separately driven hardware components.
 
     Points are cut into blocks that the hardware takes by its own triggers: points in a row with one bias wavelength, as
     many as the galvo can step through by itself; one that waits for the gate begins a block. Whatever a part raises
@@ -88,7 +88,7 @@ class ComposedInstrument(Instrument):
         self._levels: list[int] = []
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits of all parts together; override it for further capabilities."""
+        """Return the combined limits of all components; override this method for further capabilities."""
         laser = self._ask(FAULT_LASER, self.laser.limits)
         excitation = self._ask(FAULT_EXCITATION, self.excitation.limits)
         parameters = {**laser.pop("parameters", {}), **excitation.pop("parameters", {})}
@@ -110,7 +110,7 @@ class ComposedInstrument(Instrument):
         }
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up for a plan."""
+        """Configure digitiser and excitation laser for a plan."""
         self._samples, self._beams = sampling.samples, sampling.beams
         self._queue.clear()
         self._done.clear()
@@ -118,11 +118,11 @@ class ComposedInstrument(Instrument):
         self._ask(FAULT_EXCITATION, self.excitation.begin, sampling)
 
     def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
-        """Work through more points."""
+        """Queue more points for measurement."""
         self._queue.extend(enumerate(points, start=first))
 
     def permit(self, until: int, now: int) -> None:
-        """Permit pulses before ``until``; a block that missed its trigger edge waits for the next edge."""
+        """Permit pulses before ``until``; a gated block whose permission has expired is queued again."""
         lapsed, self._until = now >= self._until, until
         if lapsed and self._firing and self._gated:
             self._queue.extendleft(reversed(self._break_off(now)))
@@ -140,7 +140,7 @@ class ComposedInstrument(Instrument):
         return done
 
     def next_due(self, now: int) -> int | None:
-        """Return when to look again."""
+        """Return the time of the next poll."""
         return now + POLL_INTERVAL if self._queue or self._block or self._sweep is not None else None
 
     def stop(self, now: int) -> None:
@@ -150,7 +150,7 @@ class ComposedInstrument(Instrument):
         self._break_off(now)
 
     def _break_off(self, now: int) -> list[tuple[int, np.void]]:
-        """Fire no more; return the points of the block that were not recorded whole, and forget their records."""
+        """Stop firing, discard the records of incomplete points of the block, and return those points."""
         try:
             self._ask(FAULT_EXCITATION, self.excitation.halt, now)
             if self._firing:
@@ -164,22 +164,22 @@ class ComposedInstrument(Instrument):
         return unfinished
 
     def shots(self) -> int:
-        """Return the laser's own count."""
+        """Return the excitation laser's own count of shots."""
         return self._ask(FAULT_EXCITATION, self.excitation.shots)
 
     def last_shot(self) -> int:
-        """Return the time of the last shot."""
+        """Return the time of the last emitted pulse."""
         return self._ask(FAULT_EXCITATION, self.excitation.last_shot)
 
     def sweep(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> None:
-        """Begin a sweep: go there, then a wavelength after the other."""
+        """Start a sweep of the interrogation wavelength at a point."""
         self._sweep, self._levels = deque(wavelengths.tolist()), []
         one, none = np.ones(1, np.int64), np.zeros(1, np.int64)
         self._ask(FAULT_GALVO, self.galvo.start_path, BeamPath(x * one, y * one, none, none), now)
         self._ask(FAULT_LASER, self.laser.tune, self._sweep[0], now)
 
     def sweep_result(self, now: int) -> list[int] | None:
-        """Take the level at a wavelength that is reached, and go to the next."""
+        """Measure the level at a reached wavelength and tune to the next; return all levels at the end."""
         if self._sweep is None or not self._aimed(now):
             return None
         self._levels.append(self._ask(FAULT_DIGITISER, self.digitiser.level, now))
@@ -191,11 +191,11 @@ class ComposedInstrument(Instrument):
         return self._levels
 
     def open(self) -> None:
-        """Open the shutter."""
+        """Open the shutter of the excitation beam."""
         self._ask(FAULT_GUARD, self.shutter.open)
 
     def close(self) -> None:
-        """Close the shutter."""
+        """Close the shutter of the excitation beam."""
         self._ask(FAULT_GUARD, self.shutter.close)
 
     def shutter_open(self) -> bool:
@@ -203,7 +203,7 @@ class ComposedInstrument(Instrument):
         return self._ask(FAULT_GUARD, self.shutter.is_open)
 
     def emitting(self) -> bool:
-        """Return whether light may leave the aperture."""
+        """Return whether light may be emitted, according to the laser's own monitor."""
         return self._ask(FAULT_EXCITATION, self.excitation.emitting)
 
     def interlock_closed(self) -> bool:
@@ -215,27 +215,27 @@ class ComposedInstrument(Instrument):
         return self._ask(FAULT_GUARD, self.shutter.key_on)
 
     def park(self, now: int) -> None:
-        """Park the galvo."""
+        """Move the galvo to its rest position."""
         self._ask(FAULT_GALVO, self.galvo.park, now)
 
     def position(self) -> tuple[int, int]:
-        """Return x, y in nm."""
+        """Return the beam position x, y in nm."""
         return self._ask(FAULT_GALVO, self.galvo.position)
 
     def parameters(self) -> dict[str, int]:
-        """Return the parameters of both lasers that SET changes."""
+        """Return the values of the adjustable parameters of both lasers."""
         excitation = self._ask(FAULT_EXCITATION, self.excitation.parameters)
         return {**self._ask(FAULT_LASER, self.laser.parameters), **excitation}
 
     def configure(self, name: str, value: int) -> None:
-        """Change a parameter of the laser that has it."""
+        """Set an adjustable parameter of the laser that has it."""
         if name in self._ask(FAULT_LASER, self.laser.parameters):
             self._ask(FAULT_LASER, self.laser.configure, name, value)
         else:
             self._ask(FAULT_EXCITATION, self.excitation.configure, name, value)
 
     def _aim(self, now: int) -> None:
-        """Take the next block from the queue, tune, and go to its first point."""
+        """Take the next block of points from the queue, tune the laser, and move to the first point."""
         block, bias = self._block, self._bias(self._queue[0][1])
         block.append(self._queue.popleft())
         most = MAX_BLOCK if self.galvo.steps_by_trigger else 1
@@ -249,7 +249,7 @@ class ComposedInstrument(Instrument):
         self._ask(FAULT_LASER, self.laser.tune, bias, now)
 
     def _goes_on(self, point: np.void, bias: int) -> bool:
-        """Return whether a point can be in the block of those before it."""
+        """Return whether a point may join the present block: same wavelength and no wait for the gate."""
         return not int(point["flags"]) & FLAG_GATE and self._bias(point) == bias
 
     def _bias(self, point: np.void) -> int:
@@ -271,7 +271,7 @@ class ComposedInstrument(Instrument):
             self._ask(FAULT_EXCITATION, self.excitation.fire, pulses, now)
 
     def _collect(self, now: int) -> None:
-        """Take in records; those of a point that are complete become its A-line."""
+        """Read records from the digitiser, and average those of each complete point into A-lines."""
         for record in self._ask(FAULT_DIGITISER, self.digitiser.records, now):
             if not self._block:
                 raise InstrumentError(FAULT_DIGITISER, "more records than triggers were armed")
@@ -292,7 +292,7 @@ class ComposedInstrument(Instrument):
             raise InstrumentError(FAULT_DIGITISER, f"records of {len(self._block)} points are missing")
 
     def _ask(self, fault: int, call: Callable[P, T], *given: P.args, **named: P.kwargs) -> T:
-        """Call a part and return its result; any exception is a fault of that part."""
+        """Call a method of a component and return its result; any exception becomes a fault of that component."""
         try:
             return call(*given, **named)
         except InstrumentError:

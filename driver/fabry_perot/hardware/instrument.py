@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 class InstrumentError(Exception):
-    """The hardware reports a fault.
+    """Hardware fault with its code, raised by an instrument.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class PlanSampling:
 
 @dataclass(frozen=True, slots=True)
 class PointRecord:
-    """Record of one point and beam: the mean over its shots.
+    """Averaged record of one point and beam.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class PointRecord:
 
 
 class Instrument(Protocol):
-    """The hardware as the device sees it; :class:`~fabry_perot.hardware.ComposedInstrument` makes one of its parts.
+    """Interface of the hardware to the device; :class:`~fabry_perot.hardware.ComposedInstrument` implements it.
 
     No call waits: what takes time is started by one call, and :meth:`poll` or :meth:`sweep_result` tells when it is
     over. Points are worked through by the hardware's own triggers, many to a call. All times are device time in µs.
@@ -105,15 +105,15 @@ class Instrument(Protocol):
     """
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits, as documented in ``PROTOCOL.md``."""
+        """Return the hardware's limits, as documented in ``PROTOCOL.md``."""
         ...
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up for a plan; nothing moves."""
+        """Configure the hardware for a plan; nothing moves."""
         ...
 
     def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
-        """Work through more points, from index ``first`` on, behind those given before.
+        """Queue more points for measurement, from index ``first`` on, after those queued before.
 
         At each: go there (the first beam), tune, settle, take as many shots as its averages say, with all beams that
         ``begin`` was told. The shutter is opened and closed by others; pulses leave only within :meth:`permit`.
@@ -121,7 +121,7 @@ class Instrument(Protocol):
         ...
 
     def permit(self, until: int, now: int) -> None:
-        """Permit pulses before ``until`` and none later, whether or not another call follows."""
+        """Permit pulses before ``until`` and none later, even without a further call."""
         ...
 
     def poll(self, now: int) -> list[PointRecord]:
@@ -132,7 +132,7 @@ class Instrument(Protocol):
         ...
 
     def next_due(self, now: int) -> int | None:
-        """Time of the next work of :meth:`poll` or :meth:`sweep_result`; ``None`` while nothing was started."""
+        """Return the time of the next work of :meth:`poll` or :meth:`sweep_result`; ``None`` if nothing was started."""
         ...
 
     def stop(self, now: int) -> None:
@@ -151,49 +151,49 @@ class Instrument(Protocol):
         ...
 
     def sweep(self, x: int, y: int, wavelengths: NDArray[np.int64], now: int) -> None:
-        """Begin to sweep the interrogation wavelength (pm) at a point (nm) of the film, with the shutter closed."""
+        """Start a sweep of the interrogation wavelength (pm) at a point (nm) of the film, with the shutter closed."""
         ...
 
     def sweep_result(self, now: int) -> list[int] | None:
-        """Return the sweep's DC levels in mV once it is over, ``None`` before; once only."""
+        """Return the sweep's DC levels in mV once after its end, otherwise ``None``."""
         ...
 
     def open(self) -> None:
-        """Open the shutter; called by START alone."""
+        """Open the shutter; called on START only."""
         ...
 
     def close(self) -> None:
-        """Close the shutter and stop emission, without waiting for either; harmless where they are closed and off."""
+        """Close the shutter and stop emission, without waiting; no effect if closed and off."""
         ...
 
     def shutter_open(self) -> bool:
-        """Return whether the shutter is not wholly closed, by its own sensor."""
+        """Return whether the shutter is not fully closed, according to its own sensor."""
         ...
 
     def emitting(self) -> bool:
-        """Return whether light may leave the aperture, by the laser's own monitor."""
+        """Return whether light may be emitted, according to the laser's own monitor."""
         ...
 
     def interlock_closed(self) -> bool:
-        """Return whether the enclosure's interlock is closed; open, the laser cannot emit."""
+        """Return whether the enclosure's interlock is closed; while open, the laser cannot emit."""
         ...
 
     def key_on(self) -> bool:
-        """Return whether the key switch is on; off, the laser cannot emit."""
+        """Return whether the key switch is on; while off, the laser cannot emit."""
         ...
 
     def park(self, now: int) -> None:
-        """Go to the rest position; the shutter is closed."""
+        """Move to the rest position; the shutter is closed."""
         ...
 
     def position(self) -> tuple[int, int]:
-        """Return x, y in nm on the film."""
+        """Return the beam position x, y on the film in nm."""
         ...
 
     def parameters(self) -> dict[str, int]:
-        """Return the parameters that SET changes, by name."""
+        """Return the values of the adjustable parameters, by name."""
         ...
 
     def configure(self, name: str, value: int) -> None:
-        """Change a parameter; name and range were checked against the capabilities."""
+        """Set an adjustable parameter; name and range were checked against the capabilities."""
         ...

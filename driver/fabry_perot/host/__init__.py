@@ -1,4 +1,4 @@
-"""The host side of the link: a state machine of bytes in, bytes out and an explicit time."""
+"""Host side of the protocol: a state machine without I/O, transports, and the driver for applications."""
 
 from fabry_perot.host.host import Host
 from fabry_perot.host.plan import WirePlan

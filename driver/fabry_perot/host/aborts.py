@@ -1,4 +1,4 @@
-"""ABORT of one side of a line: repeated until it is acknowledged, and the STATUS messages that follow."""
+"""ABORT messages of a host: repetition until acknowledged, and the STATUS messages that follow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _HALF = 1 << 31
 
 
 class Aborts:
-    """The aborts of one program, of which the last counts.
+    """Emergency stops and other aborts sent by one program; only the last one is active.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class Aborts:
 
     @property
     def is_off(self) -> bool:
-        """Whether the device said, after it had acknowledged the last ABORT, that the laser is off."""
+        """Whether the device reported, after it acknowledged the last ABORT, that the laser is off."""
         return self.after is not None and is_off(self.after)
 
     def start(self, level: AbortLevel, now: float) -> int:
-        """Begin an ABORT and return its number; a stronger one that is not acknowledged yet is not weakened."""
+        """Start sending an ABORT and return its number; its level is at least that of a pending ABORT."""
         if self._pending is not None:
             level = max(level, AbortLevel(self._pending.level))
         self.number = (self.number + 1) & 0xFFFFFFFF
@@ -53,34 +53,34 @@ class Aborts:
         return self.number
 
     def drop(self) -> None:
-        """Send it no more: the boot of the device that it was for is over."""
+        """Stop sending the ABORT, because the device has rebooted since."""
         self._pending = None
 
     def due(self, now: float) -> bytes | None:
-        """Return the payload to send now, if any."""
+        """Return the ABORT payload to send now, or ``None``."""
         if self._pending is None or now < self._due:
             return None
         self._due = now + self._period
         return pack(self._pending)
 
     def due_at(self) -> float | None:
-        """Return the time of the next repetition; ``None`` when none is due."""
+        """Return the time of the next repetition; ``None`` without a pending ABORT."""
         return None if self._pending is None else self._due
 
     def acknowledge(self, ack: AbortAck) -> bool:
-        """Take an ABORT_ACK and return whether it answers the last ABORT."""
+        """Process an ABORT_ACK and return whether it answers the last ABORT."""
         if self._pending is None or self._pending != (ack.level, ack.number):
             return False
         self._pending, self.acknowledgement = None, ack
         return True
 
     def answered(self, number: int) -> bool:
-        """Return whether the device acknowledged the ABORT of a number, or one that came after it."""
+        """Return whether the device acknowledged the ABORT with this number, or a later one."""
         ack = self.acknowledgement
         return ack is not None and (ack.number - number) & 0xFFFFFFFF < _HALF
 
     def take(self, status: Status) -> None:
-        """Take a STATUS. The first one may have been overtaken by the urgent ABORT_ACK, unless it agrees with it."""
+        """Process a STATUS; the first one is ignored if older than the urgent ABORT_ACK, unless both agree."""
         ack = self.acknowledgement
         if ack is None:
             return

@@ -1,4 +1,4 @@
-"""Addresses of ports: a device path or pyserial URL, perhaps with a baud rate as in ``/dev/ttyUSB0?baud=921600``."""
+"""Addresses of ports: device paths or pyserial URLs, optionally with a baud rate (``/dev/ttyUSB0?baud=921600``)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SOCKET = "socket"
 
 
 def split(url: str, baudrate: int | None = None) -> tuple[str, int]:
-    """Return a port without the parameter ``baud``, and its baud rate in Bd.
+    """Split the parameter ``baud`` from a port's address; return the address without it, and the baud rate in Bd.
 
     Parameters
     ----------
@@ -33,17 +33,17 @@ def split(url: str, baudrate: int | None = None) -> tuple[str, int]:
 
 
 def port_of(url: str) -> str:
-    """Return a port without its ``baud`` parameter."""
+    """Return a port's address without its ``baud`` parameter."""
     return _parted(url)[0]
 
 
 def names_baud(url: str) -> bool:
-    """Return whether a URL has the parameter ``baud``."""
+    """Return whether a URL contains the parameter ``baud``."""
     return _parted(url)[1] is not None
 
 
 def with_baud(url: str, baudrate: int) -> str:
-    """Return ``url`` with another baud rate.
+    """Return ``url`` with its ``baud`` parameter set.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def with_baud(url: str, baudrate: int) -> str:
 
 
 def check_baud(field: str, value: object) -> int:
-    """Return a baud rate in Bd; raises PlanInvalid with the name ``field`` where it is none."""
+    """Return a valid baud rate in Bd; raises PlanInvalid with the name ``field`` for an invalid one."""
     try:
         baud = int(str(value))
     except ValueError:
@@ -66,7 +66,7 @@ def check_baud(field: str, value: object) -> int:
 
 
 def check_url(url: str) -> None:
-    """Raise PortUnavailable for a URL that names no port, in words that say how one is written."""
+    """Raise PortUnavailable, with the correct syntax, for a URL that does not name a port."""
     if not url.strip():
         raise PortUnavailable("no port is given: give a device path such as /dev/ttyUSB0, or socket://HOST:PORT")
     if "://" not in url:

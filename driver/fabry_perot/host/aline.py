@@ -1,4 +1,4 @@
-"""A-line and batches of A-lines.
+"""A-lines and batches of A-lines.
 
 On its way through the driver an A-line is a *record*: the meta and the samples as little-endian int16, which is what
 arrives when it was sent plainly and whole. It is unpacked when somebody looks at it.
@@ -28,13 +28,13 @@ _peek, _value = _PEEK.unpack_from, google_crc32c.value
 
 
 def is_complete(record: bytes, size: int) -> bool:
-    """Return whether a record of ``size`` ≥ :data:`META_SIZE` bytes has the samples and checksum that it says."""
+    """Return whether a record of ``size`` ≥ :data:`META_SIZE` bytes is complete and matches its checksum."""
     crc, count = _peek(record)
     return META_SIZE + 2 * count == size and _value(record[META_SIZE:]) == crc  # type: ignore[no-any-return]
 
 
 def parse_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:
-    """Return the record of an A-line from its blob (meta ‖ encoded samples).
+    """Decode an A-line's blob (meta ‖ encoded samples) into a record with decoded samples.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def parse_record(blob: bytes, encoding: int = Encoding.INT16) -> bytes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ALine:
-    """One recorded pressure trace.
+    """Recorded pressure trace (A-line) of one detection point, with its metadata.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class ALine:
 
     @classmethod
     def from_record(cls, number: int, point: int, record: bytes) -> ALine:
-        """Return the A-line in a checked record."""
+        """Create the A-line from a checked record."""
         meta = ALineMeta(*_META.unpack_from(record))
         return cls(
             number,
@@ -158,7 +158,7 @@ META = np.dtype(
 
 
 class ALineBatch(Sequence[ALine]):
-    """A-lines of one length in order of their number: a sequence of :class:`ALine`, and columns of all of them.
+    """Batch of A-lines of equal length, in order of number: a sequence of :class:`ALine`, also readable as columns.
 
     An :class:`ALine` is made when it is looked at. Columns cost nothing per A-line, so that is how to store many.
 
@@ -194,24 +194,24 @@ class ALineBatch(Sequence[ALine]):
 
     @property
     def meta(self) -> NDArray[np.void]:
-        """(n,) metas of the records, of structure :data:`META`, read-only."""
+        """Metadata (n,) of the A-lines, of structure :data:`META`, read-only."""
         if self._meta is None:
             self._meta = np.frombuffer(b"".join([record[:META_SIZE] for record in self._records]), META)
         return self._meta
 
     @property
     def sample_bytes(self) -> list[bytes]:
-        """The samples of each as little-endian int16."""
+        """Samples of each A-line as little-endian int16 bytes."""
         return [record[META_SIZE:] for record in self._records]
 
     @property
     def samples(self) -> NDArray[np.int16]:
-        """(n, N_t) int16 counts, read-only."""
+        """Samples (n, N_t) as int16 counts, read-only."""
         data = np.frombuffer(b"".join(self.sample_bytes), "<i2")
         return data.reshape(len(self), -1 if len(self) else 0).astype(np.int16, copy=False)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return (n,) values of one attribute of :class:`ALine` by name, in its unit; of ``samples`` (n, N_t).
+        """Return (n,) values of an attribute of :class:`ALine`, in its unit; (n, N_t) for ``samples``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Answers to questions about a scanner: its state now, and its state after an emergency stop or a cleared fault."""
+"""Result types of scanner queries: status, outcome of an emergency stop, and record of a cleared fault."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class StopAnswer:
 
 @dataclass(frozen=True, slots=True)
 class PortStatus:
-    """A device as its last STATUS describes it.
+    """Device state, laser and fault as of its last STATUS.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class FaultCleared:
 
 
 def in_words(status: Status, age: float, holder: str = "") -> PortStatus:
-    """Return a STATUS in words.
+    """Return a STATUS as a PortStatus, with states and faults by name.
 
     Parameters
     ----------
@@ -133,17 +133,17 @@ def in_words(status: Status, age: float, holder: str = "") -> PortStatus:
 
 
 def as_map(status: PortStatus) -> dict[str, Any]:
-    """Return the fields by name."""
+    """Return the fields of a result as a dictionary."""
     return {name: getattr(status, name) for name in PortStatus.__slots__}
 
 
 def is_off(status: Status) -> bool:
-    """Return whether a STATUS says that the laser is off: not armed, not scanning, shutter closed, no light."""
+    """Return whether a STATUS reports the laser off: not armed, not scanning, shutter closed, no emission."""
     return not status.laser & (LIGHT | LASER_ARMED) and status.state not in _LIVE
 
 
 def standing(status: Status) -> str:
-    """Return the cause of a latched fault that still stands, as a clause; empty when it may be cleared."""
+    """Return the persisting cause of a latched fault, as a clause; empty when the fault may be cleared."""
     bits = status.laser
     return faults.standing(
         status.fault,
@@ -154,7 +154,7 @@ def standing(status: Status) -> str:
 
 
 def answer(status: Status | None, seconds: float, holder: str = "", trouble: str = "") -> StopAnswer:
-    """Return the outcome of a stop.
+    """Return the outcome of a stop from the device's STATUS.
 
     Parameters
     ----------
@@ -181,6 +181,6 @@ def answer(status: Status | None, seconds: float, holder: str = "", trouble: str
 
 
 def unconfirmed(why: str, seconds: float, holder: str = "") -> StopAnswer:
-    """Return the outcome of a stop of which the device has said nothing; ``why`` is a clause."""
+    """Return the outcome of a stop that the device did not confirm; ``why`` is a clause."""
     told = why if "could not be asked" in why else f"the scanner could not be asked: {why}"
     return StopAnswer("unconfirmed", "", "unknown", holder, f"{told}; {SWITCH}", seconds)

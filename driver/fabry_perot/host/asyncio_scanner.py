@@ -1,4 +1,4 @@
-"""asyncio facade of the synchronous driver.
+"""asyncio wrapper of the synchronous driver.
 
 There is no second implementation to go wrong. A-lines are looked for in that thread, a twentieth of a second at a time,
 and each look renews the laser's lease once: a consumer that was cancelled, and an event loop that hangs, drop the laser
@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class AsyncScanner:
-    """A connected scanner for asyncio; use :func:`connect_async` and an ``async with`` block.
+    """Connected scanner for asyncio; use :func:`connect_async` and an ``async with`` block.
 
     Every method does what the one of the same name of :class:`fabry_perot.Scanner` does and raises the same errors.
 
@@ -62,7 +62,7 @@ class AsyncScanner:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Limits and identity."""
+        """Limits and identity of the scanner."""
         return self._scanner.capabilities
 
     @property
@@ -80,15 +80,15 @@ class AsyncScanner:
         await self._run(self._scanner.upload, points, **parameters)
 
     async def arm(self) -> int:
-        """Arm the laser and return the token."""
+        """Arm the laser and return the token for :meth:`start`."""
         return await self._run(self._scanner.arm)
 
     async def start(self, token: int) -> None:
-        """Start scanning."""
+        """Start the scan of the uploaded plan."""
         await self._run(self._scanner.start, token)
 
     async def alines(self) -> AsyncIterator[ALineBatch]:
-        """Yield batches of A-lines as they arrive, until the plan is done; after a cancellation, iterate again."""
+        """Yield batches of A-lines as they arrive, until the plan is complete; iterate again after a cancellation."""
         batches = self._scanner.alines(idle=True)
         while True:
             coming = self._coming
@@ -112,47 +112,47 @@ class AsyncScanner:
         await self._run(self._scanner.acknowledge, aline)
 
     async def pause(self) -> None:
-        """Stop firing until :meth:`resume`."""
+        """Pause the scan, with the laser off, until :meth:`resume`."""
         await self._run(self._scanner.pause)
 
     async def resume(self, *, by_itself: bool = False) -> None:
-        """Arm and continue; parameters as of :meth:`fabry_perot.Scanner.resume`."""
+        """Arm the laser and continue the scan; parameters as of :meth:`fabry_perot.Scanner.resume`."""
         await self._run(self._scanner.resume, by_itself=by_itself)
 
     async def abort(self, level: str = "laser-off") -> None:
-        """Stop at once."""
+        """Send an abort with a level: pause, laser-off (default) or emergency-stop."""
         await self._run(self._scanner.abort, level)
 
     async def disarm(self) -> None:
-        """Withdraw the arm token, or end a scan with its plan and data kept."""
+        """Invalidate the arm token, or end a scan without discarding its plan and data."""
         await self._run(self._scanner.disarm)
 
     async def park(self) -> None:
-        """Close the shutter and go to the rest position."""
+        """Close the shutter and move the beam to the rest position."""
         await self._run(self._scanner.park)
 
     async def clear_fault(self, by: str = "") -> FaultCleared:
-        """Clear a latched fault or emergency stop: the deed of a person of that name."""
+        """Clear a latched fault or emergency stop in a person's name."""
         return await self._run(self._scanner.clear_fault, by)
 
     async def set(self, **parameters: int) -> dict[str, int]:
-        """Change parameters of the device."""
+        """Set parameters of the device."""
         return await self._run(self._scanner.set, **parameters)
 
     async def tune(self, x: float, y: float, **sweep: Any) -> TuningCurve:
-        """Sweep the interrogation wavelength at one point."""
+        """Sweep the interrogation wavelength at one point, and return the tuning curve."""
         return await self._run(self._scanner.tune, x, y, **sweep)
 
     async def measure_tuning_map(self, points: Any, *, steps: int = 101) -> TuningMap:
-        """Sweep at each point."""
+        """Sweep the interrogation wavelength at each point, and return the tuning map."""
         return await self._run(self._scanner.pretune, points, steps=steps)
 
     async def statistics(self) -> dict[str, Any]:
-        """Return counters of both sides."""
+        """Return counters of host and device."""
         return await self._run(self._scanner.statistics)
 
     async def report(self) -> ScanReport:
-        """Return the account of the present scan."""
+        """Return the shot accounting of the present scan."""
         return await self._run(self._scanner.report)
 
     async def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Lines for an emergency stop: a port that is free, and ways to a device beside the program that holds its port."""
+"""Lines for an emergency stop: a free port, or a second connection to a device whose port is in use."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ TURN = 0.01
 
 
 class SecondOpening:
-    """A terminal that another program holds, opened beside it: its settings and its lock are left alone."""
+    """Second opening of a terminal that another program holds, which changes neither settings nor lock."""
 
     def __init__(self, path: str) -> None:
         self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def read(self) -> bytes:
-        """Return received bytes."""
+        """Return received bytes without waiting."""
         select.select([self._file], [], [], TURN)
         with suppress(BlockingIOError):
             return os.read(self._file, 4096)
         return b""
 
     def write(self, data: bytes) -> None:
-        """Send as many bytes as fit."""
+        """Send as many bytes as fit, and return their number."""
         with suppress(BlockingIOError):
             os.write(self._file, data)
 
     def close(self) -> None:
-        """Close this opening only."""
+        """Close this opening; the other program's opening is not affected."""
         os.close(self._file)
 
 
 class TcpLine:
-    """A TCP connection to a device, perhaps beside another host's."""
+    """TCP connection to a device, possibly in parallel to another host's connection."""
 
     def __init__(self, url: str, timeout: float) -> None:
         parts = urlsplit(url)
@@ -48,7 +48,7 @@ class TcpLine:
         self._socket.settimeout(TURN)
 
     def read(self) -> bytes:
-        """Return received bytes; raises LinkLost."""
+        """Return received bytes; raises LinkLost when the connection is closed."""
         try:
             data = self._socket.recv(4096)
         except TimeoutError:
@@ -62,10 +62,10 @@ class TcpLine:
         self._socket.sendall(data)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the TCP connection."""
         self._socket.close()
 
 
 def opened(url: str, baudrate: int | None) -> Transport:
-    """Open a port; the baud rate is the default one where none is given."""
+    """Open a port; the baud rate is the default one unless given."""
     return open_transport(url, baudrate)

@@ -105,7 +105,7 @@ class Capabilities:
 
     @classmethod
     def from_map(cls, data: Mapping[str, Any]) -> Capabilities:
-        """Return the capabilities in a device's CBOR map; a map that lacks one raises FrameError."""
+        """Create the capabilities from a device's CBOR map; a map that lacks an entry raises FrameError."""
 
         def span(pair: Any, unit: float = 1.0) -> Range:
             low, high = pair
@@ -144,13 +144,13 @@ class Capabilities:
             raise FrameError(f"capabilities lack or garble {error}") from error
 
     def alines_per_second(self, samples: int) -> float:
-        """Return how many A-lines of ``samples`` the line carries per second at 90 % load; ``inf`` when unpaced."""
+        """Return the A-lines of ``samples`` that the line carries per second at 90 % load; ``inf`` without a limit."""
         if not self.line_rate:
             return float("inf")
         return 0.9 * self.line_rate / encoded_size(_ALINE_OVERHEAD + 2 * samples)
 
     def encoding(self, name: str) -> int:
-        """Return the number of an encoding by name; ``"auto"`` packs A-lines when the line is the bottleneck.
+        """Return the number of an encoding by name; ``"auto"`` compresses A-lines if the line's rate is limited.
 
         Raises
         ------
@@ -166,7 +166,7 @@ class Capabilities:
         return NAMES[name]
 
     def wavelengths(self, given: ArrayLike, count: int) -> NDArray[np.float64]:
-        """Return interrogation wavelengths (m), one or (``count``,), 0 for the device's own map; PlanInvalid if not."""
+        """Validate interrogation wavelengths (m), one or (``count``,), 0 for the device's map; raises PlanInvalid."""
         values = np.asarray(given, dtype=np.float64)
         low, high = self.wavelength
         if values.ndim and values.shape != (count,):
@@ -176,7 +176,7 @@ class Capabilities:
         return values
 
     def gated(self, given: ArrayLike, count: int) -> NDArray[np.bool_]:
-        """Return which of ``count`` points wait for the gate, from one answer or one a point; PlanInvalid if not."""
+        """Validate which points wait for the gate, one value or (``count``,) booleans; raises PlanInvalid."""
         values = np.asarray(given, dtype=np.bool_)
         if values.ndim and values.shape != (count,):
             raise PlanInvalid("gated", f"shape {values.shape}", f"one value or ({count},)")
@@ -185,7 +185,7 @@ class Capabilities:
         return values
 
     def check_beams(self, count: int) -> None:
-        """Raise PlanInvalid when the scanner has fewer beams."""
+        """Raise PlanInvalid when the scanner has fewer than ``count`` beams."""
         if not 1 <= count <= self.beams:
             raise PlanInvalid("beams", count, f"1 … {self.beams}" if self.beams > 1 else "1, all this scanner has")
 
@@ -199,7 +199,7 @@ class Capabilities:
         averages: int,
         encoding: str = "auto",
     ) -> None:
-        """Raise :class:`PlanInvalid` when the scanner cannot do this.
+        """Raise :class:`PlanInvalid` when points or sampling exceed the scanner's limits.
 
         Parameters
         ----------

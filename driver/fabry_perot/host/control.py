@@ -1,4 +1,4 @@
-"""Control sockets of the holders of a port: how they are found and asked to stop, to report, or to give way.
+"""Client of control sockets, through which other programs request stop, status or release of a port from its holder.
 
 Every process that holds a port listens on a local socket for each of the port's names
 (:func:`fabry_perot.host.ports.aliases`). One JSON line is asked, one is answered; PROTOCOL.md has both. On Linux the
@@ -44,7 +44,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Listener:
-    """A control socket that some process listens on.
+    """Control socket of a process that holds a port.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def _folder() -> Path:
 
 
 def address(alias: str, pid: int, number: int) -> str:
-    """Return the address of a control socket: by the name of the port, the process, and its count of holders."""
+    """Return the address of a control socket, from port name, process and number of the holder in this process."""
     if ABSTRACT:
         return f"\0{_PREFIX}/{_digest(alias)}/{pid}/{number}"
     return str(_folder() / f"{_PREFIX}-{_digest(alias)}-{pid}-{number}")
 
 
 def read_line(client: socket.socket, seconds: float) -> bytes:
-    """Return one line; raises OSError when it is too long or too late."""
+    """Read one line from a socket; raises OSError when it is too long or too late."""
     deadline, data = time.monotonic() + seconds, b""
     while not data.endswith(b"\n"):
         left = deadline - time.monotonic()
@@ -89,7 +89,7 @@ def read_line(client: socket.socket, seconds: float) -> bytes:
 
 
 def peer_of(client: socket.socket) -> Peer:
-    """Return the process at the other end, as the system says."""
+    """Return the process at the other end of a socket, as reported by the system."""
     if hasattr(socket, "SO_PEERCRED"):
         with suppress(OSError):
             layout = struct.Struct("3i")
@@ -98,12 +98,12 @@ def peer_of(client: socket.socket) -> Peer:
 
 
 def printable(text: object) -> str:
-    """Return the printable part of a text from another program."""
+    """Return the printable characters of another program's text."""
     return "".join(letter for letter in str(text or "") if letter.isprintable())[:200].strip()
 
 
 def listeners(url: str) -> list[Listener]:
-    """Return the control sockets of a port; of a terminal that is locked only those of the process that locked it.
+    """Return the control sockets of a port; for a locked terminal, only those of the process with the lock.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def listeners(url: str) -> list[Listener]:
 
 
 def _words_of(address: str) -> list[str]:
-    """Return digest of the port's name, process and number of the holder in it."""
+    """Return digest of the port's name, process and holder number from a control socket's address."""
     return address.split("/")[1:] if address.startswith("\0") else Path(address).name.split("-")[2:]
 
 
@@ -159,7 +159,7 @@ def _lives(pid: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Answer of a holder.
+    """Reply of a port's holder on its control socket.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class Reply:
 
 
 def ask(listener: Listener, timeout: float, **request: Any) -> Reply | None:
-    """Ask a holder and return its answer.
+    """Send a request to a port's holder and return its reply.
 
     ``None`` stands for a holder that does not answer in time, answers something else than an object, or is not the
     process that the socket's name says.
@@ -212,7 +212,7 @@ def ask(listener: Listener, timeout: float, **request: Any) -> Reply | None:
 
 
 def is_trusted(url: str, listener: Listener, reply: Reply) -> bool:
-    """Return whether an answer is that of the process that holds the port.
+    """Return whether a reply comes from the process that really holds the port.
 
     Of a locked terminal it has to be the process that locked it; otherwise a process of this user or the administrator,
     so that no other user can answer for a holder.

@@ -1,4 +1,4 @@
-"""Control socket of a port's holder, and the thread that answers other programs there."""
+"""Control socket server of a port's holder, which serves requests of other programs in a thread."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST = 32
 
 
 class Holder(Protocol):
-    """A program's hold on a port, as others may ask after it."""
+    """Interface (typing protocol) of a program that holds a port: stop, status and release."""
 
     def stop(self, who: str, timeout: float) -> StopAnswer:
         """Turn the laser off and return the device's state afterwards, within ``timeout`` s."""
@@ -35,12 +35,12 @@ class Holder(Protocol):
         ...
 
     def give_way(self) -> bool:
-        """Release the port for another program; return whether that was done."""
+        """Release the port for another program; return whether it was released."""
         ...
 
 
 class ControlServer:
-    """Listening sockets of one holder, served by a daemon thread.
+    """Control sockets of one holder, served by a daemon thread.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class ControlServer:
         threading.Thread(target=self._run, name="fabry-perot-control", daemon=True).start()
 
     def bind(self) -> None:
-        """Listen under all names that the port has now."""
+        """Listen under all present names of the port."""
         if not control.AVAILABLE:
             return
         for alias in aliases(self._url):
@@ -82,7 +82,7 @@ class ControlServer:
             self._wake.send(b"x")
 
     def close(self) -> None:
-        """Listen no more."""
+        """Close the control sockets."""
         if not control.AVAILABLE:
             return
         with self._lock:
@@ -169,7 +169,7 @@ class ControlServer:
         return head | {"error": f"do is {str(do)[:40]!r}; allowed: stop | status | yield"}
 
     def _may_ask(self, peer: control.Peer) -> bool:
-        """Whether a process may have the port: of this user or the administrator, or allowed to open it anyway."""
+        """Return whether a process may control the port: same user, administrator, or permitted to open the port."""
         if peer.uid in (0, os.geteuid()) or "://" in self._url:
             return True
         return peer.uid >= 0 and may_open(self._url, peer.uid, peer.gid, peer.pid)

@@ -35,7 +35,7 @@ _LEVELS = {
 
 
 class ScannerControls:
-    """State, parameters, tuning and stops of a scanner; the base of :class:`fabry_perot.Scanner`.
+    """Base class of :class:`fabry_perot.Scanner`: state, parameters, tuning and stops.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class ScannerControls:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Limits and identity."""
+        """Limits and identity of the scanner."""
         capabilities = self._host.capabilities
         if capabilities is None:
             raise ResponseTimeout("not connected")
@@ -71,29 +71,29 @@ class ScannerControls:
 
     @property
     def status(self) -> Status:
-        """The device's last STATUS; right after a restart of the device, the last one before it."""
+        """The device's last STATUS; directly after a reboot, still the last one before it."""
         status = self._host.status or self._host.last_words
         if status is None:
             raise ResponseTimeout("not connected")
         return status
 
     def pause(self) -> None:
-        """Stop firing; ``resume()`` continues with the next point. ``alines()`` keeps waiting."""
+        """Pause the scan; ``resume()`` continues with the next point, and ``alines()`` waits meanwhile."""
         self._keep_nothing()
         self._session.request(Operation.PAUSE)
 
     def disarm(self) -> None:
-        """Withdraw the arm token, or end a scan with its plan and data kept."""
+        """Invalidate the arm token, or end a scan without discarding its plan and data."""
         self._keep_nothing()
         self._session.request(Operation.DISARM)
 
     def park(self) -> None:
-        """Close the shutter and go to the rest position; not while scanning."""
+        """Close the shutter and move the beam to the rest position; not while scanning."""
         self._must_not_be_latched()
         self._session.request(Operation.PARK)
 
     def clear_fault(self, by: str = "") -> FaultCleared:
-        """Clear a latched fault or emergency stop: a person's deed; the laser stays off.
+        """Clear a latched fault or emergency stop in a person's name; the laser stays off.
 
         It also ends an emergency stop that another program sent, after which this scanner cannot be armed.
 
@@ -126,14 +126,14 @@ class ScannerControls:
         return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), self.state)
 
     def _next_status(self) -> Status:
-        """Wait for a STATUS that is newer than the last one and return it."""
+        """Wait for a new STATUS and return it."""
         with self._session.changed:
             last = self._host.status
         self._session.wait(lambda: self._host.status not in (None, last), 2.0)
         return self.status
 
     def _in_its_words(self, fault: DeviceFault) -> DeviceFault:
-        """Return a fault with the device's own description, if that arrives in time."""
+        """Return a fault with the device's own description, if the device sends one in time."""
         try:
             text = str(self._session.request(Operation.GET, within=1.0).get("fault_text", ""))
         except ScannerError:
@@ -141,7 +141,7 @@ class ScannerControls:
         return DeviceFault(fault.fault, fault.port, text)
 
     def _must_not_be_latched(self) -> None:
-        """Raise the latched fault or emergency stop: nothing can be armed until a person clears it."""
+        """Raise the error of a latched fault or emergency stop, with which the laser cannot be armed."""
         port = self._session.port or "PORT"
         if self._host.device_state is DeviceState.FAULT:
             raise DeviceFault(self._host.fault, port)
@@ -149,7 +149,7 @@ class ScannerControls:
             raise EmergencyStopped(faults.advice(0, port))
 
     def abort(self, level: str = "laser-off") -> None:
-        """Stop at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched). Works in every state."""
+        """Abort at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched); works in every state."""
         if level not in _LEVELS:
             raise PlanInvalid("level", level, " | ".join(_LEVELS))
         self._keep_nothing()
@@ -159,7 +159,7 @@ class ScannerControls:
         self._session.wait(lambda: not self._host.aborting, 5.0)
 
     def stop_laser(self, who: str = "", timeout: float = 1.5) -> StopAnswer:
-        """Turn the laser off, end the work of this session, and return the device's state afterwards.
+        """Turn the laser off, end this session's operations, and return the device's state afterwards.
 
         Parameters
         ----------
@@ -176,7 +176,7 @@ class ScannerControls:
             self._keeper.release()
 
     def set(self, **parameters: int) -> dict[str, int]:
-        """Change parameters of the device (see ``capabilities.parameters``) and return all of them.
+        """Set parameters of the device (see ``capabilities.parameters``) and return the values of all.
 
         Raises
         ------
@@ -223,14 +223,14 @@ class ScannerControls:
         return TuningCurve(wavelengths, np.asarray(levels, dtype=np.float64) * 1e-3)
 
     def pretune(self, points: ArrayLike, *, steps: int = 101) -> TuningMap:
-        """Sweep at each of the (M, 2) points (m) and return their bias wavelengths, sensitivities, reflectivities."""
+        """Sweep the interrogation wavelength at each of (M, 2) points (m) and return the tuning map."""
         where = np.asarray(points, dtype=np.float64)
         if where.ndim != 2 or where.shape[1] != 2 or len(where) == 0:
             raise PlanInvalid("points", f"shape {where.shape}", "(M, 2), M ≥ 1, in m")
         return TuningMap.from_curves(where, [self.tune(x, y, steps=steps) for x, y in where.tolist()])
 
     def statistics(self) -> dict[str, Any]:
-        """Return counters of both sides: device values as in STATUS, host values prefixed ``host_``."""
+        """Return counters of host and device: device values as in STATUS, host values with prefix ``host_``."""
         answer = self._session.request(Operation.GET)
         counters, assembly = self._host.deframer.counters, self._host.assembly
         answer |= {

@@ -1,4 +1,4 @@
-"""Diagnosis of a line from the bytes that came over it: flow control, translated line ends, 7 bits, baud rate, text.
+"""Diagnosis of a faulty line from received bytes: flow control, translated line ends, 7 bits, baud rate, text.
 
 Pure functions: equal bytes give equal sentences. Where a damaged frame becomes whole again (its CRC-32C is right) once
 a suspected change is undone, that change is proven; only the rest is judged by statistics.
@@ -41,7 +41,7 @@ _DEVICES = (
 
 
 class Trouble(StrEnum):
-    """Diagnosis of a line."""
+    """Kind of line fault, as diagnosed."""
 
     SILENCE = "silence"
     ECHO = "echo"
@@ -61,7 +61,7 @@ class Trouble(StrEnum):
 
 
 def classify(data: bytes) -> Trouble:
-    """Return the diagnosis of a line on which ``data`` arrived instead of the expected answer.
+    """Return the line fault that explains the bytes ``data`` received instead of the expected answer.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def explain(data: bytes, *, baud: int | None = None) -> str:
 
 
 def other_version(data: bytes) -> int | None:
-    """Return the version byte of frames of another version among ``data``, if there are any.
+    """Return the protocol version of frames of another version in ``data``; ``None`` if there are none.
 
     Their checksum is right, or would be with this driver's version byte.
     """
@@ -159,7 +159,7 @@ def other_version(data: bytes) -> int | None:
 
 
 def _taken_apart(data: bytes) -> tuple[list[int], list[bytes]]:
-    """Return the types of valid frames, and the invalid bytes between two delimiters."""
+    """Split received bytes into the types of valid frames and the invalid chunks between delimiters."""
     kinds: list[int] = []
     damaged: list[bytes] = []
     first, *middle = data.split(b"\0")
@@ -175,7 +175,7 @@ def _taken_apart(data: bytes) -> tuple[list[int], list[bytes]]:
 
 
 def _body(chunk: bytes) -> bytes | None:
-    """Return header and payload of a frame of any version; ``None`` for an invalid frame."""
+    """Return header and payload of a frame of any protocol version; ``None`` for an invalid frame."""
     if len(chunk) <= OVERHEAD:
         return None
     try:
@@ -192,7 +192,7 @@ def _is_frame(chunk: bytes) -> bool:
 
 
 def _was_translated(chunk: bytes) -> bool:
-    """Whether a damaged frame becomes valid when translated line ends are restored."""
+    """Return whether a damaged frame becomes valid when translated line ends are restored."""
     return any(map(_is_frame, _untranslated(chunk)))
 
 
@@ -212,14 +212,14 @@ def _untranslated(chunk: bytes) -> Iterator[bytes]:
 
 
 def _lost_flow_control(chunk: bytes) -> bool:
-    """Whether a damaged frame becomes valid when XON or XOFF is inserted at one place."""
+    """Return whether a damaged frame becomes valid when XON or XOFF is inserted at one place."""
     if XON in chunk or XOFF in chunk or len(chunk) > SHORT:
         return False
     return any(_is_frame(one) for one in _with_one_more(chunk, bytes([XON, XOFF])))
 
 
 def _lost_it_twice(chunk: bytes) -> bool:
-    """Whether it becomes valid with two insertions; some 50,000 pairs are tried, in a tenth of a second."""
+    """Return whether a damaged frame becomes valid with two XON or XOFF insertions (50,000 pairs, 0.1 s)."""
     if XON in chunk or XOFF in chunk or len(chunk) > MOST_PAIRS:
         return False
     both = bytes([XON, XOFF])
@@ -248,7 +248,7 @@ def _first_line(data: bytes) -> str:
 
 
 def _changes_seldom(data: bytes) -> bool:
-    """Whether bits within bytes change as rarely as those of a line that is sampled too fast."""
+    """Return whether bits change as rarely as on a line sampled at too high a baud rate."""
     bits = np.unpackbits(np.frombuffer(data, np.uint8)).reshape(-1, 8)
     changes = (bits[:, 1:] != bits[:, :-1]).sum(axis=1)
     return len(data) >= 32 and float((changes <= 2).mean()) >= 0.85

@@ -1,4 +1,4 @@
-"""Connect to and discover scanners."""
+"""Connection to scanners, and discovery of their ports."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def connect(
     tap: Callable[[str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> Scanner:
-    """Open a port, begin a session and read the capabilities.
+    """Connect to a scanner: open the port, begin a session and read the capabilities.
 
     A program that merely watches the scanner (:class:`fabry_perot.Monitor`) gives way. While the session lasts, other
     programs can stop the laser (:func:`fabry_perot.emergency_stop`), which raises ScanAborted here.
@@ -92,7 +92,7 @@ def connect(
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredPort:
-    """A port at which a scanner is, or may be.
+    """Port found by discovery, with the identity of its scanner if probed.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class DiscoveredPort:
 
 
 def discover(urls: Iterable[str] | None = None, *, probe: bool = False, silent: bool = False) -> list[DiscoveredPort]:
-    """Return the ports of this computer, or the scanners at ``urls``.
+    """Return the serial ports of this computer, or the ports ``urls``, each with the scanner found there.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Greeting of a device: HELLO and its repetitions, the time within which a session must come about, other versions."""
+"""Session handshake of the host: HELLO with repetitions, timeout, and detection of other protocol versions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOVING = 1_000_000
 
 
 def new_nonce() -> int:
-    """Return a random nonce that puts nothing into HELLO that a line may change: XON, XOFF, CR, LF.
+    """Return a random nonce that adds no XON, XOFF, CR or LF to HELLO, because some lines alter these bytes.
 
     So most HELLOs get through a line that is almost right, and the answer tells what is wrong. The zero keeps the
     code of the stuffing from being LF.
@@ -30,7 +30,7 @@ def new_nonce() -> int:
 
 
 class Greeting:
-    """Beginning of a session; times are of the host, in µs.
+    """State of the session handshake; times are of the host, in µs.
 
     Parameters
     ----------
@@ -49,16 +49,16 @@ class Greeting:
         self._due = self._tries = self._moved = 0
 
     def begin(self, now: int) -> None:
-        """Begin to say HELLO."""
+        """Start sending HELLO."""
         self._since = self._traffic.mark(now)
         self._due, self._tries, self._moved = now, 0, now
 
     def progress(self, now: int) -> None:
-        """Learn that the device has answered something."""
+        """Record the time of an answer of the device, which extends the handshake's timeout."""
         self._moved = now
 
     def due(self, now: int, *, counted: bool) -> bool:
-        """Return whether HELLO goes out now.
+        """Return whether a HELLO must be sent now.
 
         Parameters
         ----------
@@ -81,13 +81,13 @@ class Greeting:
         return True
 
     def overdue(self, now: int) -> LinkError | None:
-        """Return an error for a device that has answered, but whose capabilities or STATUS do not arrive."""
+        """Return an error if the device answered but its capabilities or STATUS do not arrive in time."""
         if now - self._since.time < self._timing.connect or now - self._moved < MOVING:
             return None
         return ResponseTimeout(f"the scanner answers only in part: {self._traffic.explain(self._since, now)}")
 
     def mismatch(self, version: int) -> ProtocolMismatch | None:
-        """Return the error of a device that answers HELLO with another version.
+        """Return the error of a device that answers HELLO with another protocol version.
 
         Version 0 says that the device has none of those asked for: then ``None`` is returned once, and HELLO asks for
         any, so that the device names its own.

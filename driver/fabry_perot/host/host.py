@@ -1,4 +1,4 @@
-"""Sans-I/O host: bytes and time in, bytes out."""
+"""Host state machine without I/O: receives bytes and time, returns bytes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PROMPT_INTERVAL = 1000
 
 
 class Host(HostBody):
-    """The host's end of the protocol; parameters as of :class:`~fabry_perot.host.state.HostBody`.
+    """Host side of the protocol; parameters as of :class:`~fabry_perot.host.state.HostBody`.
 
     Call :meth:`receive` with bytes as they come, :meth:`tick` every few ms, and send what :meth:`take_output` returns.
     Only whoever consumes the data may call :meth:`renew` and :meth:`acknowledge`: the laser's lease hangs on them.
@@ -26,7 +26,7 @@ class Host(HostBody):
     """Host time of the last :meth:`tick` before which bytes were sent."""
 
     def take_output(self) -> bytes:
-        """Return the bytes to send now: without any for ``timing.keepalive``, a lone zero byte, which says nothing."""
+        """Return the bytes to send now; after ``timing.keepalive`` without output, a zero byte as keep-alive."""
         data = super().take_output()
         if not data and self.hello is not None and self._polled_at - self._pulled_at >= self.timing.keepalive:
             data = b"\0"
@@ -35,7 +35,7 @@ class Host(HostBody):
         return data
 
     def tick(self, now: int) -> None:
-        """Send messages due at host time ``now``; gives up on a device that answers but does not get ready in time."""
+        """Send messages due at host time ``now``; fails if the device answers but the handshake takes too long."""
         super().tick(now)
         if self.greeting.done or self.phase in (HostState.CLOSED, HostState.LOST, HostState.HELLO):
             return
@@ -44,7 +44,7 @@ class Host(HostBody):
             self.fail(error)
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes from the line at host time ``now``."""
+        """Process bytes received at host time ``now``."""
         frames = self.deframer.feed(data)
         self.traffic.take(data)
         if not frames and 0 <= now - self._polled_at < PROMPT_INTERVAL:

@@ -1,4 +1,4 @@
-"""In-process transport to a device thread."""
+"""Transport to a device that runs in a thread of the same process."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _OPEN: set[LocalTransport] = set()
 
 
 def _stop_all_devices(*_: object) -> None:
-    """End all devices of this process, and the program, as SIGTERM would, but their shutters closed."""
+    """Stop all devices of this process with shutters closed, then end the program as by SIGTERM."""
     for transport in _OPEN:
         transport.end()
     sys.exit(128 + signal.SIGTERM)
 
 
 def _install_sigterm_handler() -> None:
-    """Install a SIGTERM handler while there is a device, unless the program has its own; main thread only."""
+    """Install a SIGTERM handler while a device exists, unless the program has its own; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         return
     if _OPEN and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
@@ -44,7 +44,7 @@ def _install_sigterm_handler() -> None:
 
 
 class LocalTransport:
-    """Bytes to and from a device of this process, which ends with the transport or the program, its shutter closed.
+    """Transport to a device thread of this process, which ends, shutter closed, with the transport or the program.
 
     SIGTERM counts as an end of the program that began it in its main thread, unless that handles the signal itself.
 
@@ -105,11 +105,11 @@ class LocalTransport:
             raise LinkLost(f"the device has ended: {error}") from error
 
     def end(self) -> None:
-        """Request the device to end."""
+        """Request the device's thread to end."""
         self._over.set()
 
     def close(self) -> None:
-        """End the device."""
+        """Stop the device and its thread."""
         atexit.unregister(self.close)
         self.end()
         self._thread.join(10.0)

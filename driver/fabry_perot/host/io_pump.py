@@ -1,4 +1,4 @@
-"""Background I/O thread between transport and host."""
+"""Background thread that moves bytes between transport and host."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ class IoPump:
         self._thread = threading.Thread(target=context.run, args=(self._run,), name="fabry-perot-io", daemon=True)
 
     def start(self) -> None:
-        """Open the host and start the thread."""
+        """Start the host's handshake and the I/O thread."""
         with self._changed:
             self._host.open(self._clock.now())
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and close the port."""
+        """Stop the I/O thread and close the port."""
         self._stopping.set()
         if self._thread.ident is not None:
             self._thread.join(10.0)
@@ -115,19 +115,19 @@ class IoPump:
             self.flush()
 
     def _note_session(self) -> None:
-        """Log each session with the numbers by which device and line monitors identify it."""
+        """Log each new session, with the numbers by which device and line monitors identify it."""
         hello = self._host.hello
         if hello is not None and (hello.boot, hello.session) != self._known:
             self._known = hello.boot, hello.session
             _log.info("session %04x with the scanner begins, which has booted as %08x", hello.session, hello.boot)
 
     def _note_silence(self, now: int) -> None:
-        """Log silences of the scanner; a session must have begun."""
+        """Log silences of the scanner, once a session has begun."""
         if self._host.hello is not None:
             self._silences.note(now, self._host.heard_at, self._host.timing.silence)
 
     def _replug(self, error: LinkError) -> bool:
-        """Wait for the port to come back, less and less often; return whether it did."""
+        """Try to reopen a lost port at growing intervals; return whether it was reopened."""
         with self._changed:
             if self._host.hello is None:
                 heard = self._host.deframer.counters.bytes_in
@@ -163,7 +163,7 @@ class IoPump:
 
 
 def stream_end_reason(host: Host, now: int, patience: int, port: str = "PORT") -> ScannerError | None:
-    """Return why no more A-lines will come by themselves, or ``None`` while they may.
+    """Return the reason why no further A-lines arrive without a resume, or ``None`` while they may.
 
     ``patience`` is for how many µs a silent line is waited for, ``port`` the port in what a fault's error advises.
 

@@ -1,4 +1,4 @@
-"""Monitor of a scanner: holds a port without a session of its own, and knows laser, interlock and faults meanwhile."""
+"""Monitor of an idle scanner: reads laser, interlock and faults without a session of its own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Connection = Literal["connected", "disconnected", "busy"]
 
 
 class Monitor(Watching):
-    """Watcher of one port, in a daemon thread, until it is closed.
+    """Monitor of one port, in a daemon thread, until it is closed.
 
     It listens to the STATUS messages that the device sends ten times a second and says nothing itself, but HELLO to a
     device that is silent. A port that is gone is opened again when it is back. Another program that connects
@@ -53,7 +53,7 @@ class Monitor(Watching):
 
     @property
     def status(self) -> PortStatus | None:
-        """The device's last STATUS, by this program or by the one that holds the port; ``None`` before the first.
+        """The device's last STATUS, received by this program or by the port's holder; ``None`` before the first.
 
         Its ``age`` grows while nothing is heard.
         """
@@ -65,7 +65,7 @@ class Monitor(Watching):
 
     @property
     def connection(self) -> Connection:
-        """Whether the device is heard on this program's own line, or another program has the port."""
+        """Kind of connection: the device is received on this program's line, or another program holds the port."""
         with self._changed:
             if self._busy:
                 return "busy"
@@ -73,7 +73,7 @@ class Monitor(Watching):
 
     @property
     def error(self) -> str | None:
-        """Present reason why the state of the device is not known, one sentence; ``None`` while it is."""
+        """Present reason why the device's state is unknown, one sentence; ``None`` while it is known."""
         with self._changed:
             passive = self._passive
             if passive is None or self._busy:
@@ -88,7 +88,7 @@ class Monitor(Watching):
 
     @property
     def holder(self) -> str:
-        """Program and process that holds the port; ``""`` if it is this monitor, or none."""
+        """Name and process of the program that holds the port; ``""`` for this monitor, or none."""
         with self._changed:
             return self._holder
 
@@ -121,7 +121,7 @@ class Monitor(Watching):
         return replace(outcome, seconds=self._now() - began)
 
     def clear_fault(self, by: str = "") -> FaultCleared:
-        """Clear a latched fault or emergency stop: a person's deed; the laser stays off.
+        """Clear a latched fault or emergency stop in a person's name; the laser stays off.
 
         Parameters
         ----------
@@ -162,11 +162,11 @@ class Monitor(Watching):
         return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), DeviceState(status.state).name.lower())
 
     def port_status(self) -> PortStatus | None:
-        """Return the device's last STATUS, for another program."""
+        """Return the device's last STATUS, in reply to another program's query."""
         return self.status
 
     def _present(self) -> tuple[Passive, Status]:
-        """Wait for a new STATUS on this program's own line; raises why there is none."""
+        """Wait for a new STATUS on this program's own line; raises the reason if none arrives."""
         with self._changed:
             passive = self._passive
             if passive is None:
@@ -177,7 +177,7 @@ class Monitor(Watching):
         return passive, passive.status
 
     def _until(self, condition: Any, seconds: float, passive: Passive) -> bool:
-        """Wait until a condition holds, or for a given time, and return whether it holds.
+        """Wait until a condition holds or a timeout expires, and return whether the condition holds.
 
         The watching thread alone writes: a write to a stuck line takes seconds.
         """

@@ -1,4 +1,4 @@
-"""Transport decorator that prints every frame."""
+"""Transport decorator that prints every frame in both directions."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _NUMBERS: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {
 
 
 class MonitoringTransport:
-    """A transport that shows every frame on its way.
+    """Transport decorator that passes every sent and received frame, as text, to a callback.
 
     Parameters
     ----------
@@ -78,22 +78,22 @@ class MonitoringTransport:
         self._opened = time.monotonic()
 
     def read(self) -> bytes:
-        """Return received bytes, and pass them to the monitor; raises LinkLost."""
+        """Return received bytes, and pass their frames to the callback; raises LinkLost."""
         data = self._transport.read()
         self._look("<", self._down, data)
         return data
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``, and show it; raises LinkLost."""
+        """Send all of ``data``, and pass its frames to the callback; raises LinkLost."""
         self._transport.write(data)
         self._look(">", self._up, data)
 
     def close(self) -> None:
-        """Release the port."""
+        """Close the wrapped transport."""
         self._transport.close()
 
     def _look(self, way: str, deframer: Deframer, data: bytes) -> None:
-        """Pass the frames in ``data`` to the monitor; a failed monitor does not interrupt the traffic."""
+        """Pass the frames in ``data`` to the callback; a failed callback does not interrupt the traffic."""
         if self._show is None:
             return
         try:
@@ -113,7 +113,7 @@ class MonitoringTransport:
 
 
 def format_frame(frame: Frame) -> str:
-    """Return a frame in words: type, session, size, and the message's fields in the protocol's units."""
+    """Return a frame as text: type, session, size, and the message's fields in the protocol's units."""
     kind = Type(frame.type).name if frame.type in set(Type) else f"unknown {frame.type:02X}"
     head = f"{kind:<11} session {frame.session:04x} {len(frame.payload):5d} bytes"
     try:

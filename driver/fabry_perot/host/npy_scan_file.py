@@ -1,4 +1,4 @@
-"""Minimal scan recorder to a .npy file."""
+"""Minimal scan recorder to a NumPy file (``.npy``)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COLUMNS = {
 
 
 def create(path: Path, points: NDArray[np.float64], samples: int) -> NDArray[np.void]:
-    """Make the file of a scan, every row empty.
+    """Create the file of a scan, with an empty row for every A-line.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _store_batch(rows: NDArray[np.void], batch: ALineBatch) -> None:
 
 
 def read_points(path: Path) -> NDArray[np.float64]:
-    """Read (M, 2) positions in m: ``.npy`` in m, anything else as CSV with x_mm, y_mm and perhaps more columns."""
+    """Read (M, 2) positions in m: ``.npy`` in m, or CSV with columns x_mm, y_mm and optional others."""
     try:
         if path.suffix == ".npy":
             points = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A device as its frames describe it to a listener without a session of its own: stops, STATUS, a cleared fault.
+"""Passive listener on a line: reads STATUS without a session, sends ABORT, and clears faults on request.
 
 Sans-I/O: :meth:`Passive.receive` takes bytes, :meth:`Passive.pull` gives what is due; times are seconds of any
 monotonic clock. STATUS, ABORT and ABORT_ACK are valid in every session, so nothing here disturbs the device's session;
@@ -38,7 +38,7 @@ _ABORT_PERIOD, _REQUEST_PERIOD = 0.02, 0.5
 
 @dataclass(slots=True, eq=False)
 class Request:
-    """One request on its way.
+    """Pending request of the passive listener.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Request:
 
 
 class Passive:
-    """Listener on a line; see the module's description.
+    """Passive listener on a line: reads STATUS without a session, sends ABORT, and clears faults on request.
 
     Parameters
     ----------
@@ -88,23 +88,23 @@ class Passive:
         self._sequence = 0
 
     def stop(self, now: float) -> None:
-        """Begin to send ABORT *laser off* until it is acknowledged."""
+        """Start sending ABORT *laser off* until it is acknowledged."""
         self.aborts.start(AbortLevel.LASER_OFF, now)
 
     def ask(self, operation: Operation) -> Request:
-        """Begin a session and a request without parameters."""
+        """Start a session, and then a request without parameters."""
         self._wants_session, self._hello, self._nonce = True, None, secrets.randbits(32)
         self._hello_due = 0.0
         self._request = Request(operation)
         return self._request
 
     def withdraw(self, request: Request) -> None:
-        """Send a request no more."""
+        """Cancel a pending request."""
         if self._request is request:
             self._request, self._wants_session = None, False
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the line."""
+        """Process received bytes."""
         if not data:
             return
         if now - self._received_at >= SETTLED:

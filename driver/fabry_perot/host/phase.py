@@ -1,4 +1,4 @@
-"""Link state of the host."""
+"""States of the host's side of the link."""
 
 from __future__ import annotations
 

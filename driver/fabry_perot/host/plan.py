@@ -1,4 +1,4 @@
-"""A scan as the device executes it: points and sampling in the protocol's units."""
+"""Scan plan in the protocol's units: points and sampling."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class WirePlan:
         tag: int = 0,
         beams: int = 1,
     ) -> WirePlan:
-        """Return the plan for (M, 2) places in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
+        """Create the plan for (M, 2) positions in m; the rest in SI units, ``wavelength``, ``gated`` one or (M,)."""
         records = np.zeros(len(points), POINT)
         records["x"], records["y"] = np.rint(points.T * 1e9)
         records["averages"] = averages
@@ -70,7 +70,7 @@ class WirePlan:
 
     @cached_property
     def uid(self) -> int:
-        """Identity of the content (u32, never 0): equal plans have equal uids."""
+        """Checksum that identifies the plan's content (u32, never 0): equal plans have equal uids."""
         tag = f",{self.tag}" if self.tag else ""
         tag += f",beams {self.beams}" if self.beams > 1 else ""
         head = f"{self.samples},{self.interval_ps},{self.pulse_rate_mhz}{tag};".encode()
@@ -78,22 +78,22 @@ class WirePlan:
 
     @property
     def length(self) -> int:
-        """Number of points, and so of A-lines."""
+        """Number of points, and therefore of A-lines."""
         return len(self.points)
 
     @cached_property
     def shots(self) -> NDArray[np.int64]:
-        """(M,) shots for each point, which those of a place's first one are for all its beams."""
+        """Shots (M,) for each point; 0 for further beams at the same place, which share its shots."""
         shots = np.maximum(1, self.points["averages"].astype(np.int64))
         shots[np.arange(self.length) % self.beams > 0] = 0
         return shots
 
     def places(self, first: int, stop: int) -> int:
-        """Return at how many places the points from ``first`` and below ``stop`` lie."""
+        """Return the number of places for the points from ``first`` to below ``stop``."""
         return -(-stop // self.beams) - first // self.beams if stop > first else 0
 
     def request(self, *, purge: bool, start: int = 0) -> dict[str, Any]:
-        """Return the body of PLAN_NEW for the points from ``start``; ``purge`` gives up A-lines of another plan."""
+        """Return the body of PLAN_NEW for the points from ``start``; ``purge`` discards A-lines of another plan."""
         return {
             "plan": self.uid,
             "length": self.length,

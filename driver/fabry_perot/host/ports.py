@@ -1,4 +1,4 @@
-"""Canonical names of a port, the processes that have it open, and its permissions."""
+"""Canonical names of a port, the processes that use it, and its permissions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fabry_perot.host.address import port_of
 
 
 def aliases(url: str) -> list[str]:
-    """Return the names of a port: equal for two spellings of one port, such as a link and its target.
+    """Return all names of a port; two spellings of one port, such as a link and its target, have equal names.
 
     A terminal is named by its device number, and also by its path, under which it may come back with another number
     after it was unplugged.
@@ -51,7 +51,7 @@ def _network_name(url: str) -> str:
 
 
 def lock_owner(url: str) -> int | None:
-    """Return the process that has locked a terminal with flock; ``None`` where there is none or the system is silent.
+    """Return the process with a flock lock on a terminal; ``None`` if unlocked or unknown.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def _has_open(process: Path, path: str) -> bool:
 
 
 def _is_master(file: Path, path: str) -> bool:
-    """Whether an open pseudo-terminal master belongs to ``path``: its process is the device, not another user."""
+    """Return whether an open pseudo-terminal master belongs to ``path``, so that its process is the device."""
     return f"tty-index:\t{path.rpartition('/')[2]}\n" in file.read_text()
 
 
@@ -118,7 +118,7 @@ def opened_by(url: str) -> str:
 
 
 def program_of(pid: int) -> str:
-    """Return the program and number of a process, for example ``"steradian (process 4242)"``."""
+    """Return program name and number of a process, for example ``"steradian (process 4242)"``."""
     with suppress(OSError):
         return f"{Path(f'/proc/{pid}/comm').read_text().strip()} (process {pid})"
     return f"process {pid}"
@@ -158,7 +158,7 @@ def may_open(path: str, uid: int, gid: int, pid: int) -> bool:
 
 
 def forbidden(path: str) -> str:
-    """Return the reason why this user may not open a device file, and the remedy, as one sentence.
+    """Return one sentence with the reason why this user may not open a device file, and the remedy.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Reassemble A-lines from fragments; deliver each exactly once and in order."""
+"""Reassembly of A-lines from fragments, with delivery of each exactly once and in order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _HEAD = LAYOUT[ALineHead]
 
 
 class AlineReassembler:
-    """A-lines in order of their number, each exactly once.
+    """Reassembler of A-lines, which delivers each exactly once, in order of number.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ class AlineReassembler:
 
     @property
     def limit(self) -> int:
-        """The device may send A-lines below this number."""
+        """Number below which the device may send A-lines (credit)."""
         return self.durable + self._window
 
     @property
     def has_gaps(self) -> bool:
-        """Whether A-lines below the horizon are missing."""
+        """Whether A-lines below the highest received number are missing."""
         return self.complete < self.horizon
 
     def receive(self, payload: bytes) -> None:
-        """Take one ALINE payload; anything of another plan, doubled or beyond the window is ignored."""
+        """Process one ALINE payload; duplicates, other plans and numbers beyond the window are ignored."""
         if len(payload) < _HEAD.size:
             raise FrameError(f"{len(payload)} bytes where an A-line's head has {_HEAD.size}")
         head = ALineHead(*_HEAD.unpack_from(payload))
@@ -71,7 +71,7 @@ class AlineReassembler:
         self._advance()
 
     def _keep_all(self, head: ALineHead, payload: bytes) -> None:
-        """Keep several whole A-lines of one frame."""
+        """Store several whole A-lines of one frame."""
         size, rest = divmod(len(payload) - _HEAD.size, head.more + 1)
         if rest or size <= 0:
             raise FrameError(f"{len(payload)} bytes are not {head.more + 1} equal A-lines")
@@ -88,7 +88,7 @@ class AlineReassembler:
         self.horizon = max(self.horizon, min(number, last) - 1)
 
     def _wanted(self, number: int) -> bool:
-        """Note that A-line ``number`` was sent; return whether it is still wanted."""
+        """Record that A-line ``number`` was sent; return whether it is still missing here."""
         if number >= self.durable + self._window:
             return False
         if number > self.horizon:
@@ -99,7 +99,7 @@ class AlineReassembler:
         return True
 
     def _keep(self, number: int, point: int, blob: bytes, encoding: int) -> None:
-        """Keep one whole A-line, if it is wanted and undamaged."""
+        """Store one whole A-line, unless it is a duplicate or damaged."""
         if not self._wanted(number):
             return
         try:
@@ -111,7 +111,7 @@ class AlineReassembler:
             self._asked.pop(number, None)
 
     def _joined(self, head: ALineHead, piece: bytes) -> bytes | None:
-        """Keep one fragment; return the blob when it was the last one missing."""
+        """Store one fragment; return the whole blob when all fragments are present."""
         if not self._wanted(head.number):
             return None
         parts = self._parts.setdefault(head.number, [None] * head.fragments)
@@ -125,7 +125,7 @@ class AlineReassembler:
         return b"".join(whole)
 
     def _advance(self) -> None:
-        """Advance the count of gapless A-lines."""
+        """Advance the number of contiguously received A-lines."""
         limit, complete, lines = self.limit, self.complete, self._lines
         while complete in lines and complete < limit:
             complete += 1
@@ -134,7 +134,7 @@ class AlineReassembler:
             self.horizon = complete
 
     def reset_pending(self) -> int:
-        """Discard A-lines out of order, because they will be recorded again; return the next expected number."""
+        """Discard out-of-order A-lines, because they will be recorded again; return the next expected number."""
         self._lines = {number: line for number, line in self._lines.items() if number < self.complete}
         self._parts.clear()
         self._asked.clear()
@@ -142,11 +142,11 @@ class AlineReassembler:
         return self.complete
 
     def mark_sent(self, number: int) -> None:
-        """Learn from STATUS that the device has sent everything below ``number``."""
+        """Record that, according to STATUS, the device has sent all A-lines below ``number``."""
         self.horizon = max(self.horizon, min(number, self.limit))
 
     def pop_ready(self) -> ALineBatch:
-        """Return the A-lines that are next in order and not yet delivered; where their length changes it ends."""
+        """Return the next A-lines in order that were not delivered yet, all of one length."""
         first, lines = self.delivered, self._lines
         points: list[int] = []
         records: list[bytes] = []
@@ -161,11 +161,11 @@ class AlineReassembler:
         return ALineBatch(first, points, records)
 
     def acknowledge(self, durable: int) -> None:
-        """Learn that A-lines below ``durable`` are stored; only delivered ones can be."""
+        """Record that A-lines below ``durable`` are stored; only delivered ones can be."""
         self.durable = max(self.durable, min(durable, self.delivered))
 
     def missing(self, now: int) -> list[tuple[int, int]]:
-        """Return (number, fragment) to ask for now, each at most once per repeat time."""
+        """Return (number, fragment) pairs to request again now, each at most once per repeat time."""
         wanted: list[tuple[int, int]] = []
         for number in range(self.complete, self.horizon):
             if number in self._lines or now - self._asked.get(number, -self._repeat) < self._repeat:

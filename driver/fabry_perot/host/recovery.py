@@ -1,4 +1,4 @@
-"""Automatic recovery of an interrupted scan within the safety policy.
+"""Automatic recovery of an interrupted scan within a safety policy.
 
 Like the host it is sans-I/O: :meth:`ScanRecovery.poll` is told the time and looks at the host. It acts only on a scan
 that a person started and nobody stopped, only within :attr:`RecoveryPolicy.within` seconds of the last proof that
@@ -33,7 +33,7 @@ _OPERATOR_REQUIRED = (
 
 @dataclass(frozen=True, slots=True)
 class RecoveryPolicy:
-    """Recovery policy of a scan: tolerated interruptions, and the delay before the laser may resume by itself.
+    """Recovery policy of a scan: timeout, tolerated reboots, and time limit of a resume without a person.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class RecoveryPolicy:
 
 
 class ScanRecovery:
-    """Keeps one scan going.
+    """Automatic recovery of one scan after interruptions of line or device.
 
     Parameters
     ----------
@@ -77,17 +77,17 @@ class ScanRecovery:
 
     @property
     def engaged(self) -> bool:
-        """Whether a scan is kept."""
+        """Whether a scan is monitored for recovery."""
         return self._plan is not None
 
     @property
     def busy(self) -> bool:
-        """Whether a scan is being taken up."""
+        """Whether a recovery is in progress."""
         return self._steps is not None
 
     @property
     def is_recovering(self) -> bool:
-        """Whether the scan is interrupted in a way that is this keeper's business."""
+        """Whether the scan is interrupted and automatic recovery is in progress or permitted."""
         plan = self._plan
         return plan is not None and (self.busy or (self._interrupted(plan) and self._permitted()))
 
@@ -98,12 +98,12 @@ class ScanRecovery:
         return plan is not None and not self.busy and self._interrupted(plan) and not self._permitted()
 
     def start(self, plan: WirePlan, laser_shots: int, now: int) -> None:
-        """Start keeping ``plan``; ``laser_shots`` is the answer to START."""
+        """Start monitoring the scan of ``plan``; ``laser_shots`` is the value in the reply to START."""
         self._note_start(laser_shots)
         self._keep(plan, now)
 
     def resume(self, plan: WirePlan, now: int, *, by_itself: bool = False) -> None:
-        """Resume ``plan`` after any end, at a person's decision; call :meth:`poll` until not :attr:`busy`.
+        """Start a resume of ``plan`` that a person decided, after any end; call :meth:`poll` until not :attr:`busy`.
 
         With ``by_itself`` nobody has, but the application that let the laser rest: the rule of when it may come back
         without a person holds, nothing is planned again, and :attr:`refusal` is LeaseExpired where it may not.
@@ -118,16 +118,16 @@ class ScanRecovery:
         self._wait = _FIRST_WAIT
 
     def disable(self) -> None:
-        """Stop automatic recovery; a person decides how the scan continues."""
+        """Disable automatic recovery, so that only a person can resume the scan."""
         self._plan, self._steps = None, None
 
     def release(self) -> None:
-        """Stop keeping the scan, because it was stopped or is done."""
+        """Stop monitoring the scan, because it was stopped or is complete."""
         self.disable()
         self._host.tolerant = False
 
     def poll(self, now: int) -> None:
-        """Notice an interruption, or take the next step out of it."""
+        """Detect an interruption, or execute the next step of a recovery."""
         host, plan = self._host, self._plan
         if host.failure is not None:
             self.disable()  # nothing can be asked of it any more, and whoever waits has to be told
@@ -173,7 +173,7 @@ class ScanRecovery:
             self._wait = min(2 * self._wait, _LONGEST_WAIT)
 
     def _known(self) -> bool:
-        """Whether the known state of the device is current."""
+        """Return whether the known state of the device is current."""
         host = self._host
         status, hello = host.status, host.hello
         if status is None or host.assembly is None or hello is None or host.phase in (HostState.LOST, HostState.HELLO):
@@ -189,7 +189,7 @@ class ScanRecovery:
         return host.device_state in _HALTED and host.status.cause in _RECOVERABLE
 
     def _permitted(self) -> bool:
-        """Whether the laser may come back without a person: contact was lost a moment ago, and nothing but contact."""
+        """Return whether the laser may resume without a person: only contact was lost, and only briefly."""
         status, plan = self._host.status, self._plan
         if status is None or plan is None or (status.boot, status.plan) != (self._boot, plan.uid):
             return False
@@ -198,7 +198,7 @@ class ScanRecovery:
         return self._host.seconds_since_contact(self._now) <= self._policy.within
 
     def _recover(self, plan: WirePlan, *, by_itself: bool = False) -> Iterator[None]:
-        """Bring the device back to scanning, step by step; each ``yield`` waits for the next poll."""
+        """Run the recovery steps until the device scans again; each ``yield`` waits for the next poll."""
         host, asked = self._host, self._asked
         while not self._known():
             yield

@@ -1,4 +1,4 @@
-"""Pending requests: retransmission and matching of replies."""
+"""Pending requests: retransmission, and matching of replies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LONG_REQUESTS = {Operation.TUNE_SCAN: 20}
 
 @dataclass(slots=True, eq=False)
 class PendingRequest:
-    """One request and, once there is one, its outcome."""
+    """Pending request and, after the reply, its outcome."""
 
     number: int
     operation: Operation
@@ -31,14 +31,14 @@ class PendingRequest:
     done: bool = False
 
     def result(self) -> dict[str, Any]:
-        """Return the answer's parameters; raises the error of device or link."""
+        """Return the reply's parameters; raises the error of device or link."""
         if self.error is not None:
             raise self.error
         return self.answer
 
 
 class RequestTracker:
-    """All requests of one session.
+    """Tracker of all pending requests of one session.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class RequestTracker:
         self._number = 0
 
     def start(self, operation: Operation, body: dict[str, Any], now: int) -> PendingRequest:
-        """Register a request; :meth:`due` hands out its payload."""
+        """Register a request, whose payload :meth:`due_payloads` returns."""
         self._number = self._number % 0xFFFF + 1
         payload = REQUEST_HEAD.pack(self._number, operation) + (pack_body(body) if body else b"")
         call = PendingRequest(self._number, operation, payload, now, self._traffic.mark(now))
@@ -62,7 +62,7 @@ class RequestTracker:
         return call
 
     def due_payloads(self, now: int) -> list[tuple[bytes, bool]]:
-        """Return payloads to send now and whether each is a repetition; gives up on calls tried often enough."""
+        """Return payloads to send now, each with whether it is a repetition; requests fail after too many tries."""
         payloads: list[tuple[bytes, bool]] = []
         if not self._open:
             return payloads
@@ -79,7 +79,7 @@ class RequestTracker:
         return payloads
 
     def answer(self, number: int, result: int, state: DeviceState, body: dict[str, Any]) -> PendingRequest | None:
-        """Close the request that a reply belongs to and return it; ``None`` for an unexpected reply."""
+        """Match a reply to its request and return that request; ``None`` for an unexpected reply."""
         call = self._open.get(number)
         if call is None:
             return None
@@ -89,7 +89,7 @@ class RequestTracker:
         return call
 
     def fail(self, error: ScannerError) -> None:
-        """End all open calls with ``error``."""
+        """End all pending requests with ``error``."""
         for call in list(self._open.values()):
             self._close(call, error)
 

@@ -1,4 +1,4 @@
-"""The synchronous driver: a scanner as an application sees it."""
+"""Synchronous driver of a scanner for applications."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _PATIENCE = 15.0
 
 
 class Scanner(ScannerControls):
-    """A connected scanner; use :func:`connect` and a ``with`` block.
+    """Connected scanner; use :func:`connect` and a ``with`` block.
 
     The I/O runs in one background thread. The laser stays on only while the application consumes A-lines: waiting
     inside :meth:`alines` and calling :meth:`acknowledge` renew its lease, nothing else does.
@@ -99,7 +99,7 @@ class Scanner(ScannerControls):
         tag: int = 0,
         beams: int = 1,
     ) -> None:
-        """Upload a plan.
+        """Validate a scan plan and upload it to the device.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class Scanner(ScannerControls):
             self._session.request(Operation.RELEASE)
 
     def _begin(self, plan: WirePlan) -> None:
-        """Start the account of a scan."""
+        """Start the shot accounting of a scan."""
         assembly = self._host.assembly
         self._plan, self._acknowledged = plan, assembly.delivered if assembly else 0
         self._first = self._acknowledged
@@ -202,7 +202,7 @@ class Scanner(ScannerControls):
         return uploader is not None and (uploader.done or state is DeviceState.READY)
 
     def arm(self) -> int:
-        """Arm the laser and return the token that :meth:`start` needs; nothing fires yet.
+        """Arm the laser and return the token for :meth:`start`; no shot is fired yet.
 
         Raises
         ------
@@ -215,7 +215,7 @@ class Scanner(ScannerControls):
         return int(self._session.request(Operation.ARM)["token"])
 
     def start(self, token: int) -> None:
-        """Start scanning; from now on the lease must be kept alive by consuming :meth:`alines`."""
+        """Start scanning; afterwards, only consumption of :meth:`alines` renews the laser lease."""
         with self._session.changed:
             fields = self._host.lease_fields()
         answer = self._session.request(Operation.START, token=token, **fields)
@@ -225,19 +225,19 @@ class Scanner(ScannerControls):
 
     @property
     def is_recovering(self) -> bool:
-        """Whether the scan stands because line or device failed, and is being taken up again."""
+        """Whether the scan is interrupted by a failure of line or device and is being recovered."""
         with self._session.changed:
             return self._keeper.engaged and self._keeper.is_recovering
 
     @property
     def seconds_since_heard(self) -> float:
-        """Seconds since the scanner was last heard; a working scanner sends many messages a second."""
+        """Seconds since the last message of the scanner; a working scanner sends many messages per second."""
         with self._session.changed:
             return self._host.time_since_heard(self._session.now()) / 1e6
 
     @property
     def has_pending_data(self) -> bool:
-        """Whether :meth:`alines` has, or may have, more A-lines of fired shots to deliver."""
+        """Whether :meth:`alines` may deliver more A-lines of shots that were already fired."""
         with self._session.changed:
             host, status, assembly = self._host, self._host.status, self._host.assembly
             if assembly is None or host.failure is not None:
@@ -248,7 +248,7 @@ class Scanner(ScannerControls):
             return status.plan == assembly.plan and assembly.delivered < status.produced
 
     def alines(self, *, idle: bool = False) -> Iterator[ALineBatch]:
-        """Yield batches of A-lines in order of their number, as they arrive, until the plan is done.
+        """Yield batches of A-lines in order of number, as they arrive, until the plan is complete.
 
         With ``idle`` an empty batch comes every now and then while there are none, so that the application can look
         after other things.
@@ -284,7 +284,7 @@ class Scanner(ScannerControls):
         self._settle()
 
     def _next_batch(self) -> ALineBatch | None:
-        """Return received A-lines, ``None`` when the plan is done; raises the reason for a premature end."""
+        """Return received A-lines, ``None`` when the plan is complete; raises the reason for a premature end."""
         now, host = self._session.now(), self._host
         host.renew(now)
         if self._session.stopped_by:
@@ -331,14 +331,14 @@ class Scanner(ScannerControls):
         return assembly is None or (status is not None and status.acknowledged >= assembly.durable)
 
     def acknowledge(self, aline: ALine) -> None:
-        """Declare ``aline`` and all before it durably stored; the device frees them, and the lease is renewed."""
+        """Declare ``aline`` and all before it durably stored: the device frees them, and the lease is renewed."""
         with self._session.changed:
             self._acknowledged = max(self._acknowledged, aline.number + 1)
             self._host.acknowledge(aline.number, self._session.now())
         self._session.flush()
 
     def resume(self, *, by_itself: bool = False, unless: Callable[[], bool] = lambda: False) -> None:
-        """Arm and continue after a pause, an interruption, an abort or a restart, at a person's decision.
+        """Arm the laser and continue after a pause, interruption, abort or reboot, at a person's decision.
 
         What a restarted device has lost is planned and fired again; :meth:`report` names it.
 
@@ -395,7 +395,7 @@ class Scanner(ScannerControls):
                 self._session.changed.wait(POLL_STEP)
 
     def report(self) -> ScanReport:
-        """Return the account of the present scan, with the device's counters as they stand now.
+        """Return the shot accounting of the present scan, with the device's present counters.
 
         When the link is lost, or the scanner restarted when nobody kept a scan, they are those last heard, and ``age``
         says how old they are; what arrived counts anyway.
@@ -429,7 +429,7 @@ class Scanner(ScannerControls):
         )
 
     def _counters(self) -> tuple[dict[str, Any], float]:
-        """Return the device's counters, asked for or as last heard, and their age in s."""
+        """Return the device's counters, newly requested or the last known ones, and their age in s."""
         try:
             return self._session.request(Operation.GET), 0.0
         except (LinkError, DeviceRestarted):

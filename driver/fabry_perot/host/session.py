@@ -1,4 +1,4 @@
-"""Live session: the host state machine, its I/O thread, and waiting for events."""
+"""Session with a device: host state machine, I/O thread, and waiting for conditions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _REQUEST_TIMEOUT = 15.0
 
 
 class Session:
-    """A host talking through a transport.
+    """Session with a device: a host state machine connected to a transport by an I/O thread.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Session:
         return self.host.capabilities is not None and self.host.status is not None
 
     def _rebinding(self, reopen: Callable[[], Transport] | None) -> Callable[[], Transport] | None:
-        """Update the names of the control socket when a port is reopened."""
+        """Update the control socket's names, which depend on the port, after a port is reopened."""
         if reopen is None:
             return None
 
@@ -116,7 +116,7 @@ class Session:
         self._pump.flush()
 
     def request(self, operation: Operation, *, within: float = _REQUEST_TIMEOUT, **body: Any) -> dict[str, Any]:
-        """Send a request and return its answer within ``within`` s; raises the error of device or link."""
+        """Send a request and return its reply within ``within`` s; raises the error of device or link."""
 
         def start(now: int) -> Any:
             if operation in (Operation.ARM, Operation.START):
@@ -126,7 +126,7 @@ class Session:
         return self.call(start, within)
 
     def call(self, start: Callable[[int], Any], within: float = _REQUEST_TIMEOUT) -> dict[str, Any]:
-        """Start a call by ``start(now)`` and return its answer, at most ``within`` s later."""
+        """Start a request by ``start(now)`` and return its reply, at most ``within`` s later."""
         with self.changed:
             call = start(self.now())
         self.flush()
@@ -142,7 +142,7 @@ class Session:
         raise_failure: bool = True,
         progress: Callable[[], object] = lambda: None,
     ) -> None:
-        """Wait until ``ready()``, at most ``timeout`` s after ``progress()`` last changed.
+        """Wait until ``ready()`` is true, at most ``timeout`` s after ``progress()`` last changed.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class Session:
                 self.changed.wait(POLL_STEP)
 
     def close(self) -> None:
-        """End the thread and release the port, after the outcome of an emergency stop; waiting callers are notified."""
+        """Stop the thread and release the port, after any emergency stop in progress; waiting callers are notified."""
         with self.changed:
             self.changed.wait_for(lambda: not self._stops, _STOPPED_WITHIN)
             self._closed = True
@@ -175,12 +175,12 @@ class Session:
         self._release()
 
     def must_not_be_stopped(self) -> None:
-        """Raise ScanAborted once another program has stopped the laser; :attr:`changed` must be held."""
+        """Raise ScanAborted if another program has stopped the laser; :attr:`changed` must be held."""
         if self.stopped_by:
             raise ScanAborted(f"stopped by an emergency stop from {self.stopped_by}; plan and data are kept")
 
     def stop(self, who: str, timeout: float) -> StopAnswer:
-        """Turn the laser off for another program, which ends the work of this session.
+        """Turn the laser off for another program, and end this session's operations.
 
         Parameters
         ----------
@@ -216,7 +216,7 @@ class Session:
             return answer(aborts.after, (self.now() - began) * 1e-6, trouble=trouble)
 
     def _trouble(self) -> str:
-        """Say why the device has not acknowledged a stop."""
+        """Return the reason why the device has not acknowledged a stop."""
         if self.host.failure is not None:
             return str(self.host.failure)
         if self.host.phase is HostState.LOST:
@@ -224,7 +224,7 @@ class Session:
         return "the scanner does not answer"
 
     def port_status(self) -> PortStatus | None:
-        """Return the device's last STATUS, for another program."""
+        """Return the device's last STATUS, in reply to another program's query."""
         with self.changed:
             status = self.host.status
             if status is None:
@@ -232,5 +232,5 @@ class Session:
             return in_words(status, self.host.time_since_heard(self.now()) * 1e-6)
 
     def give_way(self) -> bool:
-        """Refuse to release the port, because this session is in use."""
+        """Reject another program's request to release the port, because this session is in use."""
         return False

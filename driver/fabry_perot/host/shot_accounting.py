@@ -1,4 +1,4 @@
-"""Shot accounting across reboots."""
+"""Shot accounting of a scan across reboots of the device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fabry_perot.wire.messages import Status
 
 @dataclass(slots=True)
 class ShotLedger:
-    """Shots by boot of the device, from the laser's own counter, which survives a reboot.
+    """Shot counts of a scan over all boots of the device, from the laser's counter, which survives a reboot.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class ShotLedger:
     _wasted_before: int = 0
 
     def record_start(self, boot: int, start: int, laser_shots: int, wasted: int, shots: int = 0) -> None:
-        """Record a START; the first one of a scan defines the start of counting in its boot.
+        """Record a START; the first START of a scan defines the begin of counting in its boot.
 
         ``start`` is the first point that the device fires, whatever has arrived when START's answer is looked at;
         ``shots`` is the boot's own count.
@@ -47,11 +47,11 @@ class ShotLedger:
             self._boot_shots = shots
 
     def laser_shots(self, status: Status) -> int:
-        """Return the laser's counter at the time of a STATUS; of another boot's, that at which this one began."""
+        """Return the laser's counter at the time of a STATUS; for another boot, at the start of the present boot."""
         return self._shots + (status.shots - self._boot_shots if status.boot == self._boot else 0)
 
     def record_reboot(self, plan: WirePlan, boot: int, kept: int, laser_shots: int, wasted: int) -> None:
-        """Note a reboot: A-lines below ``kept`` arrived, the laser's counter now shows ``laser_shots``.
+        """Record a reboot: A-lines below ``kept`` were received, the laser's counter is now ``laser_shots``.
 
         ``wasted`` is the last that was heard of the shots discarded in the boot that ended. Counting begins here in the
         new ``boot``, which has fired nothing yet.
@@ -75,7 +75,7 @@ class ShotLedger:
 
 @dataclass(frozen=True, slots=True)
 class ScanReport:
-    """The account of one scan.
+    """Shot accounting of one scan: fired, stored, held, re-fired and wasted shots.
 
     Parameters
     ----------
@@ -130,6 +130,6 @@ class ScanReport:
 
     @property
     def is_balanced(self) -> bool:
-        """Whether fired = stored + held + re-fired (+ wasted), counted in shots: one for all beams of a place."""
+        """Whether fired = stored + held + re-fired (+ wasted) shots; a shot of several beams counts once."""
         places = self.stored + self.held + len(self.refired) if self.places is None else self.places
         return self.fired == self.averages * places + self.wasted

@@ -1,4 +1,4 @@
-"""Log lines about a scanner that is not heard: of a silent line, not of a busy computer, and not again and again."""
+"""Log messages about silence of the scanner, with rate limiting and without false alarms of a busy computer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ QUIET: Final = 60_000_000
 
 
 class SilenceLog:
-    """Silent periods of one line, for its log."""
+    """Logger of silent periods of one line."""
 
     def __init__(self) -> None:
         self._looked: int | None = None
@@ -26,7 +26,7 @@ class SilenceLog:
         self._untold, self._longest, self._is_counted = 0, 0, False
 
     def note(self, now: int, heard_at: int, shortest: int) -> None:
-        """Take a look at the line.
+        """Record the time at which the scanner was last heard; log start and end of a long silence.
 
         Parameters
         ----------

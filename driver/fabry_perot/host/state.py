@@ -34,7 +34,7 @@ from fabry_perot.wire.states import RUNNING, DeviceState
 
 
 class HostBody:
-    """State machine base of a host: session, plan, A-lines, time limits; :class:`.core.Host` adds reception.
+    """State of a host: session, plan, A-lines, time limits; the base of :class:`~fabry_perot.host.host.Host`.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class HostBody:
 
     @property
     def state(self) -> HostState:
-        """The host's state, with silence and gaps seen."""
+        """Link state of the host, including silence and gaps."""
         if self.phase is HostState.STREAMING and self.assembly is not None:
             if self.assembly.has_gaps:
                 return HostState.GAP_FILL
@@ -94,36 +94,36 @@ class HostBody:
 
     @property
     def session(self) -> int:
-        """Number of the session, 0 before there is one."""
+        """Session number, 0 before the first session."""
         return self.hello.session if self.hello else 0
 
     @property
     def payload(self) -> int:
-        """Largest payload agreed for this line."""
+        """Largest payload in bytes agreed for this line."""
         return self.hello.max_payload if self.hello else 64
 
     def time_since_heard(self, now: int) -> int:
-        """Return the µs since the device was last heard."""
+        """Return the µs since the last message of the device."""
         return now - self.heard_at
 
     def open(self, now: int) -> None:
-        """Start to ask for a session."""
+        """Start the handshake for a session."""
         self.phase, self.heard_at = HostState.HELLO, now
         self.greeting.begin(now)
         self.tick(now)
 
     def link_lost(self) -> None:
-        """Handle the loss of the port; :meth:`reopen` follows when it is available again."""
+        """Handle the loss of the port; :meth:`reopen` follows when the port is available again."""
         self.phase = HostState.LOST
         self._out.clear()
 
     def reopen(self, nonce: int, now: int) -> None:
-        """Request a new session on a reopened port; received A-lines are kept."""
+        """Request a new session on a reopened port; received A-lines are retained."""
         self.nonce, self.deframer = nonce, Deframer(counters=self.deframer.counters)
         self.open(now)
 
     def session_renewed(self, ack: HelloAck) -> None:
-        """Take over a new session, be it of the same boot of the device or of another one."""
+        """Continue in a new session, of the same boot of the device or of another one."""
         same = self.hello is not None and self.hello.boot == ack.boot
         self.calls.fail(LinkLost("the session was renewed meanwhile") if same else DeviceRestarted())
         self._echo_sent, self.ack_due = -1, True
@@ -162,7 +162,7 @@ class HostBody:
             self.send(Type.HELLO, pack(Hello(*self.greeting.versions, self.max_payload, self.nonce)))
 
     def other_version(self, version: int) -> None:
-        """Learn that the device answers HELLO with another version, or with none (0)."""
+        """Handle a device that answers HELLO with another protocol version, or with none (0)."""
         self.nonce ^= 1
         if (error := self.greeting.mismatch(version)) is not None:
             self.fail(error)
@@ -185,11 +185,11 @@ class HostBody:
             self.send(Type.ALINE_ACK, pack(ack) + tail)
 
     def request_capabilities(self, now: int) -> None:
-        """Ask for the next piece of the capabilities now."""
+        """Request the next piece of the device's capabilities."""
         self._caps_due = now
 
     def send(self, kind: Type, payload: bytes, flags: int = 0) -> None:
-        """Queue one frame."""
+        """Queue one frame for sending."""
         boot = self.hello.boot & 0xFF if self.hello else 0
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._out.append(encode_frame(Frame(kind, flags, boot, self.session, self._sequence, payload)))
@@ -203,13 +203,13 @@ class HostBody:
         return data
 
     def fail(self, error: ScannerError) -> None:
-        """End everything under way with ``error``."""
+        """End all pending operations with ``error``."""
         self.failure = self.failure or error
         self.phase = HostState.CLOSED
         self.calls.fail(error)
 
     def call(self, operation: Operation, now: int, **body: Any) -> PendingRequest:
-        """Start a request and return its handle."""
+        """Start a request and return its handle (pending request)."""
         call = self.calls.start(operation, body, now)
         if self.failure is not None:
             self.calls.fail(self.failure)
@@ -217,20 +217,20 @@ class HostBody:
         return call
 
     def upload(self, plan: WirePlan, now: int, start: int = 0) -> PendingRequest:
-        """Replace the device's plan by ``plan`` from point ``start``; A-lines of another plan are dropped."""
+        """Replace the device's plan with ``plan`` from point ``start``; A-lines of another plan are discarded."""
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         self.assembly = None
         self.phase = HostState.UPLOAD
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True, start=start))
 
     def upload_again(self, plan: WirePlan, now: int) -> PendingRequest:
-        """Give a rebooted device the points whose A-lines are not here."""
+        """Upload to a rebooted device the points whose A-lines were not received."""
         start = self.assembly.complete if self.assembly else 0
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=False, start=start))
 
     def resume_plan(self, plan: WirePlan, now: int, start: int = 0) -> bool:
-        """Continue with ``plan`` if the device holds it, from its last acknowledged A-line or from ``start``."""
+        """Continue ``plan`` if the device has it, from its last acknowledged A-line or from ``start``."""
         status = self.status
         if status is None or status.plan != plan.uid or self.plan_status is None:
             return False
@@ -242,19 +242,19 @@ class HostBody:
         return True
 
     def receive_from(self, plan: int, start: int) -> None:
-        """Take A-lines of ``plan`` from number ``start``, and grant the device credit."""
+        """Start receiving A-lines of ``plan`` from number ``start``, and grant the device credit."""
         window = self.hello.ring if self.hello else 1
         self.assembly = AlineReassembler(plan, start, window, 2 * self.timing.ack_period)
         self.phase = HostState.UPLOAD
         self.ack_due = True
 
     def lease_fields(self) -> dict[str, int]:
-        """Return echo and TTL (µs of device time) for a lease given now."""
+        """Return time echo and TTL (µs of device time) for a lease renewal sent now."""
         echo = self.status.device_time if self.status else 0
         return {"echo": echo, "ttl": min(round(self.timing.ttl * self.clock_rate), 0xFFFFFFFF)}
 
     def renew(self, now: int) -> None:
-        """Renew the laser's lease: the consumer is alive. Repetitions without a fresh echo send nothing."""
+        """Renew the laser lease, because the consumer is active; without a fresh time echo, nothing is sent."""
         if self.status is None or self.hello is None or self.device_state not in RUNNING or self.aborting:
             return
         if self.status.device_time <= self._echo_sent or now - self._leased_at < self.timing.lease_period:
@@ -264,7 +264,7 @@ class HostBody:
         self.send(Type.LEASE, pack(Lease(self.hello.boot, **self.lease_fields())))
 
     def seconds_since_contact(self, now: int) -> float:
-        """Return the seconds since :attr:`contact`, by whichever clock counts more of them.
+        """Return the seconds since :attr:`contact`, by the clock that counts more of them.
 
         A host's clock may leave out the time its computer slept, and a STATUS may have waited in a buffer.
         """
@@ -273,7 +273,7 @@ class HostBody:
         return max(now - host, passed / self.clock_rate) * 1e-6
 
     def take(self) -> ALineBatch:
-        """Return the A-lines that are next in order."""
+        """Return the next A-lines in order."""
         return self.assembly.pop_ready() if self.assembly else ALineBatch()
 
     def acknowledge(self, number: int, now: int) -> None:
@@ -285,7 +285,7 @@ class HostBody:
         self.tick(now)
 
     def abort(self, level: AbortLevel, now: int) -> None:
-        """Send ABORT until it is acknowledged; a stronger one that is not yet is not weakened."""
+        """Send ABORT until it is acknowledged, at least with the level of a pending ABORT."""
         self.aborts.start(level, now)
         self.tick(now)
 

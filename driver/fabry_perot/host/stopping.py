@@ -1,4 +1,4 @@
-"""Emergency stop of a scanner by any program of the computer, and status of a held port."""
+"""Emergency stop by any program of the computer, and status query of a port that another program holds."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def emergency_stop(url: str, *, baudrate: int | None = None, timeout: float = 1.
 
 
 def port_status(url: str, *, timeout: float = 1.0) -> PortStatus | None:
-    """Return the scanner status known to the program that holds a port; ``None`` if none answers.
+    """Return the scanner status known to the program that holds a port; ``None`` if no program replies.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def port_status(url: str, *, timeout: float = 1.0) -> PortStatus | None:
 
 
 def status_in(reply: Reply) -> PortStatus | None:
-    """Return the status in a holder's answer; ``None`` when it has none that is complete."""
+    """Return the status in a holder's reply; ``None`` if it is missing or incomplete."""
     fields = reply.body.get("status")
     try:
         return PortStatus(**{**fields, "holder": reply.holder}) if isinstance(fields, dict) else None
@@ -102,13 +102,13 @@ def status_in(reply: Reply) -> PortStatus | None:
 
 
 def ask_to_yield(url: str) -> bool:
-    """Ask the holder of a port to release it, and return whether one has."""
+    """Request the holder of a port to release it, and return whether a holder did."""
     replies = [control.ask(listener, 1.0, do="yield", port=aliases(url)) for listener in control.listeners(url)]
     return any(reply is not None and reply.body.get("yielded") is True for reply in replies)
 
 
 class _Stop:
-    """One emergency stop.
+    """Execution of one emergency stop.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class _Stop:
         self._holder = ""
 
     def run(self) -> StopAnswer:
-        """Stop by whichever way leads to the device."""
+        """Stop the laser by the first way that reaches the device, and return the outcome."""
         for listener in control.listeners(self._url):
             self._asked += 1
             threading.Thread(target=self._ask, args=(listener,), name="fabry-perot-stop", daemon=True).start()
@@ -147,7 +147,7 @@ class _Stop:
         return time.monotonic() - self._began
 
     def _ask(self, listener: Listener) -> None:
-        """Request a stop from one holder, and record its answer if it is the holder's own."""
+        """Request a stop from one holder, and record its reply if it is authentic."""
         left = self._left()
         request = {"do": "stop", "who": self._who, "seconds": max(0.1, left - 0.05), "port": aliases(self._url)}
         reply = control.ask(listener, left, **request)
@@ -163,7 +163,7 @@ class _Stop:
         self._replies.put(StopAnswer(**body, holder=reply.holder, seconds=self._passed()))  # type: ignore[arg-type]
 
     def _told_off(self, deadline: float) -> bool:
-        """Take the holders' answers that come until ``deadline``, and return whether one says that the laser is off."""
+        """Wait for the holders' replies until ``deadline``; return whether a reply reports the laser off."""
         while self._asked and not (self._told is not None and self._told.laser == "off"):
             try:
                 told = self._replies.get(timeout=max(0.0, deadline - time.monotonic()))
@@ -174,7 +174,7 @@ class _Stop:
         return self._told is not None and self._told.laser == "off"
 
     def _through_the_port(self) -> StopAnswer:
-        """Send the stop ourselves: through the port, or beside the program that holds it."""
+        """Send the stop directly: through the port, or in parallel to the program that holds it."""
         try:
             line = self._open()
         except (ScannerError, OSError, ValueError) as error:
@@ -246,7 +246,7 @@ def _close(line: Transport) -> None:
 
 
 def after_yield(opener: Callable[[], T], url: str, seconds: float = 2.0) -> T:
-    """Open a port, asking a program that merely watches it to give way.
+    """Open a port; if its holder is only a monitor, request the port's release first.
 
     Parameters
     ----------

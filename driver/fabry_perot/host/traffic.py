@@ -1,4 +1,4 @@
-"""Recent traffic on a line, kept for a diagnosis."""
+"""Recent traffic on a line, stored for diagnosis."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ KEPT = 16_384
 
 
 class Mark(NamedTuple):
-    """A moment: host time in µs, and the counters then."""
+    """Point in time: host time in µs, and the values of the counters."""
 
     time: int
     received: int
@@ -21,7 +21,7 @@ class Mark(NamedTuple):
 
 
 class Traffic:
-    """The last bytes received, and figures since a moment.
+    """Buffer of the last received bytes, and counts since a point in time.
 
     Parameters
     ----------
@@ -36,20 +36,20 @@ class Traffic:
         """Baud rate of the port in Bd, where it has one."""
 
     def take(self, data: bytes) -> None:
-        """Keep bytes that were received, the last ones of them."""
+        """Append received bytes to the buffer, which retains the last ones."""
         self._recent = data[-KEPT:] if len(data) >= KEPT else (self._recent + data)[-KEPT:]
 
     def mark(self, now: int) -> Mark:
-        """Return the present moment."""
+        """Return the present point in time with the counters."""
         counters = self._counters
         return Mark(now, counters.bytes_in, counters.good, counters.bad)
 
     def trouble(self, since: Mark) -> Trouble:
-        """Return the diagnosis of the bytes received since a given time."""
+        """Return the line fault diagnosed from the bytes received since a point in time."""
         return classify(self._since(since))
 
     def explain(self, since: Mark, now: int) -> str:
-        """Return a clause with the diagnosis of the bytes received since a given time, and their number."""
+        """Return a clause with the diagnosis and number of the bytes received since a point in time."""
         received, good, bad = (after - before for after, before in zip(self.mark(now)[1:], since[1:], strict=True))
         figures = f"{received:,} bytes in {(now - since.time) * 1e-6:.1f} s, {good:,} valid frames, {bad:,} damaged"
         return f"{explain(self._since(since), baud=self.baud)} ({figures})"

@@ -1,4 +1,4 @@
-"""Bytes to and from a port: a terminal (UART, USB, pty) or a TCP socket, both through pyserial."""
+"""Transports over pyserial: a terminal (UART, USB, pty) or a TCP socket."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ WRITE_WAIT = 5.0
 
 
 class Transport(Protocol):
-    """A line that carries bytes."""
+    """Interface (typing protocol) of a byte transport to a device."""
 
     def read(self) -> bytes:
-        """Return received bytes, after a short wait at most; raises LinkLost."""
+        """Return received bytes, after waiting briefly at most; raises LinkLost."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -62,7 +62,7 @@ class Transport(Protocol):
 
 
 class _Port:
-    """Common part of both kinds of pyserial port."""
+    """Base class of the pyserial transports."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
@@ -75,7 +75,7 @@ class _Port:
             raise LinkLost(f"cannot write to the port: {error}") from error
 
     def descriptor(self) -> int | None:
-        """Return the file descriptor to wait on for reading, where the port has one."""
+        """Return the file descriptor to wait on for reading, if the port has one."""
         try:
             return int(self._port.fileno())
         except (serial.SerialException, OSError, AttributeError, TypeError, ValueError):
@@ -90,7 +90,7 @@ class _Port:
 
 
 class TerminalTransport(_Port):
-    """Transport on a tty or pty: reads all available bytes in one call, for speed.
+    """Transport on a tty or pty; reads all available bytes in one call, for speed.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class TerminalTransport(_Port):
 
 
 class SocketTransport(_Port):
-    """A ``socket://`` port, where pyserial's ``in_waiting`` is only 0 or 1: reads large pieces with a short wait."""
+    """Transport on a ``socket://`` port; reads large chunks, because pyserial's ``in_waiting`` is only 0 or 1."""
 
     def read(self) -> bytes:
         """Return received bytes; raises LinkLost."""
@@ -125,7 +125,7 @@ class SocketTransport(_Port):
             raise LinkLost(f"the connection is gone: {error}") from error
 
     def close(self) -> None:
-        """Release the port; pyserial forgets to close a socket whose peer has gone."""
+        """Close the port and its socket, which pyserial does not close if the peer has closed it."""
         plain = getattr(self._port, "_socket", None)
         super().close()
         if plain is not None:
@@ -133,7 +133,7 @@ class SocketTransport(_Port):
 
 
 def _received(plain: socket.socket) -> bytes:
-    """Return the bytes of up to SOCKET_WAIT s; those before the end of a connection, which pyserial would lose, too.
+    """Return bytes received within SOCKET_WAIT s, including those before the end of a connection, which pyserial loses.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def _received(plain: socket.socket) -> bytes:
 
 
 def _is_readable(plain: socket.socket, seconds: float) -> bool:
-    """Wait for bytes or the end of a connection, also where its descriptor is one that ``select`` cannot take."""
+    """Wait for bytes or the end of a connection, also for a descriptor beyond the limit of ``select``."""
     if not hasattr(select, "poll"):
         return bool(select.select([plain], [], [], seconds)[0])
     poller = select.poll()
@@ -168,7 +168,7 @@ def _is_readable(plain: socket.socket, seconds: float) -> bool:
 
 
 def open_transport(url: str, baudrate: int | None = None) -> Transport:
-    """Open a port for one process alone.
+    """Open a port exclusively for this process.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def open_transport(url: str, baudrate: int | None = None) -> Transport:
 
 
 def _refusal(port: str, error: Exception) -> PortUnavailable | PortBusy:
-    """Return the error of a port that the system does not open."""
+    """Return the exception for a port that the system fails to open."""
     text, number = str(error), getattr(error, "errno", None)
     if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
         return PortForbidden(forbidden(port))
@@ -222,7 +222,7 @@ def _refusal(port: str, error: Exception) -> PortUnavailable | PortBusy:
 
 
 def _is_claimed(port: Any) -> bool:
-    """Whether another program has exclusive access to a terminal, which does not prevent root from opening it."""
+    """Return whether another program has exclusive access to a terminal, which root could open nevertheless."""
     if sys.platform != "linux":
         return False
     try:

@@ -1,4 +1,4 @@
-"""Tuning of the film's bias wavelength: sweeps at points, and maps of them.
+"""Tuning of the film's bias wavelength: sweeps at points, and tuning maps.
 
 A Fabry–Pérot film is read out on the slope of its interference fringe. A sweep of the interrogation wavelength gives
 the reflected DC level; the *bias wavelength* is where that curve rises most steeply (above the resonance; on the other
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TuningCurve:
-    """One sweep.
+    """Wavelength sweep at one point: DC level as a function of the interrogation wavelength.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class TuningCurve:
 
     @property
     def slope(self) -> Array:
-        """(S,) derivative of the level in V/m."""
+        """Derivative (S,) of the level with respect to wavelength, in V/m."""
         slope: Array = np.gradient(self.levels, self.wavelengths)
         return slope
 
@@ -53,12 +53,12 @@ class TuningCurve:
 
     @property
     def sensitivity(self) -> float:
-        """Steepest rise in V/m."""
+        """Slope at the steepest rise, in V/m."""
         return float(self.slope.max())
 
     @property
     def reflectivity(self) -> float:
-        """Level off resonance in V."""
+        """Level in V off resonance."""
         return float(np.quantile(self.levels, 0.9))
 
 
@@ -85,7 +85,7 @@ class TuningMap:
 
     @classmethod
     def from_curves(cls, points: Array, curves: Sequence[TuningCurve]) -> TuningMap:
-        """Return the map of one sweep per point."""
+        """Create the map from one sweep per point."""
         columns = [[curve.bias, curve.sensitivity, curve.reflectivity] for curve in curves]
         bias, sensitivity, reflectivity = np.asarray(columns, dtype=np.float64).T.copy()
         return cls(points, bias, sensitivity, reflectivity)
@@ -98,12 +98,12 @@ class TuningMap:
 
     @classmethod
     def load(cls, path: Path) -> TuningMap:
-        """Read a map that :meth:`save` wrote."""
+        """Read a map written by :meth:`save`."""
         with np.load(path, allow_pickle=False) as file:
             return cls(file["points"], file["wavelength"], file["sensitivity"], file["reflectivity"])
 
     def compare(self, other: TuningMap, *, linewidth: float = 0.5e-9) -> TuningDrift:
-        """Return how the film changed from this map to ``other``, which must be of the same points.
+        """Return the change of the film from this map to ``other``, a map of the same points.
 
         A point whose bias moved by more than a quarter of ``linewidth`` (m), or that lost half its sensitivity, should
         be tuned anew.
@@ -118,7 +118,7 @@ class TuningMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TuningDrift:
-    """Change between two maps of the same points.
+    """Change between two tuning maps of the same points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Uploading a plan by absolute index, within the device's credit."""
+"""Upload of a plan by absolute index, within the device's credit."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MAX_LOOKAHEAD = 4
 
 
 class Uploader:
-    """Sends the points of one plan, again from the confirmed index when nothing moves.
+    """Upload of one plan's points, restarted from the confirmed index when progress stalls.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class Uploader:
 
     @property
     def done(self) -> bool:
-        """Whether the device holds or held every point."""
+        """Whether the device has confirmed every point."""
         return self.confirmed >= self.plan.length
 
     def receive(self, status: PlanStatus, now: int) -> None:
-        """Take the device's PLAN_STATUS."""
+        """Process the device's PLAN_STATUS."""
         if status.plan != self.plan.uid:
             return
         self.refused |= bool(status.retransmit & 2)

@@ -1,4 +1,4 @@
-"""Thread that watches a port: opens it, listens, gives it to another program that wants it, and opens it again."""
+"""Thread that monitors a port: opens, listens, releases the port on request of another program, and reopens."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _AWAY = 3.0
 
 
 class Watching:
-    """Port that is watched in a daemon thread; the base of :class:`fabry_perot.Monitor`.
+    """Base class of :class:`fabry_perot.Monitor`: monitoring of a port in a daemon thread.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Watching:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Release the port and end."""
+        """Stop the thread and release the port."""
         self._closing = True
         self._nudge()
         if threading.current_thread() is not self._thread:
@@ -101,7 +101,7 @@ class Watching:
         return passive is not None and passive.status is not None and self._now() - passive.status_at <= HEARD
 
     def _send(self) -> None:
-        """Send due messages; errors of the line are left to the reading thread."""
+        """Send due messages; errors of the line are handled by the reading thread."""
         with self._writing:
             with self._changed:
                 transport = self._transport
@@ -130,7 +130,7 @@ class Watching:
         self._woken.close()
 
     def _watch(self) -> bool:
-        """Watch the port once, through its holder or by holding it, and return whether the device was heard."""
+        """Monitor the port once, through its holder or directly; return whether the device was heard."""
         if self._yielding:
             self._stay_away()
         others = control.listeners(self.url)
@@ -140,7 +140,7 @@ class Watching:
         return self._listen(opened(self.url, self._baudrate))
 
     def _must_be_free(self) -> None:
-        """Raise PortBusy for a locked terminal, without opening it: that alone may change a port's lines."""
+        """Raise PortBusy for a locked terminal without opening it, because opening may change a port's lines."""
         owner = lock_owner(self.url)
         if owner is not None:
             raise PortBusy(f"{self.url} is in use by {program_of(owner)}")
@@ -154,14 +154,14 @@ class Watching:
             self._changed.notify_all()
 
     def _pause(self, seconds: float) -> None:
-        """Wait, but not for a monitor that is to close or give way."""
+        """Wait for some seconds, unless the monitor is to close or release the port."""
         if not (self._closing or self._yielding):
             select.select([self._woken], [], [], seconds)
         with suppress(OSError):
             self._woken.recv(4096)
 
     def _stay_away(self) -> None:
-        """Leave the port to the program that asked for it."""
+        """Wait without the port after releasing it to another program."""
         until, self._yielding = self._now() + _AWAY, False
         self._note(f"{self.url} was given up for another program", busy=True)
         while self._now() < until and not self._closing:
@@ -170,7 +170,7 @@ class Watching:
             self._pause(0.05)
 
     def _follow(self, listener: Listener) -> bool:
-        """Report the status from another holder as long as it answers; return whether it answered at all."""
+        """Poll the status from another holder as long as it replies; return whether it replied at all."""
         answered = False
         while not self._closing:
             reply = control.ask(listener, 1.0, do="status", port=aliases(self.url))
@@ -185,7 +185,7 @@ class Watching:
         return answered
 
     def _listen(self, transport: Transport) -> bool:
-        """Hold an open port until it is lost, or requested by another program.
+        """Read from the open port until it is lost, or requested by another program.
 
         Return whether the device was received.
         """
@@ -213,7 +213,7 @@ class Watching:
         return passive.status is not None
 
     def _take(self, transport: Transport, passive: Passive) -> None:
-        """Wait for bytes and take them in."""
+        """Wait for bytes and process them."""
         now = self._now()
         left = min(_LOOK, passive.next_due(now))
         descriptor = getattr(transport, "descriptor", lambda: None)()

@@ -1,4 +1,4 @@
-"""``python -m fabry_perot.simulator``: a simulated scanner as a process."""
+"""Command line ``python -m fabry_perot.simulator``, which runs a simulated scanner."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fabry_perot.simulator.server import Server, open_endpoint
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until SIGTERM, Ctrl-C or, if asked, the end of standard input."""
+    """Run the simulator until SIGTERM, Ctrl-C or, on request, the end of standard input."""
     options, exit_with_stdin = parse(arguments)
     signal.signal(signal.SIGTERM, _leave)
     if options.tcp or options.link or not exit_with_stdin:
@@ -45,7 +45,7 @@ def _run(options: Options, exit_with_stdin: bool) -> int:
 
 
 class _Console:
-    """Standard input and output as the channel of commands."""
+    """Control channel of the simulator on standard input and output."""
 
     def __init__(self, commands: Commands, exit_with_stdin: bool) -> None:
         self._commands = commands

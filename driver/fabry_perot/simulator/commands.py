@@ -1,4 +1,4 @@
-"""JSON-lines control channel for faults and reports.
+"""Control channel of the simulator, with JSON-lines commands for faults and reports.
 
 ============================================  =========================================================================
 command                                       what it does; all durations in seconds of simulator time
@@ -31,7 +31,7 @@ from fabry_perot.simulator.server import Server
 
 
 class Commands:
-    """Carries out commands on a running simulator.
+    """Executor of control commands on a running simulator.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Commands:
         self._pending = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes from the channel and return the answers, one line each."""
+        """Process bytes from the channel and return the answers, one line each."""
         lines = (self._pending + data).split(b"\n")
         self._pending = lines.pop()
         return [json.dumps(self._answer(line)).encode() + b"\n" for line in lines if line.strip()]

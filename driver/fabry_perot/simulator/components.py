@@ -1,4 +1,4 @@
-"""Simulated galvo, lasers, digitiser and shutter.
+"""Simulated hardware components: galvo, lasers, digitiser and shutter.
 
 They implement :mod:`fabry_perot.hardware.components`. Pulses leave at the times of a free-running laser while the gate
 is open: the galvo rests, the shutter is open, interlock and key are closed, and the hardware's timer has not run out.
@@ -21,7 +21,7 @@ HALF_APERTURE = 10_000_000
 
 
 class SimulatedGalvo:
-    """Two mirrors that step by the trigger."""
+    """Simulated galvo: two mirrors that step to the next position by trigger."""
 
     steps_by_trigger = True
 
@@ -35,12 +35,12 @@ class SimulatedGalvo:
         """When the beam has settled."""
 
     def limits(self) -> dict[str, Any]:
-        """Return its reach."""
+        """Return the position ranges of the beam in nm."""
         reach = [-HALF_APERTURE, HALF_APERTURE]
         return {"x_nm": reach, "y_nm": reach}
 
     def start_path(self, path: BeamPath, now: int) -> None:
-        """Go to the first position."""
+        """Move to the first position of a path."""
         self._path, self.step = path, 0
         self._go(now)
 
@@ -52,26 +52,26 @@ class SimulatedGalvo:
             self.rests_at = arrival + int(path.settle[self.step])
 
     def is_settled(self, now: int) -> bool:
-        """Return whether the beam rests."""
+        """Return whether the beam rests at its position."""
         return now >= self.rests_at
 
     def trigger(self, time: int) -> None:
-        """Count a shot, and after a position's last one step to the next."""
+        """Count a shot, and step to the next position after a position's last shot."""
         self._left -= 1
         if self._left == 0 and self._path is not None and self.step + 1 < len(self._path.x):
             self.step += 1
             self._go(time)
 
     def park(self, now: int) -> None:
-        """Do nothing: it rests where it is."""
+        """Do nothing, because the simulated beam may rest anywhere."""
 
     def position(self) -> tuple[int, int]:
-        """Return x, y in nm."""
+        """Return the beam position x, y in nm."""
         return self._mirrors.x, self._mirrors.y
 
 
 class SimulatedLaser:
-    """The interrogation laser.
+    """Simulated interrogation laser, tunable in wavelength and power.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class SimulatedLaser:
         """When it is tuned."""
 
     def limits(self) -> dict[str, Any]:
-        """Return its range."""
+        """Return the ranges of wavelength and power, and the tuning time."""
         return {
             "wavelength_pm": [1_545_000, 1_555_000],
             "tuning_us": self._step,
@@ -98,29 +98,29 @@ class SimulatedLaser:
         }
 
     def bias(self, x: int, y: int) -> int:
-        """Return the wavelength that suits the film, which the simulator knows."""
+        """Return the film's optimum bias wavelength at a point, which the simulator knows."""
         return self._recorder.bias(x, y)
 
     def tune(self, wavelength: int, now: int) -> None:
-        """Begin to tune."""
+        """Start tuning to a wavelength."""
         if wavelength != self.wavelength:
             self.wavelength, self.rests_at = wavelength, max(now, self.free_at) + self._step
 
     def tuned(self, now: int) -> bool:
-        """Return whether it is there."""
+        """Return whether the laser has reached the wavelength."""
         return now >= self.rests_at
 
     def parameters(self) -> dict[str, int]:
-        """Return its power."""
+        """Return the power of the laser in µW."""
         return {"interrogation_uw": self._recorder.power}
 
     def configure(self, name: str, value: int) -> None:
-        """Change its power."""
+        """Set the power of the laser in µW."""
         self._recorder.power = value
 
 
 class SimulatedShutter:
-    """The shutter, and the loop of interlock and key."""
+    """Simulated shutter with interlock and key switch."""
 
     def __init__(self) -> None:
         self._open = False
@@ -128,15 +128,15 @@ class SimulatedShutter:
         """Whether the interlock is closed, and the key on."""
 
     def open(self) -> None:
-        """Open it."""
+        """Open the shutter."""
         self._open = True
 
     def close(self) -> None:
-        """Close it."""
+        """Close the shutter."""
         self._open = False
 
     def is_open(self) -> bool:
-        """Return whether it is open."""
+        """Return whether the shutter is open."""
         return self._open
 
     def interlock_closed(self) -> bool:
@@ -149,7 +149,7 @@ class SimulatedShutter:
 
 
 class SimulatedExcitation:
-    """The pulsed laser with its gate.
+    """Simulated pulsed excitation laser with a gate for its pulses.
 
     Parameters
     ----------
@@ -175,38 +175,38 @@ class SimulatedExcitation:
         self.boot()
 
     def boot(self) -> None:
-        """Restart the time count, with no pulse permitted."""
+        """Reset times and permission, as after a boot of the device."""
         self._left = self._armed = self._until = self._last = 0
 
     def limits(self) -> dict[str, Any]:
-        """Return its range."""
+        """Return the ranges of pulse rate, pulse energy and wavelength, and whether there is a gate input."""
         limits = {"pulse_rate_mhz": [1_000, 10_000_000], "energy_nj": 20_000_000, "energy_range": [5_000, 15_000]}
         return {**limits, "gate": self._gate > 0, "parameters": {"excitation_pm": [400_000, 2_000_000]}}
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set the pulse rate."""
+        """Set the pulse rate for a plan."""
         self._train.rate(sampling.pulse_rate_mhz)
 
     def permit(self, until: int, now: int) -> None:
-        """Permit pulses before ``until``; the earlier limit applied up to now."""
+        """Permit pulses before ``until``, after processing pulses due by now under the earlier limit."""
         self.advance(now)
         self._until = until
 
     def fire(self, pulses: int, now: int) -> None:
-        """Open the gate for ``count`` pulses."""
+        """Open the gate for ``pulses`` pulses."""
         self._left, self._armed = pulses, now
 
     def fire_at_gate(self, pulses: int, now: int) -> None:
-        """Open it at the next edge."""
+        """Open the gate for ``pulses`` pulses at the next edge of the gate input."""
         self.fire(pulses, -(-(now + 1) // self._gate) * self._gate)
 
     def halt(self, now: int) -> None:
-        """Close the gate."""
+        """Close the gate, so that no further pulses are emitted."""
         self.advance(now)
         self._left = 0
 
     def due(self) -> int | None:
-        """Return when the next pulse leaves, ``None`` when none does."""
+        """Return the time of the next pulse, ``None`` without one."""
         if not self._left or not self.emitting():
             return None
         time = self._train.next_pulse(max(self._armed, self._last + 1, self._galvo.rests_at))
@@ -222,28 +222,28 @@ class SimulatedExcitation:
         self._armed = max(self._armed, now)  # a pulse that was held back is not made up for
 
     def shots(self) -> int:
-        """Return the pulses that left since the simulator started."""
+        """Return the number of pulses emitted since the simulator started."""
         return self._count
 
     def last_shot(self) -> int:
-        """Return the time of the last one."""
+        """Return the time of the last emitted pulse."""
         return self._last
 
     def emitting(self) -> bool:
-        """Return whether pulses may leave."""
+        """Return whether shutter, interlock and key permit emission."""
         return self._shutter.is_open() and self._shutter.closed and self._shutter.key
 
     def parameters(self) -> dict[str, int]:
-        """Return its wavelength."""
+        """Return the excitation wavelength in pm."""
         return {"excitation_pm": self._recorder.excitation}
 
     def configure(self, name: str, value: int) -> None:
-        """Change its wavelength."""
+        """Set the excitation wavelength in pm."""
         self._recorder.excitation = value
 
 
 class SimulatedDigitiser:
-    """The digitiser; records are computed when they are fetched.
+    """Simulated digitiser, which computes records when they are read.
 
     Parameters
     ----------
@@ -263,26 +263,26 @@ class SimulatedDigitiser:
         self._taken: list[tuple[int, int, int, int, int, int]] = []
 
     def limits(self) -> dict[str, Any]:
-        """Return its range."""
+        """Return the ranges of record length and sampling interval, and the ADC resolution."""
         return {"samples": [16, 16384], "interval_ps": [1_000, 1_000_000], "adc_bits": 16}
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up records."""
+        """Set record length, sampling interval and number of beams for a plan."""
         self._recorder.begin(sampling)
         self._beams = sampling.beams
 
     def arm(self, records: int, now: int) -> None:
-        """Accept ``count`` triggers."""
+        """Accept the next ``records`` triggers."""
         self._armed = records
 
     def trigger(self, time: int, shot: int, count: int) -> None:
-        """Take a record of shot number ``shot`` since boot, the laser's ``count``-th."""
+        """Record a trigger of shot number ``shot`` since boot, the laser's ``count``-th shot, if armed."""
         if self._armed:
             self._armed -= 1
             self._taken.append((*self._galvo.position(), self._laser.wavelength, shot, time, count))
 
     def records(self, now: int) -> list[TriggerRecord]:
-        """Return finished records."""
+        """Return the records of all triggers since the last call."""
         taken, self._taken = self._taken, []
         return [
             replace(self._recorder.record(x + dx, y + dy, wavelength, shot, beam), time=time, shot=count)
@@ -291,10 +291,10 @@ class SimulatedDigitiser:
         ]
 
     def disarm(self) -> None:
-        """Take no more."""
+        """Ignore further triggers, and discard records that were not read."""
         self._armed = 0
         self._taken.clear()
 
     def level(self, now: int) -> int:
-        """Return the DC level."""
+        """Return the DC level of the reflected light in mV."""
         return self._recorder.level(*self._galvo.position(), self._laser.wavelength)

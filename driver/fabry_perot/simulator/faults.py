@@ -1,4 +1,4 @@
-"""Faults of a line, as composable seeded filters: ``filter(bytes, now) -> bytes``.
+"""Simulated line faults as composable, seeded filters: ``filter(bytes, now) -> bytes``.
 
 The simulator puts them between itself and the line, tests put them between the two state machines; a filter knows
 nothing of which. Times are µs of whichever clock drives it. A filter that holds bytes back gives them up at a later
@@ -16,20 +16,20 @@ Filter = Callable[[bytes, int], bytes]
 
 
 class FilterChain:
-    """Filters one after the other; ``filters`` may be changed while it runs."""
+    """Chain of line filters, applied in order; ``filters`` may be changed at run time."""
 
     def __init__(self, filters: Iterable[Filter] = ()) -> None:
         self.filters = list(filters)
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Pass ``data`` through all of them."""
+        """Return ``data`` after all filters of the chain."""
         for item in self.filters:
             data = item(data, now)
         return data
 
 
 class BitFlips:
-    """Flips bits at random.
+    """Line filter that flips random bits.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class BitFlips:
 
 
 class ByteFaults:
-    """Drops, inserts or doubles a byte in one of ``every`` bytes on average."""
+    """Line filter that drops, inserts or duplicates a byte in one of ``every`` bytes on average."""
 
     def __init__(self, seed: int, every: int) -> None:
         self._random, self._every = random.Random(seed), every  # noqa: S311
@@ -70,7 +70,7 @@ class ByteFaults:
         return int(self._random.expovariate(1 / self._every))
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return ``data`` with some bytes lost, added or doubled."""
+        """Return ``data`` with some bytes lost, inserted or duplicated."""
         out = b""
         while self._left < len(data):
             at, kind = self._left, self._random.randrange(3)
@@ -82,13 +82,13 @@ class ByteFaults:
 
 
 class ChunkFaults:
-    """Doubles a whole piece, or lets the next one overtake it, once in ``every`` pieces on average."""
+    """Line filter that duplicates a chunk, or swaps it with the next, once in ``every`` chunks on average."""
 
     def __init__(self, seed: int, every: int) -> None:
         self._random, self._every, self._held = random.Random(seed), every, b""  # noqa: S311
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return ``data`` as it is, twice, or not until the next piece has passed."""
+        """Return ``data`` unchanged, twice, or delayed until after the next chunk."""
         if not data:
             return b""
         held, self._held = self._held, b""
@@ -101,13 +101,13 @@ class ChunkFaults:
 
 
 class Delay:
-    """Holds everything from ``start`` on and releases it at ``stop``."""
+    """Line filter that holds all bytes from ``start`` on and releases them at ``stop``."""
 
     def __init__(self, start: int, stop: int) -> None:
         self.start, self.stop, self.held = start, stop, b""
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return nothing while the stall lasts, then everything."""
+        """Return no bytes before ``stop``, then all held bytes."""
         if self.start <= now < self.stop:
             self.held += data
             return b""
@@ -116,18 +116,18 @@ class Delay:
 
 
 class DropAll:
-    """Drops all bytes from ``start`` until ``stop``."""
+    """Line filter that drops all bytes from ``start`` until ``stop``."""
 
     def __init__(self, start: int, stop: int) -> None:
         self.start, self.stop = start, stop
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return nothing while the line is cut."""
+        """Return ``data``, but no bytes between ``start`` and ``stop``."""
         return b"" if self.start <= now < self.stop else data
 
 
 class SlowReader:
-    """Lets no more than ``rate`` bytes per second through and queues the rest."""
+    """Line filter that limits the rate to ``rate`` bytes per second, and queues the rest."""
 
     def __init__(self, rate: float) -> None:
         self._rate, self._queue, self._at, self._tokens = rate, b"", 0, 0.0
@@ -144,13 +144,13 @@ class SlowReader:
 
 
 class FrameLoss:
-    """Drops a share of all frames."""
+    """Line filter that drops a random share of all frames."""
 
     def __init__(self, seed: int, share: float) -> None:
         self._random, self._share, self._pending = random.Random(seed), share, b""  # noqa: S311
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return the frames that are complete and not lost."""
+        """Return the complete frames that are not dropped."""
         chunks = (self._pending + data).split(b"\0")
         self._pending = chunks.pop()
         kept = [chunk for chunk in chunks if chunk and self._random.random() >= self._share]
@@ -158,7 +158,7 @@ class FrameLoss:
 
 
 class FramesOfType:
-    """Loses (or repeats) those frames of one type whose count ``which`` picks.
+    """Line filter that drops or repeats the frames of one type whose count ``which`` selects.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class FramesOfType:
         self._deframer = Deframer()
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return the frames that pass."""
+        """Return the frames that are not dropped."""
         out = b""
         for frame in self._deframer.feed(data):
             copies = 1
@@ -187,25 +187,25 @@ class FramesOfType:
 
 
 class Recorder:
-    """Lets everything pass and remembers it, at most the last ``limit`` bytes."""
+    """Line filter that records the passing bytes, at most the last ``limit``."""
 
     def __init__(self, limit: int = 1 << 24) -> None:
         self.data, self._limit = b"", limit
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return ``data``."""
+        """Record the bytes that pass through, and return them unchanged."""
         self.data = (self.data + data)[-self._limit :]
         return data
 
 
 class Replay:
-    """Repeats earlier bytes at a given time, in front of the bytes that arrive then."""
+    """Line filter that inserts recorded bytes once, at a given time."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at = data, at
 
     def __call__(self, data: bytes, now: int) -> bytes:
-        """Return ``data``, once with the old bytes in front."""
+        """Return ``data``, once with the recorded bytes inserted before it."""
         if now < self._at:
             return data
         old, self._data = self._data, b""

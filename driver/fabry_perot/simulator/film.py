@@ -1,4 +1,4 @@
-"""The simulated Fabry–Pérot film: its fringe over wavelength and place, and how it turns pressure into a signal.
+"""Simulated Fabry–Pérot film: resonance over position, and conversion of pressure into a signal.
 
 The reflected DC level is a Lorentzian dip, ``R₀·(1 − V/(1 + ((λ − λ₀)/½w)²))``, whose resonance λ₀ and level R₀ vary
 over the film. Sound changes the cavity's thickness and so moves λ₀; the signal is the change of the level, which is
@@ -48,7 +48,7 @@ class Response:
     directivity: bool = False
 
     def __str__(self) -> str:
-        """Name the shortcomings: "ideal", or for example "bandwidth, directivity"."""
+        """Return the names of the imperfections, for example "bandwidth, directivity", or "ideal"."""
         return ", ".join(name for name in ("nonlinear", "bandwidth", "directivity") if getattr(self, name)) or "ideal"
 
 
@@ -64,7 +64,7 @@ HALF_WIDTH = 7e6
 
 
 class Film:
-    """One film.
+    """Simulated Fabry–Pérot film with a resonance wavelength that varies over its area.
 
     Parameters
     ----------
@@ -90,11 +90,11 @@ class Film:
         return float(np.tanh(np.sin(angles).sum() / 2))
 
     def resonance(self, x: int, y: int) -> float:
-        """Return λ₀ in pm at x, y in nm."""
+        """Return the resonance wavelength in pm at x, y in nm."""
         return CENTRE + SPREAD * self._relative(x, y) + self.drift
 
     def _relative(self, x: int, y: int) -> float:
-        """Return the resonance's deviation in −1 … 1."""
+        """Return the resonance's relative deviation (−1 … 1) at a point, by the selected profile."""
         match self._relief:
             case "scatter":
                 cell = [x // NOISE_SCALE + (1 << 31), y // NOISE_SCALE + (1 << 31)]
@@ -110,7 +110,7 @@ class Film:
                 return self._uneven(0, x, y)
 
     def bias(self, x: int, y: int) -> int:
-        """Return the wavelength of the steepest slope, in pm."""
+        """Return the optimum bias wavelength (steepest slope of the resonance) in pm."""
         return round(self.resonance(x, y) + LINEWIDTH / (2 * math.sqrt(3)))
 
     def dc_level(self, x: int, y: int, wavelengths: Array) -> Array:
@@ -120,7 +120,7 @@ class Film:
         return level
 
     def transfer(self, x: int, y: int, wavelength: int, swing: Array) -> Array:
-        """Return the signal for moves ``swing`` of the resonance (in ½w), in units of the move at the best bias."""
+        """Return the signal for resonance shifts ``swing`` (half linewidths), relative to the best bias."""
         detuning = (wavelength - self.resonance(x, y)) / (LINEWIDTH / 2)
         steepest = 3 * np.sqrt(3) / 8  # of 1/(1 + u²), at u = 1/√3
         signal: Array = (1 / (1 + detuning**2) - 1 / (1 + (detuning + swing) ** 2)) / steepest
@@ -128,7 +128,7 @@ class Film:
 
 
 def low_pass(rows: NDArray[np.float32], interval: float) -> NDArray[np.float32]:
-    """Return (M, N_t) rows after the film's one-pole low-pass; ``interval`` in s."""
+    """Apply the film's one-pole low-pass filter to rows (M, N_t); ``interval`` in s."""
     count = rows.shape[1]
     frequency = np.fft.rfftfreq(2 * count, interval)
     spectrum = np.fft.rfft(rows, 2 * count, axis=1) / (1 + 1j * frequency / BANDWIDTH)
@@ -137,7 +137,7 @@ def low_pass(rows: NDArray[np.float32], interval: float) -> NDArray[np.float32]:
 
 
 def directivity(cosines: Array) -> Array:
-    """Return the response to sound from the angle of a cosine: flat at first, gone at the critical angle."""
+    """Return the film's response by cosine of the angle of incidence: flat, then zero at the critical angle."""
     sine2 = 1 - np.minimum(cosines, 1.0) ** 2
     response: Array = 1 / (1 + (sine2 / CRITICAL**2) ** 4)
     return response

@@ -1,4 +1,4 @@
-"""Simulated hardware: an instrument of simulated parts that measures a phantom and keeps a log of every shot."""
+"""Simulated instrument: simulated components that measure a phantom, and a log of every shot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TRACKED_PHANTOMS = 256
 
 
 class SimulatedInstrument(ComposedInstrument):
-    """Simulated hardware over a phantom.
+    """Simulated instrument that measures a phantom.
 
     By default the film is ideal: A-lines are the phantom's closed-form pressure plus noise. ``response`` makes it real.
     What happens between two calls happens at its own time, to the µs, however late the second one comes.
@@ -98,7 +98,7 @@ class SimulatedInstrument(ComposedInstrument):
         self._places: deque[tuple[int, int]] = deque(maxlen=TRACKED_PHANTOMS)
 
     def boot(self, now: int) -> None:
-        """Handle a boot of the device at simulator time ``now``: its time and its count of shots restart."""
+        """Handle a boot of the device at simulator time ``now``: device time and shot count restart."""
         self.stop(now - self.epoch)
         self.epoch, self._before = now, self.excitation.shots()
         self._done.clear()
@@ -106,11 +106,11 @@ class SimulatedInstrument(ComposedInstrument):
         self.galvo.rests_at = self.laser.rests_at = self.laser.free_at = 0
 
     def capabilities(self) -> dict[str, Any]:
-        """Return the limits."""
+        """Return the limits of the simulated hardware."""
         return {**super().capabilities(), **self._rates, "simulated": True, "film": str(self.recorder.response)}
 
     def queue_points(self, first: int, points: NDArray[np.void], now: int) -> None:
-        """Work through more points."""
+        """Queue more points for measurement."""
         super().queue_points(first, points, now)
         beams = self.pattern[: self._beams]
         for x, y in zip(points["x"].tolist(), points["y"].tolist(), strict=True):
@@ -128,7 +128,7 @@ class SimulatedInstrument(ComposedInstrument):
                 return done
 
     def next_due(self, now: int) -> int | None:
-        """Return when the next thing happens, to the µs."""
+        """Return the time of the next simulated event in µs."""
         if self._firing:
             return self.excitation.due()
         if self._block or self._sweep is not None:
@@ -136,7 +136,7 @@ class SimulatedInstrument(ComposedInstrument):
         return now if self._queue else None
 
     def measure(self, point: np.void, shot: int, beam: int = 0) -> PointRecord:
-        """Return a beam's A-line that shot number ``shot`` gives at a point, without firing it: a test's truth."""
+        """Return the A-line that shot ``shot`` of a beam would record at a point, as a reference for tests."""
         dx, dy = self.pattern[beam]
         record = self.recorder.record(int(point["x"]) + dx, int(point["y"]) + dy, self._bias(point), shot, beam)
         return average_shots(0, [replace(record, shot=shot)])

@@ -1,4 +1,4 @@
-"""Starting a simulator as a child process."""
+"""Launcher of a simulator as a child process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fabry_perot.simulator.options import Options
 
 
 class Simulator:
-    """A running simulator.
+    """Running simulator process, with its port and control channel.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Simulator:
         self._process, self.url, self.pid = process, url, pid
 
     def send_command(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Send a command, such as a fault or a report, and return its answer (:mod:`fabry_perot.simulator.commands`).
+        """Send a control command, such as a fault, and return the answer (:mod:`fabry_perot.simulator.commands`).
 
         Raises
         ------
@@ -51,7 +51,7 @@ class Simulator:
 
 @contextmanager
 def launch(*, timeout: float = 30.0, **settings: Any) -> Iterator[Simulator]:
-    """Run ``python -m fabry_perot.simulator`` while the ``with`` block lasts.
+    """Context manager that runs a simulator process (``python -m fabry_perot.simulator``) and stops it at the end.
 
     A pseudo-terminal gets a name of its own, by a link: the number of an unplugged one may be somebody else's next.
     It is no part of the caller's process group: Ctrl-C at a terminal is for the caller, who still needs the scanner to

@@ -1,4 +1,4 @@
-"""Motion of the simulated beam and firing of the simulated laser. Times in µs, positions in nm."""
+"""Timing models of the simulated mirrors and laser pulses; times in µs, positions in nm."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ PULSE_JITTER = 2
 
 
 class Mirrors:
-    """Two mirrors: moving takes the distance over the speed, then they settle."""
+    """Timing model of two mirrors: travel at constant speed, then settling."""
 
     def __init__(self) -> None:
         self.x = self.y = 0
 
     def move(self, x: int, y: int, now: int) -> int:
-        """Move to x, y and return when the beam has settled."""
+        """Move to x, y and return the time at which the beam has settled."""
         distance = math.hypot(x - self.x, y - self.y)
         self.x, self.y = x, y
         return now + math.ceil(distance / SPEED) + (SETTLING if distance else 0)
 
 
 class PulseTrain:
-    """A free-running Q-switched laser: pulses come when they come, emission is a matter of the shutter.
+    """Timing model of a free-running Q-switched laser, with jitter; the shutter controls emission.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class PulseTrain:
         self._period = 20_000.0
 
     def rate(self, millihertz: int) -> None:
-        """Set the pulse rate."""
+        """Set the pulse rate in mHz."""
         self._period = 1e9 / millihertz
 
     def next_pulse(self, after: int) -> int:

@@ -1,4 +1,4 @@
-"""Options of a simulator: one dataclass for command line and library."""
+"""Options of a simulator, for command line and library."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FILMS = {
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Settings of a simulated scanner.
+    """Options of a simulated scanner.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Options:
     boot: int | None = None
 
     def arguments(self) -> list[str]:
-        """Return the command-line arguments that give these settings."""
+        """Return the command-line arguments for these options."""
         words = ["--tcp", self.tcp] if self.tcp else ["--pty", *([self.link] if self.link else [])]
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
@@ -108,7 +108,7 @@ class Options:
 
 
 def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
-    """Return the settings on the command line, and whether to end with standard input."""
+    """Parse the command line; return the options, and whether to end at the end of standard input."""
     parser = argparse.ArgumentParser(
         prog="python -m fabry_perot.simulator",
         description="A simulated Fabry-Perot scanner. Prints one JSON line with its URL when ready. With "
@@ -146,7 +146,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
 
 
 def pattern(beams: str, spacing: float) -> list[tuple[int, int]]:
-    """Return (B, 2) where beams are beside the first one, in nm: a row, or columns × rows, ``spacing`` m apart.
+    """Return offsets (B, 2) of the beams from the first one, in nm: a row or columns × rows, ``spacing`` m apart.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Transmission rate of a simulated UART, since a pseudo-terminal has no limit of its own."""
+"""Rate limiter for a simulated UART, because a pseudo-terminal has no rate of its own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BITS = 10
 
 
 class BaudRateLimiter:
-    """Token bucket in device time: limits the simulated line to its baud rate.
+    """Token bucket in device time that limits the simulated line to its baud rate.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ class BaudRateLimiter:
 
     @property
     def limited(self) -> bool:
-        """Whether there is a limit at all."""
+        """Whether the line's rate is limited."""
         return self._rate > 0
 
     def available(self, now: int, wanted: int) -> int:
-        """Return how many of ``wanted`` bytes may go at ``now`` (µs)."""
+        """Return the number of bytes, at most ``wanted``, that may be sent at ``now`` (µs)."""
         if not self.limited:
             return wanted
         full = max(16.0, self._rate * (MAX_BURST_SECONDS if self._busy else BURST))
@@ -40,7 +40,7 @@ class BaudRateLimiter:
         return min(wanted, int(self._tokens))
 
     def consume(self, count: int, *, busy: bool = False) -> None:
-        """Count bytes that went; ``busy`` says that the line would have taken more at once."""
+        """Subtract sent bytes from the bucket; ``busy``: the limit delayed further bytes."""
         self._busy = busy
         if self.limited:
             self._tokens -= count

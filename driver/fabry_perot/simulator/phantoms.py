@@ -1,4 +1,4 @@
-"""Objects with a closed-form pressure: sets of Gaussian balls, and a knotted yarn made of them.
+"""Phantoms with a closed-form pressure: sets of Gaussian balls, and a knotted yarn made of balls.
 
 A ball of initial pressure ``A·exp(−|r − r₀|²/2s²)`` in a homogeneous medium gives, at distance R from its centre,
 
@@ -25,7 +25,7 @@ _BLOCK = 8192
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balls:
-    """Gaussian balls of initial pressure.
+    """Phantom made of Gaussian balls of initial pressure.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def pressure(
     sound_speed: float,
     directivity: Directivity | None = None,
 ) -> NDArray[np.float32]:
-    """Return the pressure the balls cause at points of space.
+    """Return the pressure that the balls cause at detection points over time.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _distances(balls: Balls, where: Array) -> Array:
 def _windowed(
     balls: Balls, where: Array, start: float, step: float, samples: int, sound_speed: float, weights: Array
 ) -> Array:
-    """Return (P, N_t) pressure, evaluating only samples near each ball's arrival.
+    """Return (P, N_t) pressure, evaluated only for samples near each ball's arrival.
 
     With u = R − ct on a grid of spacing d around the nearest sample, exp(−u²/2s²) factors into one exponential per
     pair, powers of another, and a table over the offset k that depends on the ball alone: no exponential in the loop.
@@ -158,7 +158,7 @@ def _windowed(
 
 
 def _dense(balls: Balls, where: Array, times: Array, sound_speed: float, weights: Array | None = None) -> Array:
-    """Return (P, N_t) pressure from the full formula, with its limit at R → 0."""
+    """Return (P, N_t) pressure, evaluated by the full formula for all samples, with its limit at R → 0."""
     ct = sound_speed * times
     total = np.zeros((len(where), len(times)))
     amplitudes = balls.amplitudes * (np.ones((len(where), 1)) if weights is None else weights)
@@ -173,7 +173,7 @@ def _dense(balls: Balls, where: Array, times: Array, sound_speed: float, weights
 
 
 def initial_pressure(balls: Balls, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> NDArray[np.float32]:
-    """Return the initial pressure on a grid.
+    """Return the initial pressure of the balls on a grid.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def initial_pressure(balls: Balls, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> 
 
 
 def yarn(seed: int = 0, *, centre: tuple[float, float, float] = (0.0, 0.0, 3.6e-3), radius: float = 3.0e-3) -> Balls:
-    """Return a yarn with an overhand knot (an open trefoil) and two loose ends.
+    """Return the phantom of a yarn with an overhand knot (an open trefoil) and two loose ends.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def yarn(seed: int = 0, *, centre: tuple[float, float, float] = (0.0, 0.0, 3.6e-
 
 
 def _with_loose_ends(knot: Array) -> Array:
-    """Return the open curve with both ends led outwards in a gentle bend."""
+    """Return the open curve with both ends extended outwards in a gentle bend."""
     s = np.linspace(0.0, 1.0, 400)[1:, None]
     ends = []
     for tip, inner in ((knot[0], knot[1]), (knot[-1], knot[-2])):

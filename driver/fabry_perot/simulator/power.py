@@ -15,7 +15,7 @@ STATUS_DUE = 100_000
 
 
 class PoweredDevice:
-    """Hardware, and the firmware that runs on it.
+    """Simulated hardware with a firmware (:class:`~fabry_perot.device.device.Device`) that can lose power and reboot.
 
     All times are simulator time in µs; the firmware counts from its own boot.
 
@@ -64,12 +64,12 @@ class PoweredDevice:
         )
 
     def reboot(self, now: int, duration: int) -> None:
-        """Lose power at ``now`` and return ``duration`` µs later; the firmware's memory is lost."""
+        """Power off at ``now`` and boot ``duration`` µs later; the firmware's memory is lost."""
         self.ring_peak = max(self.ring_peak, self.device.ring.peak)
         self._up_at = now + duration
 
     def receive(self, data: bytes, now: int) -> None:
-        """Give the firmware bytes from the line, if it runs."""
+        """Pass received bytes to the firmware, if it is running."""
         if self._up_at is not None:
             if now < self._up_at:
                 return
@@ -81,7 +81,7 @@ class PoweredDevice:
         return self.device.next_frames(budget) if self._up_at is None else b""
 
     def next_due(self, now: int) -> int:
-        """Return when the machine has something to do next."""
+        """Return the simulator time of the next action of firmware or reboot."""
         if self._up_at is not None:
             return min(self._up_at, now + STATUS_DUE)
         return self.instrument.epoch + self.device.next_deadline()

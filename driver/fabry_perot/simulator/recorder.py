@@ -1,4 +1,4 @@
-"""Simulated record of a shot: the pressure of a phantom through the film, with noise and the pulse's energy.
+"""Simulated record of a shot: a phantom's pressure through the film, with noise and pulse energy.
 
 It is a function of phantom, point, seed and shot number alone, so a test can recompute it: with
 ``rng = numpy.random.default_rng([seed, shot])`` the pulse energy is ``1 + 0.01·rng.standard_normal()`` and the noise
@@ -34,7 +34,7 @@ CACHED_POINTS = 16 * 2**20
 
 
 class Recorder:
-    """The simulated film over a phantom, and the digitiser's range.
+    """Simulated signal path from phantom and film to digitiser.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Recorder:
         self._places: list[tuple[int, int]] = []
 
     def begin(self, sampling: PlanSampling) -> None:
-        """Set up length and interval of records."""
+        """Set record length and sampling interval for a plan."""
         self._interval = sampling.interval_ps * 1e-12
         ticks = np.arange(sampling.samples, dtype=np.float64) * sampling.interval_ps
         self.length = -(-sampling.samples * sampling.interval_ps // 1_000_000)
@@ -102,15 +102,15 @@ class Recorder:
         self._places.clear()
 
     def prefetch(self, places: list[tuple[int, int]]) -> None:
-        """Prefetch the next points (x, y in nm), so that several are computed together."""
+        """Register the next points (x, y in nm), so that several are computed together."""
         self._places = places
 
     def bias(self, x: int, y: int) -> int:
-        """Return the wavelength that suits the film at a point, in pm."""
+        """Return the film's optimum bias wavelength at a point, in pm."""
         return self.film.bias(x, y) if self.response.nonlinear else IDLE_LEVEL
 
     def level(self, x: int, y: int, wavelength: int) -> int:
-        """Return the DC level in mV."""
+        """Return the DC level of the reflected light in mV."""
         return round(float(self.film.dc_level(x, y, np.array([float(wavelength)]))[0]) * self.power / REFERENCE_POWER)
 
     def record(self, x: int, y: int, wavelength: int, shot: int, beam: int = 0) -> TriggerRecord:
@@ -147,7 +147,7 @@ class Recorder:
         )
 
     def _signal(self, line: NDArray[np.float64], x: int, y: int, wavelength: int) -> NDArray[np.float64]:
-        """Return the film's signal for a pressure, in the pressure's unit."""
+        """Return the film's signal for a pressure, in units of the pressure."""
         if not self.response.nonlinear:
             return line
         return self.film.transfer(x, y, wavelength, line * (MAX_MODULATION / self._peak)) * (
@@ -155,7 +155,7 @@ class Recorder:
         )
 
     def _line(self, x: int, y: int) -> NDArray[np.float32]:
-        """Return the noise-free A-line of a point; computes a block ahead, and each once for all frames."""
+        """Return the noise-free A-line of a point, from a cache that is filled in blocks of points."""
         line = self._lines.get((x, y))
         if line is None:
             first = self._places.index((x, y)) if (x, y) in self._places else 0
@@ -174,7 +174,7 @@ class Recorder:
 
 
 def peak_pressure(balls: Balls, sound_speed: float) -> float:
-    """Return the strongest |p| over a coarse grid of points on the film, which sets the digitiser's gain."""
+    """Return the peak |p| over a coarse grid of points on the film, which sets the digitiser's gain."""
     axis = np.linspace(-6e-3, 6e-3, 9)
     where = np.column_stack([grid.ravel() for grid in np.meshgrid(axis, axis)])
     farthest = float(np.linalg.norm(np.abs(balls.centres).max(axis=0) + np.array([6e-3, 6e-3, 0.0])))

@@ -1,4 +1,4 @@
-"""The simulator's loop: device time, line and phantom in one thread of their own process."""
+"""Event loop of the simulator: device time, line and phantom in one thread of their own process."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ SHUTTER_LOG = 2000
 
 
 class PluggableEndpoint(Endpoint, Protocol):
-    """A line that can be taken away."""
+    """Interface of an endpoint that can be unplugged and plugged in again."""
 
     def unplug(self) -> None:
-        """Disconnect the line."""
+        """Disconnect the line, like an unplugged cable."""
         ...
 
     def plug(self) -> None:
-        """Bring it back."""
+        """Reconnect the line after :meth:`unplug`."""
         ...
 
 
 def open_endpoint(options: Options) -> PluggableEndpoint:
-    """Return the line the options ask for."""
+    """Open the endpoint that the options select."""
     if options.tcp:
         return TcpEndpoint(options.tcp)
     from fabry_perot.simulator.terminal import PtyEndpoint
@@ -46,7 +46,7 @@ def open_endpoint(options: Options) -> PluggableEndpoint:
 
 
 class Server:
-    """Runs a machine on an endpoint.
+    """Event loop that runs a simulated device on an endpoint.
 
     Device time follows a scaled clock event by event, with a look at the line between any two events. When an A-line
     takes longer to compute than the clock allows, the clock waits: nothing is skipped or invented.
@@ -78,7 +78,7 @@ class Server:
         """Last movements of the shutter: simulator time in µs, monotonic clock in s, whether it opened."""
 
     def run(self, finished: Callable[[list[int]], bool], watched: list[int]) -> None:
-        """Run until ``finished(readable descriptors)``; ``watched`` are waited on besides the line."""
+        """Run until ``finished(readable descriptors)`` is true; the loop also waits on ``watched`` descriptors."""
         readable: list[int] = []
         while not finished(readable):
             self.run_once()

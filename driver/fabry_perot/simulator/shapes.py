@@ -1,4 +1,4 @@
-"""More objects made of Gaussian balls: a tree, a star, resolution bars, a vessel tree, a volume from a file."""
+"""Further phantoms of Gaussian balls: a tree, a star, resolution bars, a vessel tree, a volume from a file."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ MAX_BALLS = 4000
 
 
 def by_name(name: str, seed: int = 0) -> Balls:
-    """Return an object by its name, or the one in the file of that name (see :func:`from_file`)."""
+    """Return a phantom by its name, or from the file of that name (see :func:`from_file`)."""
     makers: dict[str, Callable[[int], Balls]] = dict(zip(NAMES, (yarn, tree, star, usaf, vessels), strict=True))
     return makers[name](seed) if name in makers else from_file(Path(name))
 
 
 def line(start: Array, stop: Array, sigma: float, amplitude: float = 1.0) -> Balls:
-    """Return balls along a straight line (3,) to (3,) in m, 1.1 s apart, so that it looks continuous."""
+    """Return a straight line from (3,) to (3,) in m, made of balls 1.1 standard deviations apart."""
     count = max(2, int(np.linalg.norm(stop - start) / (1.1 * sigma)) + 1)
     along = np.linspace(0.0, 1.0, count)[:, None]
     return Balls(start + along * (stop - start), np.full(count, sigma), np.full(count, amplitude))
 
 
 def concatenate(parts: list[Balls]) -> Balls:
-    """Return the union of the balls of several objects."""
+    """Return the union of the balls of several phantoms."""
     return Balls(
         np.concatenate([part.centres for part in parts]),
         np.concatenate([part.sigmas for part in parts]),
@@ -42,17 +42,17 @@ def concatenate(parts: list[Balls]) -> Balls:
 
 
 def tree(seed: int = 0, *, levels: int = 5) -> Balls:
-    """Return a flat tree of straight branches that fork and thin out, 3 mm below the film."""
+    """Return the phantom of a flat tree with straight branches that fork and thin out, 3 mm below the film."""
     return _grow(np.random.default_rng(seed), levels, spread=0.45, depth=0.0)
 
 
 def vessels(seed: int = 0, *, levels: int = 6) -> Balls:
-    """Return a tree of vessels that bend and dive between 1 and 6 mm below the film."""
+    """Return the phantom of a vessel tree that bends and descends between 1 and 6 mm below the film."""
     return _grow(np.random.default_rng(seed), levels, spread=0.6, depth=0.5)
 
 
 def _grow(random: np.random.Generator, levels: int, *, spread: float, depth: float) -> Balls:
-    """Return a forking tree; ``spread`` is the angle of a fork in rad, ``depth`` the share of it out of the plane."""
+    """Return a forking tree; ``spread`` is the fork angle in rad, ``depth`` its share out of the plane."""
     parts = []
     tips = [(np.array([0.0, -4e-3, 3e-3]), np.array([0.0, 1.0, 0.0]), 90e-6)]
     for level in range(levels):
@@ -77,7 +77,7 @@ def _turn(direction: Array, angle: float, dive: float) -> Array:
 
 
 def star(seed: int = 0, *, arms: int = 12, radius: float = 4e-3) -> Balls:
-    """Return a Siemens star of ``arms`` spokes, 2.5 mm below the film; its middle shows the resolution."""
+    """Return the phantom of a Siemens star of ``arms`` spokes, 2.5 mm below the film, to judge resolution."""
     offset = np.random.default_rng(seed).random() * 2 * np.pi / arms
     parts = []
     for angle in offset + 2 * np.pi * np.arange(arms) / arms:
@@ -88,7 +88,7 @@ def star(seed: int = 0, *, arms: int = 12, radius: float = 4e-3) -> Balls:
 
 
 def usaf(seed: int = 0) -> Balls:
-    """Return groups of three bars like a USAF 1951 target's, 2 mm below the film, each group finer by 2^(1/3)."""
+    """Return groups of three bars like a USAF 1951 target, 2 mm below the film, each group finer by 2^(1/3)."""
     parts = []
     x, y, pitch = -4.5e-3, 3e-3, 0.8e-3
     for _ in range(10):
@@ -106,7 +106,7 @@ def usaf(seed: int = 0) -> Balls:
 
 
 def from_file(path: Path) -> Balls:
-    """Read an object from a NumPy archive (npz).
+    """Read a phantom from a NumPy archive (npz).
 
     It holds either balls (``centres`` (B, 3) m, ``sigmas`` (B,) m, ``amplitudes`` (B,)) or a ``volume`` (N_x, N_y, N_z)
     with the ``spacing`` of its voxels and the ``origin`` of the first one, (3,) each, in m; the strongest voxels, 4,000

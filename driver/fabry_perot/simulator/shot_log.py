@@ -1,4 +1,4 @@
-"""The last shots of a simulated laser, in memory that is all taken at the beginning."""
+"""Log of a simulated laser's last shots, in preallocated memory."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import overload
 
 
 class ShotLog(Sequence[tuple[int, int]]):
-    """Time (simulator's, µs) and point of each of the last shots, oldest first.
+    """Ring buffer with time (simulator's, µs) and point of each of the last shots, oldest first.
 
     A list of pairs would take six times as much, and grow for as long as the first scan lasts.
 

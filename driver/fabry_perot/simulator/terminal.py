@@ -1,4 +1,4 @@
-"""The simulated device's line as a pseudo-terminal, which POSIX systems have and Windows has not."""
+"""Simulated device's line as a pseudo-terminal (POSIX systems only)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fabry_perot.device.endpoints import CHUNK
 
 
 class PtyEndpoint:
-    """A pseudo-terminal.
+    """Endpoint on the master side of a pseudo-terminal, with a link to its slave side.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class PtyEndpoint:
         self.plug()
 
     def plug(self) -> None:
-        """Make a pseudo-terminal and link it."""
+        """Create a pseudo-terminal and a symbolic link to it."""
         self._master, self._slave = os.openpty()  # the open slave keeps the line up between two hosts
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -37,22 +37,22 @@ class PtyEndpoint:
             fresh.replace(self._link)
 
     def descriptors(self) -> list[int]:
-        """Return the master."""
+        """Return the pseudo-terminal's master to wait on for reading."""
         return [self._master] if self._master >= 0 else []
 
     def writable_descriptor(self) -> int | None:
-        """Return the master."""
+        """Return the pseudo-terminal's master to wait on for writing."""
         return self._master if self._master >= 0 else None
 
     def read(self, limit: int) -> bytes:
-        """Return received bytes."""
+        """Return received bytes without waiting."""
         try:
             return os.read(self._master, min(limit, CHUNK))
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """Send as many bytes as fit."""
+        """Send as many bytes as fit, and return their number."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:
@@ -69,5 +69,5 @@ class PtyEndpoint:
             self._link.unlink()
 
     def close(self) -> None:
-        """Give everything back."""
+        """Close the pseudo-terminal and remove the link."""
         self.unplug()

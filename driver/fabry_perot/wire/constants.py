@@ -1,4 +1,4 @@
-"""Numbers with a meaning on the line: message types, operations, results, flags."""
+"""Protocol constants: message types, operations, results and flags."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FLAG_RETUNE, FLAG_MONITOR, FLAG_FIDUCIAL, FLAG_GATE = 1, 2, 4, 8
 
 
 class Type(IntEnum):
-    """Message types; bit 7 set: from the device."""
+    """Message types; types with bit 7 set are sent by the device."""
 
     HELLO = 0x01
     CAPS = 0x02
@@ -51,7 +51,7 @@ class Type(IntEnum):
 
 
 class Operation(IntEnum):
-    """Requests by REQ; each is carried out at most once per request id."""
+    """Operations of a request (REQ); each is executed at most once per request id."""
 
     GET = 1
     SET = 2
@@ -67,7 +67,7 @@ class Operation(IntEnum):
 
 
 class Result(IntEnum):
-    """Outcome of a request."""
+    """Result code of a request."""
 
     OK = 0
     WRONG_STATE = 1
@@ -83,7 +83,7 @@ class Result(IntEnum):
 
 
 class AbortLevel(IntEnum):
-    """Severity of an abort; each level includes those before."""
+    """Severity of an abort; each level includes the lower ones."""
 
     PAUSE = 1
     LASER_OFF = 2

@@ -1,4 +1,4 @@
-"""Encodings of an A-line's samples: int16, or differences in a Rice code.
+"""Encodings of an A-line's samples: int16, or Rice-coded differences.
 
 Delta + Rice (encoding 1), losslessly: the difference to the sample before (the first to 0) is folded to an unsigned
 number, ``u = 2d`` or ``−2d − 1``. Samples go in blocks of 32, each with a parameter k: the low k bits of every u are
@@ -30,7 +30,7 @@ MAX_K = 17
 
 
 class Encoding(IntEnum):
-    """Encodings of an A-line's samples; the number is the one in ALINE."""
+    """Encodings of an A-line's samples, with their numbers in ALINE."""
 
     INT16 = 0
     DELTA_RICE = 1
@@ -41,7 +41,7 @@ NAMES = {"int16": Encoding.INT16, "delta-rice": Encoding.DELTA_RICE}
 
 
 def encode(samples: NDArray[np.int16], encoding: int) -> tuple[int, bytes]:
-    """Return the encoding used and the bytes; int16 whenever the other would be longer."""
+    """Return encoding and bytes of samples; int16 if the compressed form would be longer."""
     plain = samples.astype("<i2", copy=False).tobytes()
     if encoding != Encoding.DELTA_RICE or len(samples) == 0:
         return Encoding.INT16, plain
@@ -50,7 +50,7 @@ def encode(samples: NDArray[np.int16], encoding: int) -> tuple[int, bytes]:
 
 
 def decode(data: bytes, encoding: int, samples: int) -> NDArray[np.int16]:
-    """Return (``samples``,) int16.
+    """Return the decoded samples as (``samples``,) int16.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _pack(samples: NDArray[np.int16]) -> bytes:
 
 
 def _low_bits(folded: NDArray[np.int64], each: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Return the low bits of all samples, one a byte."""
+    """Return the low bits of all samples, one bit per byte."""
     sample = np.repeat(np.arange(len(each)), each)
     place = np.arange(len(sample)) - (np.cumsum(each) - each)[sample]
     bits: NDArray[np.uint8] = ((folded[sample] >> (each[sample] - 1 - place)) & 1).astype(np.uint8)

@@ -1,4 +1,4 @@
-r"""Frames on the line: ``00 · COBS(header ‖ payload ‖ CRC-32C) · 00``.
+r"""Framing of messages on the line: ``00 · COBS(header ‖ payload ‖ CRC-32C) · 00``.
 
 Consistent-overhead byte stuffing keeps zero out of a frame, so a receiver that lost its place finds it again at the
 next zero. The header repeats the payload's length because a corrupted stuffing byte can shorten a frame in ways a CRC
@@ -50,7 +50,7 @@ _CRITICAL_UNKNOWN = 0xF0
 
 
 class Frame(NamedTuple):
-    """One decoded frame."""
+    """Decoded frame: header fields and payload."""
 
     type: int
     flags: int
@@ -62,7 +62,7 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Counters of a deframer; counts of frames unless stated otherwise."""
+    """Counters of a deframer: frames unless stated otherwise."""
 
     good: int = 0
     bad_stuffing: int = 0
@@ -76,7 +76,7 @@ class LinkCounters:
 
     @property
     def bad(self) -> int:
-        """Frames that were dropped."""
+        """Number of frames that were dropped."""
         return (
             self.bad_stuffing
             + self.bad_crc
@@ -93,12 +93,12 @@ def crc32c(data: bytes) -> int:
 
 
 def has_native_cobs() -> bool:
-    """Return whether byte stuffing runs in C; otherwise it is about a hundred times slower."""
+    """Return whether the C implementation of COBS is available; pure Python is about a hundred times slower."""
     return bool(getattr(cobs, "_using_extension", True))
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """Return the bytes of ``frame`` on the line, with both delimiters.
+    """Return the encoded bytes of ``frame``, with both delimiters.
 
     Raises
     ------
@@ -113,14 +113,14 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 def encoded_size(payload: int) -> int:
-    """Return the largest number of bytes on the line for a payload of ``payload`` bytes."""
+    """Return the largest number of encoded bytes for a payload of ``payload`` bytes."""
     body = payload + OVERHEAD
     return body + body // 254 + 3
 
 
 @dataclass(slots=True)
 class Deframer:
-    """Incremental decoder that resynchronises at every zero byte.
+    """Incremental frame decoder that resynchronises at every zero byte.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Deframer:
         self._longest = encoded_size(self.max_payload)
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take bytes as they arrive and return the frames they complete, in order."""
+        """Process received bytes and return the frames they complete, in order."""
         self.counters.bytes_in += len(data)
         frames: list[Frame] = []
         start, end = 0, data.find(b"\0")  # a search for one byte is many times faster than split()

@@ -1,4 +1,4 @@
-"""Messages: fixed little-endian structures for the hot ones, CBOR for capabilities and parameters.
+"""Protocol messages: fixed little-endian structures for frequent ones, CBOR for capabilities and parameters.
 
 Every fixed message is a ``NamedTuple`` whose fields stand in the order of its structure in :data:`LAYOUT`. A payload
 of the wrong length raises :class:`~fabry_perot.errors.FrameError`; nothing is guessed from a short one.
@@ -16,7 +16,7 @@ from fabry_perot.errors import FrameError
 
 
 class Hello(NamedTuple):
-    """Host → device: ask for a new session. ``nonce`` makes a repetition harmless."""
+    """HELLO, host → device: request for a new session; ``nonce`` makes repetitions harmless."""
 
     oldest: int
     newest: int
@@ -25,7 +25,7 @@ class Hello(NamedTuple):
 
 
 class HelloAck(NamedTuple):
-    """Device → host: the session, and where the device stands."""
+    """HELLO_ACK, device → host: the new session, the device's buffer sizes, state and plan."""
 
     nonce: int
     boot: int
@@ -47,7 +47,7 @@ class HelloAck(NamedTuple):
 
 
 class PlanStatus(NamedTuple):
-    """Device → host: points are accepted from ``expected`` up to (not including) ``limit``."""
+    """PLAN_STATUS, device → host: points are accepted from ``expected`` up to (not including) ``limit``."""
 
     plan: int
     expected: int
@@ -56,7 +56,7 @@ class PlanStatus(NamedTuple):
 
 
 class ALineHead(NamedTuple):
-    """Before each fragment of an A-line's blob (44-byte meta ‖ encoded samples), or before ``more`` + 1 whole blobs."""
+    """Header of an ALINE frame, before one fragment of a blob (44-byte meta ‖ samples) or ``more`` + 1 whole blobs."""
 
     plan: int
     number: int
@@ -68,7 +68,7 @@ class ALineHead(NamedTuple):
 
 
 class ALineMeta(NamedTuple):
-    """First 44 bytes of an A-line's blob."""
+    """Metadata of an A-line: the first 44 bytes of its blob."""
 
     fire_time: int
     wavelength: int
@@ -86,7 +86,7 @@ class ALineMeta(NamedTuple):
 
 
 class ALineAck(NamedTuple):
-    """Host → device: A-lines below ``durable`` are stored, below ``limit`` may come; the missing ones follow."""
+    """ALINE_ACK, host → device: A-lines below ``durable`` are stored, below ``limit`` may come; missing ones follow."""
 
     plan: int
     durable: int
@@ -94,7 +94,7 @@ class ALineAck(NamedTuple):
 
 
 class ALineGone(NamedTuple):
-    """Device → host: A-lines ``first`` … ``first + lines − 1`` will never come."""
+    """ALINE_GONE, device → host: A-lines ``first`` … ``first + lines − 1`` are lost and will not be sent."""
 
     plan: int
     first: int
@@ -103,7 +103,7 @@ class ALineGone(NamedTuple):
 
 
 class Status(NamedTuple):
-    """Device → host, 10 Hz and on change."""
+    """STATUS, device → host, at 10 Hz and on change: state, laser, plan position, A-lines and shots."""
 
     device_time: int
     boot: int
@@ -127,7 +127,7 @@ class Status(NamedTuple):
 
 
 class Lease(NamedTuple):
-    """Host → device: the device's own time, echoed; emission until min(echo, now) + min(TTL, cap)."""
+    """LEASE, host → device: echo of the device's time; permits emission until min(echo, now) + min(TTL, cap)."""
 
     boot: int
     echo: int
@@ -135,14 +135,14 @@ class Lease(NamedTuple):
 
 
 class Abort(NamedTuple):
-    """Host → device, valid in any session."""
+    """ABORT, host → device, valid in any session: level and number of an abort."""
 
     level: int
     number: int
 
 
 class AbortAck(NamedTuple):
-    """Device → host."""
+    """ABORT_ACK, device → host: acknowledgement of an abort, with the state that it caused."""
 
     level: int
     number: int
@@ -150,7 +150,7 @@ class AbortAck(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """Device → host, repeated until acknowledged; the host's answer is the same structure."""
+    """FAULT, device → host, repeated until the host acknowledges with the same structure."""
 
     code: int
     number: int
@@ -193,12 +193,12 @@ T = TypeVar("T")
 
 
 def pack(message: tuple[Any, ...]) -> bytes:
-    """Return the bytes of a fixed message."""
+    """Return the encoded bytes of a fixed message."""
     return LAYOUT[type(message)].pack(*message)
 
 
 def unpack(kind: type[T], payload: bytes, *, tail: bool = False) -> T:
-    """Return the fixed message at the start of ``payload``.
+    """Decode the fixed message at the start of ``payload``.
 
     Parameters
     ----------
@@ -226,12 +226,12 @@ def unpack_exact(layout: struct.Struct, payload: bytes, *, tail: bool = False) -
 
 
 def pack_body(value: object) -> bytes:
-    """Return CBOR of parameters."""
+    """Return parameters encoded as CBOR."""
     return cbor2.dumps(value, canonical=True)
 
 
 def unpack_body(data: bytes) -> dict[str, Any]:
-    """Return the parameters in ``data``, an empty dictionary for no bytes; anything but a map raises FrameError."""
+    """Return the parameters in CBOR ``data``, empty for no bytes; anything but a map raises FrameError."""
     if not data:
         return {}
     try:

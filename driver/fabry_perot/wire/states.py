@@ -1,4 +1,4 @@
-"""The device's states and the one table of its transitions."""
+"""States of the device and the table of its state transitions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum, auto
 
 
 class DeviceState(IntEnum):
-    """State of the device; the number is the one in STATUS."""
+    """State of the device; the number is that in STATUS."""
 
     BOOT = 0
     IDLE = 1
@@ -60,7 +60,7 @@ class Event(IntEnum):
 
 
 class HoldCause(IntEnum):
-    """Why the device is in SAFE_HOLD; of PAUSED only whether the interlock was opened."""
+    """Reason for SAFE_HOLD; in PAUSED, only whether the interlock was opened."""
 
     NONE = 0
     LEASE = 1

@@ -27,7 +27,7 @@ GRACE = 3
 
 
 def main(descriptor: int) -> None:
-    """Serve until SIGTERM or SIGINT, or until standard input closes."""
+    """Run the API server until SIGTERM or SIGINT, or until standard input closes."""
     settings = Settings.create()
     configure_logging(settings, "api")
     config = LimitedConfig(

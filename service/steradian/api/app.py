@@ -1,4 +1,4 @@
-"""FastAPI application factory."""
+"""Factory of the FastAPI application: middleware, exception handlers and routers."""
 
 from __future__ import annotations
 
@@ -63,19 +63,19 @@ ROUTER_MODULES = (
 
 
 class Application(FastAPI):
-    """The framework's application behind :class:`Prefixed`, which comes before its handlers of errors, too."""
+    """FastAPI application inside of :class:`Prefixed`, which strips a proxy's path prefix before all middleware."""
 
     root = ""
 
     def build_middleware_stack(self) -> ASGIApp:
-        """Put it in front of all layers."""
+        """Return the framework's middleware stack, wrapped in :class:`Prefixed`."""
         return Prefixed(super().build_middleware_stack(), self.root)
 
 
 def create_app(settings: Settings) -> FastAPI:
     """Create the FastAPI application for a data directory whose database is migrated.
 
-    The interactive documentation of the framework is off: it loads its scripts from elsewhere. ``/docs`` is ours.
+    The framework's documentation page is disabled, because it loads scripts from other hosts; ``/docs`` replaces it.
     """
     services = ServiceContainer(settings)
 

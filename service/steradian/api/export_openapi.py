@@ -1,4 +1,4 @@
-"""Write the OpenAPI document to standard output."""
+"""Export of the API's OpenAPI document to standard output."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.core.settings import Settings
 
 
 def main() -> None:
-    """Write the document to standard output, as it is committed in ``docs/openapi.json``."""
+    """Write the OpenAPI document as JSON to standard output, for ``docs/openapi.json``."""
     with tempfile.TemporaryDirectory() as folder:
         app = create_app(Settings.create(data=folder))
         json.dump(app.openapi(), sys.stdout, indent=1, sort_keys=True, ensure_ascii=False)

@@ -67,10 +67,10 @@ CARETAKER_SHUTDOWN_TIMEOUT = 5.0
 
 
 class ServiceContainer:
-    """Everything behind the API; made once a process.
+    """Service container of the API process: creates settings, repositories, queue and background threads once.
 
-    The queue's engine takes seconds to load, so it is opened in a thread while the service already answers. What is
-    asked for meanwhile waits in the ledger.
+    The queue engine (DBOS) takes seconds to load, so a thread opens it while the service already answers. Jobs that are
+    submitted meanwhile wait in the ledger.
     """
 
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
@@ -117,7 +117,7 @@ class ServiceContainer:
         """Held by the one of several nodes that looks after what is everybody's."""
 
     def open(self) -> None:
-        """Begin to open the queue and to look after it."""
+        """Start the background threads: refresh of caches, record of stops, opening of the queue and maintenance."""
         if self.emergency is not None:
             self._note_scanner()
             self.emergency.open()
@@ -128,7 +128,7 @@ class ServiceContainer:
         self._caretaker.start()
 
     def close(self) -> None:
-        """Close the connections."""
+        """Stop the background threads and close the queue and the database."""
         self._over.set()
         self.workshop.close()
         self.courier.close()
@@ -146,7 +146,7 @@ class ServiceContainer:
 
     @property
     def is_single_node(self) -> bool:
-        """Whether this is all of the service, and no node of another scanner can be on its database."""
+        """Whether the service has only this node, without nodes of other scanners on its database."""
         return self.settings.role == "service"
 
     def _note_scanner(self) -> None:
@@ -154,13 +154,13 @@ class ServiceContainer:
         self.scanner.ensure(address=self.settings.address, **own)
 
     def _stay(self) -> None:
-        """Note this node's scanner again, if it was retired while the node could not be reached."""
+        """Register this node's scanner again if it was decommissioned while the node was unreachable."""
         if not self.nodes.is_registered:
             _log.warning("%s was retired, but its node is running: it is registered again", self.scanner.id)
             self._note_scanner()
 
     def _retire_others(self) -> None:
-        """Retire the scanners of nodes that shared this database and do not any more."""
+        """Decommission the scanners of nodes that no longer share this database."""
         for row in self.scanner.rows():
             if row.id != self.scanner.id:
                 try:
@@ -170,12 +170,12 @@ class ServiceContainer:
 
     @property
     def queue(self) -> JobQueue:
-        """The job queue.
+        """Client of the job queue, once the queue is open.
 
         Raises
         ------
         QueueUnavailable
-            When it does not open.
+            When the queue does not open within :data:`QUEUE_PATIENCE` seconds.
         """
         if not self._opened.wait(QUEUE_PATIENCE) or self._queue is None:
             raise QueueUnavailable("the job queue is not open yet; the service keeps retrying")
@@ -183,15 +183,15 @@ class ServiceContainer:
 
     @property
     def queue_is_open(self) -> bool:
-        """Whether jobs can be taken at once."""
+        """Whether the job queue is open."""
         return self._opened.is_set()
 
     def local_stop_controller(self, scanner_id: str) -> EmergencyStopController | None:
-        """Return the local stop controller of a scanner; ``None`` when the scanner belongs to another node."""
+        """Return the controller of a scanner's emergency stop; ``None`` if the scanner belongs to another node."""
         return self.emergency if self.nodes.is_local(scanner_id) else None
 
     def refresh_disk_usage(self) -> quota.UsageSnapshot:
-        """Count the data folder's bytes if a quota needs them; it may be slow, so call it outside of transactions."""
+        """Measure the data folder's disk usage if there is a quota; slow, so call it outside of transactions."""
         at, came = self.clock(), self.arrivals.came
         with self.database.read() as session:
             before = quota.bytes_written(session, self.data)  # before the walk: what comes after it is not in there
@@ -207,7 +207,7 @@ class ServiceContainer:
         return self.disk.available(known.used + self.arrivals.came - known.came)
 
     def reserved_bytes(self, session: Session, measured: quota.UsageSnapshot | None = None) -> int:
-        """Return the bytes that will still be written here: of several nodes, by the scans of this one's scanner."""
+        """Return the bytes that queued and running work will still write to this node's disk."""
         if self.settings.role == "service":
             return quota.reserved_bytes(session, self.data, measured)
         own = self.settings.scanner_id
@@ -216,17 +216,17 @@ class ServiceContainer:
     def require_disk_space(
         self, session: Session, need: int, what: str, measured: quota.UsageSnapshot, *, for_scan: bool = False
     ) -> None:
-        """Reject work that does not fit beside queued work; call it in the transaction that queues the work.
+        """Raise :class:`DiskFull` unless work fits beside queued work; call in the transaction that queues the work.
 
         Parameters
         ----------
         for_scan
-            Whether it may have what uploads and jobs leave free.
+            Whether the work is a scan, which may use the reserve that uploads and jobs must leave free.
 
         Raises
         ------
         DiskFull
-            With what is needed, what is there and what of it is promised.
+            With the needed, available and reserved bytes.
         """
         if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
             return  # who does the work has a disk of its own
@@ -243,7 +243,7 @@ class ServiceContainer:
         Raises
         ------
         InvalidInput
-            When no worker satisfies its requirements.
+            When no worker satisfies the job's requirements.
         """
         if not self.settings.await_workers:
             own = dedicated_scanner(session, request.kind, request.payload.get("scan_id"))
@@ -258,7 +258,7 @@ class ServiceContainer:
             return forecast(session, job.id, self.settings.workers, self.clock())
 
     def cancel(self, job_id: str, who: str, reason: str | None) -> JobStatus:
-        """Cancel a job that waits or runs; see :meth:`JobQueue.cancel`."""
+        """Cancel a queued or running job and return its status; raises as :meth:`JobQueue.cancel`."""
         if is_terminal(self.ledger.get(job_id).state) and not self.queue_is_open:
             self.ledger.request_cancellation(job_id, who, reason)
             return self.ledger.status(job_id)
@@ -296,5 +296,5 @@ class ServiceContainer:
             self._over.wait(RECONCILE_EVERY)
 
     def remove_files(self) -> None:
-        """Remove files of deleted resources, as far as they are removable now."""
+        """Remove the files of deleted resources; files that cannot be removed yet are retried later."""
         remove_files(self.database, self.data, self.arrays, self.queue.forget if self.queue_is_open else None)

@@ -1,4 +1,4 @@
-"""Abuse patterns: slow headers, slow bodies, many streams.
+"""Abusive HTTP clients for the load test: slow headers, slow bodies, many event streams.
 
 Each deed has a process of its own, as what it costs its doer must not count as the service's delay.
 """
@@ -36,7 +36,7 @@ async def _half_bodies(url: str, patience: float) -> dict[str, int]:
 
 
 async def _hold_connections(url: str, begun: bytes, patience: float) -> dict[str, int]:
-    """Send the beginning of a request on many connections and wait; returns the number closed by the service."""
+    """Send incomplete requests on many connections and wait; return the number closed by the service."""
     held = [await connect(url) for _ in range(SLOW)]
     for _, writer in held:
         writer.write(begun)
@@ -55,7 +55,7 @@ async def _hold_connections(url: str, begun: bytes, patience: float) -> dict[str
 
 
 async def _streams(url: str, _patience: float) -> dict[str, int]:
-    """Open many event streams at once; returns the number of responses by status."""
+    """Open many event streams at once; return the number of responses by status."""
 
     async def ask() -> tuple[int, asyncio.StreamWriter | None]:
         try:
@@ -86,7 +86,7 @@ async def _large_body(url: str, _patience: float) -> dict[str, int]:
 
 
 async def _send(url: str, path: str, body: bytes) -> dict[str, int]:
-    """Send a body on two connections, one after the other; returns the statuses."""
+    """Send a request body on two connections, one after the other; return the statuses."""
     found: Counter[int] = Counter()
     for _ in range(2):
         connection = Connection(url)
@@ -107,7 +107,7 @@ ABUSE_PATTERNS: dict[str, AbusePattern] = {
 
 
 def main(name: str, url: str, patience: str) -> None:
-    """Run an abuse pattern and print its responses as JSON."""
+    """Run one abuse pattern and print the counts of responses as JSON."""
     print(json.dumps(asyncio.run(ABUSE_PATTERNS[name](url, float(patience)))))
 
 

@@ -29,7 +29,7 @@ _SIDE, _INTERVAL = 0.01, 8e-9
 
 
 def accuracy(*, points: int = 300, progress: Progress | None = None) -> list[Row]:
-    """Measure the error for tolerances, windows, methods and sizes.
+    """Measure the error of the image's spectrum for several tolerances, windows, methods and sizes.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class _Case:
 
 @lru_cache(maxsize=1)
 def _case(modes: tuple[int, ...], samples: int, sensors: str, points: int) -> _Case:
-    """Make a case; the rows that follow each other have it in common, and direct sums take most of the time."""
+    """Return a cached test case, because consecutive rows share a case and its direct sums take most of the time."""
     rng = np.random.default_rng(0)
     positions = _positions(sensors, modes, rng)
     traces = rng.standard_normal((len(positions), samples))

@@ -1,4 +1,4 @@
-"""Amplitude accuracy across masks, against dense grids of the same area."""
+"""Benchmark of image amplitudes through sparse masks, against dense grids of the same area."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Row = dict[str, Any]
 
 
 def arrangements(count: int = 1600) -> dict[str, Mask]:
-    """Six arrangements of about ``count`` points, and a rectangular field as an import makes it."""
+    """Return six arrangements of about ``count`` points, and a rectangular field as an import creates it."""
     share = SIDE**2 / count
     aims = [PointOfInterest(depth=DEPTH, count=count // 2, offset=(x, 0.0)) for x in (-2e-3, 2e-3)]
     line = round(np.sqrt(count))
@@ -51,13 +51,13 @@ def arrangements(count: int = 1600) -> dict[str, Mask]:
 
 
 def objects() -> dict[str, phantoms.Balls]:
-    """Return a ball of s = 100 µm and amplitude 1, and vessels whose axes are about 1."""
+    """Return the test objects: a ball of s = 100 µm and amplitude 1, and a tree of vessels of amplitude about 1."""
     ball = phantoms.Balls(np.array([[0.0, 0.0, DEPTH]]), np.array([100e-6]), np.array([1.0]))
     return {"ball": ball, "tree": phantoms.vessels(0, radius=2.5e-3, thickest=150e-6, generations=4)}
 
 
 def amplitudes(*, count: int = 1600, progress: Progress | None = None) -> list[Row]:
-    """Measure amplitudes.
+    """Measure the amplitudes of test objects in images through each mask arrangement.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def amplitudes(*, count: int = 1600, progress: Progress | None = None) -> list[R
 
 
 def _dense(outline: Outline) -> NDArray[np.float64]:
-    """Points every 100 µm within the outline."""
+    """Return the points of a dense grid of 100 µm pitch within the outline."""
     axis = (np.arange(MODES) + 0.5 - MODES / 2) * PITCH
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     found: NDArray[np.float64] = points[contains(outline, points)]
@@ -96,7 +96,7 @@ def _dense(outline: Outline) -> NDArray[np.float64]:
 
 
 def _amplitude(balls: phantoms.Balls, positions: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Factor by which the true volume fits the image best, by least squares."""
+    """Return the amplitude of the image relative to the true volume, fitted by least squares."""
     traces = phantoms.pressure(balls, positions, samples=SAMPLES, sampling_interval=INTERVAL, sound_speed=SPEED)
     acquisition = Acquisition(traces, positions, dt=INTERVAL, sound_speed=SPEED, aperture=SIDE, weights=weights)
     volume = reconstruct(acquisition, ImageGrid(MODES, depth=SHOWN))
@@ -105,7 +105,7 @@ def _amplitude(balls: phantoms.Balls, positions: NDArray[np.float64], weights: N
 
 
 def table(rows: list[Row]) -> str:
-    """Write the rows as markdown, the true amplitude beside them."""
+    """Return the measured amplitudes as a Markdown table beside the true amplitude."""
     lines = [
         "| arrangement | points | sensed (mm²) | ball, true 1 | dense | ratio | tree, true 1 | dense | ratio |",
         "|---|--:|--:|--:|--:|--:|--:|--:|--:|",
@@ -120,5 +120,5 @@ def table(rows: list[Row]) -> str:
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the table between the page's marks."""
+    """Replace the table between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, table(rows))

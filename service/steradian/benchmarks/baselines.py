@@ -1,4 +1,4 @@
-"""Baselines: fastest FFT pair, memory bandwidth, FLOP rate."""
+"""Speed references of the machine: fastest FFT pair, memory bandwidth, FLOP rate."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from steradian.imaging import ReconstructionPlan
 
 
 class Timing(NamedTuple):
-    """Wall clock and processor time, of all threads together."""
+    """Wall-clock time and processor time of all threads together."""
 
     wall: float
     processor: float
 
 
 def timed(work: Callable[[], object]) -> Timing:
-    """Call a function and return its duration; its result is discarded within that time."""
+    """Call a function and return its duration, including the release of its result."""
     wall, processor = time.perf_counter(), time.process_time()
     work()
     return Timing(time.perf_counter() - wall, time.process_time() - processor)
 
 
 def fft_pair_baselines(shape: tuple[int, ...], threads: int) -> dict[str, Callable[[], object]]:
-    """Real transforms of a float32 array of this shape there and back, by each library that is installed."""
+    """Time a forward and inverse real FFT of a float32 array of this shape with each installed FFT library."""
     from scipy import fft
 
     array = np.empty(shape, np.float32)
@@ -54,14 +54,14 @@ def fft_pair_baselines(shape: tuple[int, ...], threads: int) -> dict[str, Callab
 
 
 class Machine(NamedTuple):
-    """Bytes a second of a copy (read and written), and operations a second of a product of float32 matrices."""
+    """Measured machine limits: memory bandwidth of a copy (bytes/s) and FLOP rate of a float32 matrix product."""
 
     bandwidth: float
     operations: float
 
 
 def machine_limits(threads: int, *, size: int = 1 << 25) -> Machine:
-    """Measure both on ``threads`` threads: copies of ``size`` numbers; the best of five."""
+    """Measure memory bandwidth and FLOP rate on ``threads`` threads, copies of ``size`` numbers; best of five."""
     source, target = np.ones(size, np.float32), np.zeros(size, np.float32)
     parts = list(zip(np.array_split(target, threads), np.array_split(source, threads), strict=True))
     with ThreadPoolExecutor(threads) as pool:
@@ -77,7 +77,7 @@ def machine_limits(threads: int, *, size: int = 1 << 25) -> Machine:
 
 
 def lower_bound(plan: ReconstructionPlan, at_best: Machine) -> tuple[float, float]:
-    """Seconds that memory traffic alone, and arithmetic alone, of a run would take.
+    """Return the seconds that a run needs at least for its memory traffic alone, and for its arithmetic alone.
 
     The modes are written once and read and written twice, the last time as the image. Of the arithmetic the transforms
     count (5 n log2 n each), those over the lateral grid, time, depth and image, and the interpolation of κ.

@@ -1,4 +1,4 @@
-"""Scan time and image quality of multi-beam patterns against one beam.
+"""Benchmark of scan time and image quality with several interrogation beams against one beam.
 
 A yarn, closed-form A-lines with noise, reconstructed from the points of one beam's mask and from those that a pattern
 of beams measures in its place; times are the preview's, and the simulated hardware's by its own clock.
@@ -39,7 +39,7 @@ Row = dict[str, Any]
 
 
 def beams(*, points: int = POINTS, seeds: int = SEEDS, progress: Progress | None = None) -> list[Row]:
-    """Measure scan times and images of one beam and of patterns of several.
+    """Measure scan times and image quality of one beam and of multi-beam patterns.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def beams(*, points: int = POINTS, seeds: int = SEEDS, progress: Progress | None
 
 
 def _rotated(mask: Mask, turn: float) -> Mask:
-    """Return a mask turned about the middle: as good, and no point the same."""
+    """Return a mask rotated about its centre, as a statistically equivalent mask with different points."""
     turning = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return mask.replace(positions=mask.positions @ turning, outline=None)
 
@@ -94,7 +94,7 @@ def _times(plan: ScanPlan) -> Row:
 
 
 def _correlations(seed: int, masks: list[Mask]) -> NDArray[np.float64]:
-    """Return (masks, 2) correlations with the truth, of the z-projection and of the volume."""
+    """Return (masks, 2) correlations of images with the true object, of the z-projection and of the volume."""
     balls, found = phantoms.yarn(seed), []
     for mask in masks:
         volume = _image(balls, mask, seed)
@@ -117,7 +117,7 @@ def _image(balls: phantoms.Balls, mask: Mask, seed: int) -> Volume:
 
 
 def table(rows: list[Row]) -> str:
-    """Write the rows as markdown."""
+    """Return the measurements as a Markdown table."""
     lines = [
         "| points | places | A-lines | time (s) | simulated (s) | of one beam's | bound | moved, median (µm) |"
         " z-projection | volume |",
@@ -135,5 +135,5 @@ def table(rows: list[Row]) -> str:
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the table between the page's marks."""
+    """Replace the table between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, table(rows))

@@ -13,12 +13,12 @@ TURN = 2**30
 
 
 def milliseconds() -> int:
-    """Return the time in ms."""
+    """Return the current time in ms, modulo :data:`TURN`."""
     return int(1e3 * time.time()) % TURN
 
 
 def work(payload: dict[str, Any], progress: Progress) -> dict[str, Any]:
-    """Report the time every ``every`` seconds for ``seconds`` seconds."""
+    """Report the current time as progress every ``every`` seconds for ``seconds`` seconds."""
     request = payload["request"]
     end = time.monotonic() + request["seconds"]
     while time.monotonic() < end:

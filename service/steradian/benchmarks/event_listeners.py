@@ -1,4 +1,4 @@
-"""Event-stream clients that verify delivery."""
+"""Server-sent event clients that verify the delivery of all events."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PATIENCE = 30.0
 
 @dataclass
 class EventListener:
-    """One stream, opened once and never again.
+    """Client of one event stream (server-sent events) that never reconnects.
 
     Attributes
     ----------
@@ -34,14 +34,14 @@ class EventListener:
     _moved: asyncio.Event = field(default_factory=asyncio.Event, repr=False)
 
     async def follow(self) -> None:
-        """Record events until the stream ends."""
+        """Record received events until the stream ends."""
         async with aclosing(_places(self.url, self.after)) as places:
             async for place in places:
                 self.numbers.append(_number(place))
                 self._moved.set()
 
     async def wait_for(self, number: int) -> None:
-        """Wait until an event was received."""
+        """Wait until a given event was received."""
         while number not in self.numbers:
             self._moved.clear()
             await self._moved.wait()
@@ -58,7 +58,7 @@ class DeliveryReport:
 
 @asynccontextmanager
 async def open_listeners(urls: Sequence[str], streams: int) -> AsyncIterator[list[EventListener]]:
-    """Keep streams open at services in turn, all after the event that is the newest now."""
+    """Open event streams at several services alternately, starting after the newest event."""
     begin = await newest(urls[0])
     listeners = [EventListener(urls[number % len(urls)], begin) for number in range(streams)]
     tasks = [asyncio.create_task(listener.follow()) for listener in listeners]
@@ -71,7 +71,7 @@ async def open_listeners(urls: Sequence[str], streams: int) -> AsyncIterator[lis
 
 
 async def compare(listeners: Sequence[EventListener]) -> DeliveryReport:
-    """Compare the events received by each listener with the complete log."""
+    """Compare the events received by each listener with the complete event log."""
     if not listeners:
         return DeliveryReport(0, 0, 0)
     log = EventListener(listeners[0].url, listeners[0].after)
@@ -103,7 +103,7 @@ async def newest(url: str) -> str:
 
 
 async def _places(url: str, after: str | None = None) -> AsyncGenerator[str, None]:
-    """Open a stream; yield the id of all that has one: where it begins, then each event."""
+    """Yield the event ids of an event stream: the starting position, then one id per event."""
     reader, writer = await connect(url)
     try:
         headers = {} if after is None else {"Last_Event_ID": after}

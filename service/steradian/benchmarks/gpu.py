@@ -1,4 +1,4 @@
-"""Benchmark of a GPU: direct images, forward model and fit, beside its FFT, other engines and the processor."""
+"""GPU benchmark: direct reconstruction, forward model and iterative fit, compared with FFT, other engines and CPU."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ GPU, CPU = Compute(device="gpu"), Compute(device="cpu", threads=_PROCESSORS)
 
 
 def gpu(*, quick: bool = False, repeats: int = 20, only: str = "", progress: Progress | None = None) -> list[Row]:
-    """Measure the current CUDA device.
+    """Run the reconstruction benchmark on the current CUDA device.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def gpu(*, quick: bool = False, repeats: int = 20, only: str = "", progress: Pro
 
 
 def limit_violations(rows: list[Row]) -> list[str]:
-    """Return a message for each row that exceeds its bound."""
+    """Return a message for each measurement that exceeds its limit."""
     found = [f"{r['case']}: {r['ratio']:.2f} pairs instead of {LIMIT:g}" for r in rows if r.get("ratio", 0) > LIMIT]
     found += [
         f"{r['case']}: {r['faster']:.1f} times faster instead of {FASTER:g}"
@@ -108,7 +108,7 @@ def limit_violations(rows: list[Row]) -> list[str]:
 
 
 def sensors(count: int, *, anywhere: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Positions and weights: of the paper's mask, or all over the aperture."""
+    """Return sensor positions and weights: the paper's mask, or random points over the whole aperture."""
     if anywhere:
         return (np.random.default_rng(0).random((count, 2)) - 0.5) * YARN, np.full(count, YARN**2 / count)
     mask = equi_steradian_mask(YARN, 3.6e-3, count)
@@ -116,7 +116,7 @@ def sensors(count: int, *, anywhere: bool = False) -> tuple[NDArray[np.float64],
 
 
 def median(backend: Backend, work: Callable[[], object], repeats: int) -> float:
-    """Seconds of a call and of all that it starts."""
+    """Return the median duration in seconds of a call, including the GPU work that it starts."""
     taken = []
     for _ in range(repeats + 2):
         backend.wait()
@@ -184,14 +184,14 @@ def _fft_pair(backend: Backend, image: Any) -> Any:
 
 
 def _some(plan: ReconstructionPlan) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Random places of the spectrum."""
+    """Return random indices of the spectrum."""
     rng, g = np.random.default_rng(3), plan.geometry
     j = np.stack([rng.integers(-(n // 2), (n - 1) // 2 + 1, _POINTS) for n in g.modes], axis=-1)
     return j, rng.integers(1, g.samples // 4, _POINTS)
 
 
 def _model(backend: Backend, modes: int, samples: int, count: int, repeats: int, way: str) -> Row:
-    """Time a product with the model, of a medium that repeats: its volume is the image's."""
+    """Time the forward model and its adjoint for a periodic medium, whose volume is the image's."""
     positions, _ = sensors(count)
     geometry, grid = _geometry(positions, samples), ImageGrid(modes, lateral_padding=1.0)
     there, here = (ForwardOperator(geometry, grid, compute=each) for each in (GPU, CPU))
@@ -216,7 +216,7 @@ def _model(backend: Backend, modes: int, samples: int, count: int, repeats: int,
 
 
 def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int) -> Row:
-    """Time the stages and their components separately.
+    """Time the stages of the reconstruction and their components separately.
 
     ``gpu_s`` is the lateral step; ``grid_fft_s`` its transforms, with frequencies innermost as they are, and
     ``grid_fft_outermost_s`` with these outermost.
@@ -243,7 +243,7 @@ def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int
 
 
 def _fit(quick: bool) -> Row:
-    """Fit the paper's yarn by thresholding, on either: time and correlation with the truth."""
+    """Reconstruct the paper's yarn by iterative soft thresholding on CPU or GPU; return time and correlation."""
     from steradian import phantoms, quality
     from steradian.benchmarks.paper.iterative_data import SMALL, Scenario
     from steradian.imaging import reconstruct

@@ -1,4 +1,4 @@
-"""cuFINUFFT and PATminton baselines on the same GPU."""
+"""Timings of the libraries cuFINUFFT and PATminton on the same GPU, as references."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _VECTORS = 64  # that cuFINUFFT transforms at a time
 def cufinufft_row(
     backend: Backend, given: Sensors, modes: int, samples: int, repeats: int, median: Median
 ) -> dict[str, Any]:
-    """Time cuFINUFFT's lateral step: pairs of samples as complex vectors, by the fastest of its methods and grids."""
+    """Time cuFINUFFT for the lateral NUFFT: pairs of samples as complex vectors, by its fastest method and grid."""
     row: dict[str, Any] = {"peer": _named("cufinufft")}
     try:
         cufinufft: Any = importlib.import_module("cufinufft")
@@ -58,7 +58,7 @@ def cufinufft_row(
 def patminton_row(
     backend: Backend, given: Sensors, modes: int, samples: int, repeats: int, median: Median
 ) -> dict[str, Any]:
-    """Time PATminton's products (float64, a point a sensor, no pulse) of a small volume: they cost sensors × voxels."""
+    """Time PATminton's forward and adjoint products (float64) of a small volume; cost is sensors × voxels."""
     row: dict[str, Any] = {"peer": _named("patminton")}
     try:
         torch: Any = importlib.import_module("torch")

@@ -1,4 +1,4 @@
-"""Render GPU benchmark results as documentation tables."""
+"""Renderer of GPU benchmark results as documentation tables."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _STEPS = {
 
 
 def write_page(page: Path, document: dict[str, Any]) -> None:
-    """Put the tables between the page's marks."""
+    """Replace the tables between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, tables(document))
 
 
 def tables(document: dict[str, Any]) -> str:
-    """Return the measurements as Markdown; times in milliseconds."""
+    """Return the measurements as Markdown tables; times in milliseconds."""
     machine, rows = document["machine"], document["rows"]
     ours = [row for row in rows if "cpu_s" in row and "gpu_s" in row]
     lines = [

@@ -1,4 +1,4 @@
-"""Scan time of a plan on the simulated hardware, by its own clock."""
+"""Duration of a scan plan on the simulated scanner, measured by the simulator's clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian.plans import ScanPlan
 
 
 def simulated_scan_seconds(plan: ScanPlan, **hardware: Any) -> float:
-    """Run a plan on the simulated hardware, without a line, and return the seconds.
+    """Run a plan on the simulated scanner without a serial link and return its duration in seconds.
 
     Further arguments configure the hardware.
     """

@@ -1,4 +1,4 @@
-"""A bare HTTP/1.1 client on one kept connection, cheap enough to load a service from the machine that it runs on."""
+"""Minimal HTTP/1.1 client with one keep-alive connection, cheap enough to load a service on the same machine."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ PATIENCE = 60.0
 
 @dataclass(frozen=True)
 class Answer:
-    """HTTP response: status (0: the connection ended without one), body, and seconds from the request to its end."""
+    """HTTP response: status (0 if the connection closed without a response), body, and duration in seconds."""
 
     status: int
     body: bytes
     seconds: float
 
     def json(self) -> Any:
-        """Read the body."""
+        """Return the response body decoded from JSON."""
         return json.loads(self.body)
 
 
 @dataclass
 class Connection:
-    """One connection, opened when first needed and again after the other side has closed it."""
+    """Persistent HTTP connection, opened on first use and reopened after the server has closed it."""
 
     url: str
     _reader: asyncio.StreamReader | None = field(default=None, repr=False)
     _writer: asyncio.StreamWriter | None = field(default=None, repr=False)
 
     async def request(self, path: str, body: bytes | None = None, method: str = "GET", **headers: str) -> Answer:
-        """Send a request and read the whole response.
+        """Send an HTTP request and return the whole response.
 
         A GET on a kept connection that ends without a word is sent again on a new one: the service may have ended it,
         as nothing was asked any more, while the request was on its way (RFC 9112, 9.3.1).
@@ -60,7 +60,7 @@ class Connection:
         return Answer(status, content, time.perf_counter() - begun)
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         if self._writer is not None:
             self._writer.close()
         self._reader = self._writer = None
@@ -73,13 +73,13 @@ class Connection:
 
 
 async def connect(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    """Open a connection to the host and port of a URL."""
+    """Open a TCP connection to the host and port of a URL."""
     address = urlsplit(url)
     return await asyncio.open_connection(address.hostname, address.port)
 
 
 def format_head(url: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str) -> bytes:
-    """Write the head of a request; ``Idempotency_Key`` is the header Idempotency-Key."""
+    """Return the head of an HTTP request as bytes; ``Idempotency_Key`` is the header Idempotency-Key."""
     lines = [f"{method} {path} HTTP/1.1", f"Host: {urlsplit(url).netloc}"]
     if body is not None:
         lines += ["Content-Type: application/json", f"Content-Length: {len(body)}"]
@@ -88,7 +88,7 @@ def format_head(url: str, path: str, method: str = "GET", body: bytes | None = N
 
 
 async def parse_head(reader: asyncio.StreamReader) -> tuple[int, dict[str, str]]:
-    """Read the status and the headers, their names in lower case."""
+    """Read the status and headers of an HTTP response; header names in lower case."""
     lines = (await reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
     pairs = (line.partition(":") for line in lines[1:] if line)
     return int(lines[0].split(" ", 2)[1]), {name.lower(): value.strip() for name, _, value in pairs}

@@ -1,4 +1,4 @@
-"""Time of the inspection of A-lines beside the bare Fourier transform of the same array."""
+"""Benchmark of the A-line inspection (``quality.inspect_signals``), against an FFT of the same array."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def inspecting(*, quick: bool = False, repeats: int = 5, progress: Progress | No
 
 
 def _timed(work: Callable[[], object]) -> tuple[float, float]:
-    """Return seconds of wall and of processor time."""
+    """Call a function and return wall-clock and processor time in seconds."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - wall, time.process_time() - cpu

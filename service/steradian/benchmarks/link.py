@@ -1,4 +1,4 @@
-"""Benchmark of the link: decoding of A-lines beside bare reads of the same port, and an acquisition under load."""
+"""Benchmark of the scanner link: decoding of A-lines against raw reads of the port, and a scan under load."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _STAGES = ("pty", "socket", "sustained")
 
 
 def link(*, quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Measure the link.
+    """Measure the throughput of the scanner link: decoding on each transport, and a sustained scan.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def link(*, quick: bool = False, progress: Progress | None = None) -> list[Row]:
 
 
 def _port(kind: str, quick: bool) -> Row:
-    """Read pieces of one stream in turns, without looking and through the host, so that both see the same machine."""
+    """Measure the throughput of raw reads and of decoding, alternately on one stream so that both see equal load."""
     count, rounds = (300, 1) if quick else (3_000, 9)
     size = sum(map(len, _frames(kind, count)))
     raw, decoded = _in_turns(kind, count, rounds, size)
@@ -79,7 +79,7 @@ def _port(kind: str, quick: bool) -> Row:
 
 
 def _frames(kind: str, count: int) -> Iterator[bytes]:
-    """Yield the frames of ``count`` A-lines as a device with a full ring sends them."""
+    """Yield the encoded frames of ``count`` A-lines as a device with a full ring buffer sends them."""
     from fabry_perot.device.ring_buffer import ALineRingBuffer
     from fabry_perot.wire.constants import MAX_GROUP, Type
     from fabry_perot.wire.framing import MAX_PAYLOAD, USB_PAYLOAD, Frame, crc32c, encode_frame
@@ -101,7 +101,7 @@ def _frames(kind: str, count: int) -> Iterator[bytes]:
 
 
 def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the seconds that each piece of ``count`` A-lines took: read by the driver's port alone, and decoded."""
+    """Return the durations of alternate chunks of ``count`` A-lines: read without decoding, and decoded."""
     from fabry_perot.host.transport import open_transport
 
     times: list[float] = []
@@ -122,7 +122,7 @@ def _in_turns(kind: str, count: int, rounds: int, size: int) -> tuple[NDArray[np
 
 
 def _read_remaining(transport: Any, data: bytes, left: int) -> bytes:
-    """Read ``left`` bytes, including those of ``data``; return surplus bytes."""
+    """Read ``left`` bytes, counting those of ``data``; return the surplus bytes."""
     while left > len(data):
         left -= len(data)
         data = transport.read()
@@ -130,7 +130,7 @@ def _read_remaining(transport: Any, data: bytes, left: int) -> bytes:
 
 
 def _decode(transport: Any, data: bytes, count: int) -> bytes:
-    """Take ``count`` A-lines as (n, N_t) int16; return the bytes of the next piece that came with the last of them."""
+    """Decode ``count`` A-lines from the transport; return the surplus bytes, which belong to the next chunk."""
     from fabry_perot.host import Host
     from fabry_perot.wire.messages import HelloAck
 
@@ -151,7 +151,7 @@ def _decode(transport: Any, data: bytes, count: int) -> bytes:
 
 
 def _raw_recv_seconds(count: int, rounds: int, left: int) -> float:
-    """Return the seconds of reading the same stream by bare ``recv`` of 64 KiB: the machine's memory bandwidth."""
+    """Time bare ``recv`` calls of 64 KiB on the same stream, as the upper bound of the socket's throughput."""
     with _sender_process("socket", count, rounds) as url:
         host, port = url.removeprefix("socket://").rsplit(":", 1)
         with socket.create_connection((host, int(port))) as plain:
@@ -165,7 +165,7 @@ def _raw_recv_seconds(count: int, rounds: int, left: int) -> float:
 
 @contextmanager
 def _sender_process(kind: str, count: int, pieces: int) -> Iterator[str]:
-    """Run this module as the process that sends, and yield the port to read from."""
+    """Run this module as a sender process, and yield the URL of its port."""
     command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", kind, str(count), str(pieces)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
     assert process.stdout is not None and process.stdin is not None  # noqa: PT018, S101
@@ -179,7 +179,7 @@ def _sender_process(kind: str, count: int, pieces: int) -> Iterator[str]:
 
 
 def _send(kind: str, count: int, pieces: int) -> None:
-    """Entry point of the sender: print the port, wait for the reader, write the stream, exit on request."""
+    """Run the sender process: print the port, wait for the reader, write the stream, exit on request."""
     piece = memoryview(b"".join(_frames(kind, count)))
     if kind == "pty":
         master, slave = os.openpty()
@@ -201,7 +201,7 @@ def _send(kind: str, count: int, pieces: int) -> None:
 
 
 def _measure_sustained(quick: bool) -> Row:
-    """Run a scan of equal points at 2,500 pulses a second into a scan file while reconstructions run beside it."""
+    """Measure a scan at 2,500 pulses a second into a scan file while reconstructions load the machine."""
     import fabry_perot
     from fabry_perot.simulator import launch
     from steradian.masks import grid_mask
@@ -242,7 +242,7 @@ def _measure_sustained(quick: bool) -> Row:
 
 
 def _acquire(scanner: Any, store: Any) -> int:
-    """Store a whole scan as ``run_scan`` does; return how often the laser's lease lapsed."""
+    """Run a whole scan into a scan file as ``run_scan`` does; return the number of lapses of the laser's lease."""
     import fabry_perot
 
     lapses = 0
@@ -260,7 +260,7 @@ def _acquire(scanner: Any, store: Any) -> int:
 
 @contextmanager
 def _reconstructions(count: int) -> Iterator[None]:
-    """Keep ``count`` processes reconstructing."""
+    """Run ``count`` load processes that reconstruct continuously, until the block ends."""
     command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", "load"]
     loads = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
     try:
@@ -277,7 +277,7 @@ def _reconstructions(count: int) -> Iterator[None]:
 
 
 def _load() -> None:
-    """Entry point of a load process: reconstruct until killed."""
+    """Run a load process: reconstruct until killed."""
     from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
 
     axis = (np.arange(41) - 20) * 300e-6

@@ -1,4 +1,4 @@
-"""Cost of a live-view revision against a reconstruction from scratch."""
+"""Benchmark of the live view: incremental update against a reconstruction from scratch."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NOISE = 10 ** (-30 / 20)  # of the largest sample
 
 
 def live(*, quick: bool = False, revisions: int = REVISIONS, progress: Progress | None = None) -> list[Row]:
-    """Follow the paper's yarn scan (1,605 points, 226² modes, 1,024 samples) in equal parts.
+    """Measure live-view revisions of the paper's yarn scan (1,605 points, 226² modes, 1,024 samples) in equal parts.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _follow(folder: Path, detail: Resolution, order: Order, quick: bool, revisio
 
 
 def _yarn(order: Order, quick: bool) -> tuple[ScanPlan, NDArray[np.int16], float]:
-    """Plan, A-lines in counts in the order of the mask, and pressure per count."""
+    """Return the yarn's plan, its A-lines in digitiser counts in the mask's order, and the pressure per count."""
     mask = equi_steradian_mask(YARN, 3.6e-3, 100 if quick else 1600)
     samples = 256 if quick else 1024
     plan = ScanPlan.create(
@@ -130,7 +130,7 @@ def _yarn(order: Order, quick: bool) -> tuple[ScanPlan, NDArray[np.int16], float
 
 
 def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
-    """Projection [x, y] of the true initial pressure."""
+    """Return the z-projection [x, y] of the true initial pressure."""
     lateral = (np.arange(modes) - modes // 2) * YARN / modes
     depth = np.arange(0, 256 if quick else 1024, 4) * INTERVAL * SPEED
     projection: NDArray[np.float32] = phantoms.initial_pressure(phantoms.yarn(0), lateral, lateral, depth).max(axis=2)
@@ -138,7 +138,7 @@ def _truth(modes: int, quick: bool) -> NDArray[np.float32]:
 
 
 def _from_scratch(scan: Path, view: LiveReconstruction, parameters: ReconstructionParameters) -> Volume:
-    """Reconstruct all of a scan file at the view's resolution."""
+    """Reconstruct a whole scan file at the live view's resolution."""
     recording = read_scan(scan)
     geometry, grid, method, compute = view.preview.apply(resolve_setup(recording, parameters))
     traces = np.multiply(recording.traces, np.asarray(recording.scale)[:, None], dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The service under load: many clients beside a scan and a job, fast readers, and clients that behave badly."""
+"""Load test of the service: many clients during a scan and a job, fast readers, and misbehaving clients."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ READERS = 32
 def load(
     *, seconds: float = 60.0, clients: int = 150, streams: int = 50, progress: Progress | None = None
 ) -> list[Row]:
-    """Measure the service on a folder of its own, with the simulated scanner in real time.
+    """Run the load test of a service in its own data folder, with the simulated scanner in real time.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def load(
 
 
 def create_fixtures(service: RunningService) -> dict[str, Any]:
-    """Create the resources to read: 30 masks and plans, a scan, 12 reconstructions."""
+    """Create the resources that the clients read: 30 masks and plans, a scan, 12 reconstructions."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3}
     masks = [service.request("/masks", equi | {"count": 100 + number})["id"] for number in range(30)]
     plans = [service.request("/plans", {"mask_id": mask, "samples": SAMPLES})["id"] for mask in masks]
@@ -82,7 +82,7 @@ async def _measure(
 
 
 async def _fast_readers(service: RunningService, things: dict[str, Any], seconds: float) -> list[Row]:
-    """Read as fast as 32 kept connections can, each route between two rounds of /healthz."""
+    """Measure the read rate of each route on 32 keep-alive connections, against that of /healthz."""
     one = {name: [f"{V1}/{name}"] for name in ("masks", "plans", "scans", "reconstructions", "jobs")}
     routes = {
         "one mask": [f"{V1}/masks/{things['masks'][0]}"],
@@ -103,7 +103,7 @@ async def _fast_readers(service: RunningService, things: dict[str, Any], seconds
 
 
 async def _rate(url: str, paths: Sequence[str], seconds: float) -> dict[str, Any]:
-    """Read as fast as :data:`READERS` kept connections can; returns reads a second and the time of each."""
+    """Read continuously on :data:`READERS` keep-alive connections; return reads per second and each read's duration."""
     times: list[float] = []
     end = time.perf_counter() + seconds
 

@@ -1,4 +1,4 @@
-"""Render load-test results as a documentation page."""
+"""Renderer of load-test results as a documentation page."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Row = dict[str, Any]
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the tables between the page's marks."""
+    """Replace the tables between the markers of a documentation page."""
     text = page.read_text(encoding="utf-8")
     before, after = text.partition(BEGIN)[0], text.partition(END)[2]
     page.write_text(f"{before}{BEGIN}\n{tables(rows)}\n{END}{after}", encoding="utf-8")
 
 
 def tables(rows: list[Row]) -> str:
-    """Write the rows as markdown, a table for each kind."""
+    """Return the load-test results as Markdown, a table for each kind."""
     kinds = {
         kind: [row for row in rows if row["case"] == kind] for kind in ("total", "memory", "route", "reads", "rude")
     }
@@ -45,7 +45,7 @@ def total_line(row: Row) -> str:
 
 
 def memory_table(rows: list[Row]) -> str:
-    """Return a table of the memory of each kind of process."""
+    """Return a Markdown table of the memory of each kind of process."""
     lines = ["| process | memory at first (MiB) | at last | at most | growth a minute |", "|---|--:|--:|--:|--:|"]
     for row in rows:
         held = [f"{row[name]:,.0f}" for name in ("first_mib", "last_mib", "most_mib")]
@@ -55,7 +55,7 @@ def memory_table(rows: list[Row]) -> str:
 
 
 def routes_table(rows: list[Row]) -> str:
-    """List the times of each route."""
+    """Return a Markdown table of the response times of each route."""
     lines = ["| route | requests | p50 (ms) | p99 (ms) | worst (ms) |", "|---|--:|--:|--:|--:|"]
     for row in rows:
         times = [f"{row[name]:,.0f}" if name in row else "" for name in ("p50_ms", "p99_ms", "worst_ms")]

@@ -1,4 +1,4 @@
-"""Time to build masks, visit orders and previews."""
+"""Benchmark of mask construction, visit orders and previews."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 
 def masks(*, quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Time the making of masks and of visit orders.
+    """Time the construction of masks and of visit orders.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Memory of a service's processes over time, and how fast it grows."""
+"""Memory of a service's processes over time, and its rate of growth."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class MemorySampler:
         self._begun = time.monotonic()
 
     async def watch(self, over: asyncio.Event) -> None:
-        """Look until it is over."""
+        """Sample the memory periodically until the load has ended."""
         while not over.is_set():
             self.sample()
             with suppress(TimeoutError):
@@ -62,7 +62,7 @@ class MemorySampler:
             self._found[name].append((now, mib))
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return for each kind of process its memory and its growth per minute (least squares).
+        """Return memory and growth per minute (least-squares slope) of each kind of process.
 
         ``error`` is the slope's standard error. What jobs hold goes up and down with them.
         """
@@ -83,7 +83,7 @@ def _growth(samples: list[tuple[float, float]]) -> dict[str, Any]:
 
 
 def _family(pid: int) -> list[tuple[int, str]]:
-    """Return a process and its descendants with their names; empty where the system does not report them."""
+    """Return a process and its descendants with their names; empty if the system does not report them."""
     parents: dict[int, int] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""Health latency beside misbehaving clients."""
+"""Measurement of the latency of /healthz while clients misbehave."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BEYOND = 5.0
 
 
 async def measure_under_abuse(service: RunningService) -> list[dict[str, Any]]:
-    """Measure the worst answer of /healthz, each on a connection of its own, while clients behave badly.
+    """Measure the slowest response of /healthz, each on a new connection, while clients misbehave.
 
     What they do, they do in another process; slow ones stay until the service should have given them up, and longer.
     """
@@ -41,7 +41,7 @@ async def measure_under_abuse(service: RunningService) -> list[dict[str, Any]]:
 
 
 async def _run_abuse(name: str, url: str, patience: float) -> dict[str, int]:
-    """Run an abuse pattern in a process of its own; returns the counts of its responses."""
+    """Run an abuse pattern in a separate process; return the counts of its responses."""
     command = (sys.executable, "-P", "-m", "steradian.benchmarks.abuse_patterns", name, url, str(patience))
     process = await asyncio.create_subprocess_exec(*command, stdout=PIPE)
     said, _ = await process.communicate()
@@ -53,7 +53,7 @@ async def _run_abuse(name: str, url: str, patience: float) -> dict[str, int]:
 
 @asynccontextmanager
 async def _probe_health(url: str, times: list[float]) -> AsyncIterator[None]:
-    """Ask /healthz again and again until the block ends; an answer that fails counts as a minute."""
+    """Poll /healthz until the block ends; a failed request counts as 60 seconds."""
     over = asyncio.Event()
 
     async def look() -> None:

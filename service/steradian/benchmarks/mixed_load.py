@@ -1,4 +1,4 @@
-"""Mixed workload of many clients."""
+"""Mixed workload of many HTTP clients during a scan and jobs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ WEIGHTS = {
 async def mixed(
     services: Sequence[RunningService], things: dict[str, Any], seconds: float, clients: int, streams: int
 ) -> list[Row]:
-    """Run HTTP clients and event streams during a scan and consecutive jobs.
+    """Measure response times of HTTP clients and event streams during a scan and consecutive jobs.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ async def mixed(
 
 
 def _long_scan(service: RunningService, seconds: float) -> tuple[str, int]:
-    """Begin a scan at 1 kHz that lasts about as long as the load; returns its identifier and A-lines."""
+    """Start a scan at 1 kHz that lasts about as long as the load; return its identifier and number of A-lines."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": POINTS}
     mask = service.request("/masks", equi)
     frames = max(1, round(seconds * PULSE_RATE / mask["count"]))
@@ -137,7 +137,7 @@ async def _ask(
     times: dict[str, list[float]],
     statuses: dict[int, int],
 ) -> None:
-    """Run one client that alternates between requests and pauses."""
+    """Run one HTTP client that alternates between requests and pauses."""
     connection = Connection(service.url)
     while not over.is_set():
         with suppress(TimeoutError):
@@ -152,7 +152,7 @@ async def _ask(
 
 
 def _request(name: str, things: dict[str, Any], scan: str, chance: random.Random) -> tuple[str, bytes | None]:
-    """Choose the path, and the body of a POST, of one request of a kind."""
+    """Return path and body of a random request of one kind."""
     job, mask = chance.choice(things["jobs"]), chance.choice(things["masks"])
     paths = {
         "mask": f"/masks/{mask}",
@@ -170,7 +170,7 @@ def _request(name: str, things: dict[str, Any], scan: str, chance: random.Random
 
 
 async def _jobs(service: RunningService, scan: str, over: asyncio.Event) -> int:
-    """Run reconstructions one after the other; returns the number of successes."""
+    """Run reconstructions one after the other; return the number of successes."""
     done, body = 0, {"scan_id": scan, "parameters": {"modes": 226}}
     while not over.is_set():
         job = await asyncio.to_thread(service.request, "/reconstructions", body)
@@ -180,7 +180,7 @@ async def _jobs(service: RunningService, scan: str, over: asyncio.Event) -> int:
 
 
 def spread(seconds: Sequence[float]) -> Row:
-    """Count, median, 99th percentile and worst in milliseconds."""
+    """Return count, median, 99th percentile and maximum of durations in milliseconds."""
     if len(seconds) < 2:
         return {"requests": len(seconds)}
     return {

@@ -1,4 +1,4 @@
-"""Queue latency, progress latency and behaviour under load."""
+"""Benchmark of the job queue: latency, progress latency and behaviour under load."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ READ_EVERY = 0.02
 def queue(
     *, jobs: int = 20, load_jobs: int = 400, database_url: str | None = None, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
-    """Measure throughput, latency and load, each in a folder of its own.
+    """Measure throughput, latency and load of the job queue, each in a separate folder.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def queue(
 
 
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:
-    """Measure how long a job waits for an idle worker, and how old progress is when it can be read."""
+    """Measure how long a job waits for an idle worker, and the age of progress reports when readable."""
     from steradian.jobs.model import JobRequest
     from steradian.jobs.queue.client import JobQueue
 
@@ -81,7 +81,7 @@ def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = N
 
 
 def _lags(client: Any, request: Any) -> list[float]:
-    """Seconds by which each report is old when it is read first."""
+    """Return the age in seconds of each progress report when first read."""
     client.submit(request)
     seen, lags = 0, []
     while not (status := client.status(request.id)).is_over:
@@ -103,7 +103,7 @@ def _clock_worker(settings: Settings) -> Iterator[None]:
 
 
 def load(settings: Settings, *, jobs: int = 400, readers: int = 8, progress: Progress | None = None) -> dict[str, Any]:
-    """Queue many short jobs, read how they stand meanwhile, and check that none is lost or doubled."""
+    """Submit many short jobs, poll their states, and check that each is executed exactly once."""
     with running_service(settings) as service:
         scan_id = make_scan(service, count=60, samples=128)
         over = threading.Event()
@@ -140,7 +140,7 @@ def load(settings: Settings, *, jobs: int = 400, readers: int = 8, progress: Pro
 
 
 def _bare_selects(settings: Settings, made: Sequence[str]) -> list[float]:
-    """Return the seconds of reading a job's row on an idle database."""
+    """Return the durations in seconds of reading a job's row on an idle database."""
     from sqlalchemy import text
 
     from steradian.storage.db.database import Database, metadata_url
@@ -164,7 +164,7 @@ def _read(service: RunningService, made: list[str], over: threading.Event, reads
 
 
 def _spread(name: str, seconds: Sequence[float]) -> dict[str, float]:
-    """Median and 99th percentile in milliseconds."""
+    """Return median and 99th percentile in milliseconds."""
     if len(seconds) < 2:
         return {}
     return {

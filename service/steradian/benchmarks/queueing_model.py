@@ -1,4 +1,4 @@
-"""Queueing model and measurement of waiting times."""
+"""Waiting times of jobs in the queue: queueing model and measurement."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Row = dict[str, Any]
 
 
 def fifo_waiting_times(arrivals: FloatArray, services: FloatArray, workers: int) -> FloatArray:
-    """Return how long each job waits for a worker (seconds), those that come first first served.
+    """Return the modelled waiting time of each job (seconds) in a first-in, first-out queue of several workers.
 
     The recursion of Kiefer and Wolfowitz (1955) for any times between arrivals and any service times.
 
@@ -49,7 +49,7 @@ def fifo_waiting_times(arrivals: FloatArray, services: FloatArray, workers: int)
 def measure_poisson_arrivals(
     service: RunningService, scan_id: str, modes: int, *, jobs: int, lasts: float, seed: int = 1
 ) -> Row:
-    """Submit jobs to one worker at random times; return their waiting times beside those of the queueing model.
+    """Submit jobs to one worker at random times; return measured and modelled waiting times.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def required_workers(rate: float, lasting: Sequence[float], together: int = JOBS
 def load_of_scanners(
     lasting: Sequence[float], api_cpu_s: float, scan_bytes: float, volume_bytes: float, events: float, event_s: float
 ) -> list[Row]:
-    """Compute the daily load that a number of scanners puts on each part of the service.
+    """Return the daily load that a number of scanners causes in each part of the service.
 
     Parameters
     ----------

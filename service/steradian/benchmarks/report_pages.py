@@ -1,4 +1,4 @@
-"""Write benchmark results into documentation pages."""
+"""Shared functions that write benchmark results into documentation pages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian._version import __version__
 
 
 def with_environment(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a document of rows and machine information."""
+    """Return a JSON document of benchmark rows with machine and version information."""
     machine = {
         "processor": _processor(),
         "cpus": os.cpu_count(),
@@ -31,7 +31,7 @@ def with_environment(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Name of the processor."""
+    """Return the model name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:  # not Linux
@@ -41,7 +41,7 @@ def _processor() -> str:
 
 
 def replace_between_markers(page: Path, begin: str, end: str, text: str) -> None:
-    """Put ``text`` between the marks ``begin`` and ``end`` of a page."""
+    """Replace the text between the markers ``begin`` and ``end`` of a page by ``text``."""
     said = page.read_text(encoding="utf-8")
     before, after = said.partition(begin)[0], said.partition(end)[2]
     page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Benchmark of a service of several nodes beside one process tree.
+"""Benchmark of a service of several nodes against a service on one machine.
 
 Many clients, one and three workers, cost of the store.
 """
@@ -54,7 +54,7 @@ def scale(
     jobs: int = 20,
     progress: Progress | None = None,
 ) -> list[Row]:
-    """Measure one service on a folder, then nodes on a database and a store; each on folders of their own.
+    """Measure a single-machine service, then several nodes with shared database and object store.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def scale(
 
 
 def _event_seconds(database: Database) -> float:
-    """Time a transaction that writes one event, in the mean."""
+    """Return the mean duration of a transaction that writes one event."""
     took = []
     for number in range(EVENTS):
         begun = time.perf_counter()
@@ -192,7 +192,7 @@ def _jobs(where: str, service: RunningService, scan: str, jobs: int, workers: in
 
 
 def _with_shares(rows: list[Row]) -> list[Row]:
-    """Return jobs relative to the machine's capacity, and the store's cost relative to the folder's."""
+    """Return rows with job rate relative to the machine's capacity, and object-store cost relative to the folder's."""
     timed = [row for row in rows if row["case"] == "jobs"]
     folder, store = timed[:2]
     for row in timed:

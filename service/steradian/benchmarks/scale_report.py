@@ -1,4 +1,4 @@
-"""Render scaling results as a documentation page."""
+"""Renderer of scaling results as a documentation page."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Row = dict[str, Any]
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the tables between the page's marks."""
+    """Replace the tables between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, tables(rows))
 
 
 def tables(rows: list[Row]) -> str:
-    """Write the rows as markdown: the jobs, then the clients of each."""
+    """Return the results as Markdown tables: the jobs, then the clients."""
     parts = [_jobs([row for row in rows if row["case"] == "jobs"])]
     parts += [_arrivals(row) for row in rows if row["case"] == "arrivals"]
     if many := [row for row in rows if row["case"] == "scanners"]:

@@ -1,4 +1,4 @@
-"""A whole service on a folder of its own, for benchmarks: started, asked, and its processes' time added up."""
+"""Launcher of a complete service in a temporary folder for benchmarks, with measurement of processor time."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ UNFINISHED_STATES = frozenset({"queued", "running", "cancelling"})
 
 @dataclass(frozen=True)
 class RunningService:
-    """Address of its API, and the process that all others belong to."""
+    """Running service: URL of its API, and its root process."""
 
     url: str
     pid: int
     settings: Settings
 
     def request(self, path: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
-        """Send a request and return the JSON of the response."""
+        """Send an HTTP request and return the JSON of the response."""
         return ask(f"{self.url}{path}", body, **headers)
 
     def scan_file(self, scan_id: str) -> Path:
@@ -38,13 +38,13 @@ class RunningService:
         return self.settings.data / "scans" / f"{scan_id}.h5"
 
     def processor_seconds(self) -> float:
-        """Processor time that all of its processes have used, those that have ended included; 0 where unknown."""
+        """Return the processor time of all its processes, ended ones included; 0 if unknown."""
         return processor_seconds(self.pid)
 
 
 @contextmanager
 def running_service(settings: Settings, role: str = "serve") -> Iterator[RunningService]:
-    """Run ``steradian serve``, or another command that answers HTTP, until the block ends."""
+    """Run ``steradian serve``, or another HTTP server command, until the block ends."""
     command = [sys.executable, "-P", "-m", "steradian", role]
     process = subprocess.Popen(
         command, env=settings.environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -63,7 +63,7 @@ def running_service(settings: Settings, role: str = "serve") -> Iterator[Running
 
 @contextmanager
 def running_worker(settings: Settings) -> Iterator[int]:
-    """Run ``steradian worker`` until the block ends; yields the number of its process."""
+    """Run ``steradian worker`` until the block ends; yields its process id."""
     command = [sys.executable, "-P", "-m", "steradian", "worker", "--name", settings.worker_name]
     nowhere = subprocess.DEVNULL
     process = subprocess.Popen(command, env=settings.environment(), stdout=nowhere, stderr=nowhere)
@@ -75,7 +75,7 @@ def running_worker(settings: Settings) -> Iterator[int]:
 
 
 def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
-    """Send a request and return the JSON of the answer."""
+    """Send an HTTP request and return the JSON of the response."""
     data = None if body is None else json.dumps(body).encode()
     request = urllib.request.Request(url, data, {"Content-Type": "application/json", **headers})  # noqa: S310
     with urllib.request.urlopen(request, timeout=200) as answer:  # noqa: S310 - our own service
@@ -83,7 +83,7 @@ def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
 
 
 def make_scan(service: RunningService, *, count: int, samples: int) -> str:
-    """Scan an equi-steradian mask on the simulated scanner; returns the scan's identifier."""
+    """Run a scan of an equi-steradian mask on the simulated scanner; return the scan's identifier."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": count}
     mask = service.request("/masks", equi)
     plan = service.request("/plans", {"mask_id": mask["id"], "samples": samples, "pulse_rate": 200})
@@ -97,7 +97,7 @@ def make_scan(service: RunningService, *, count: int, samples: int) -> str:
 
 
 def wait_for_reconstruction(service: RunningService, identifier: str) -> dict[str, Any]:
-    """Wait until a reconstruction is over; raises :class:`SteradianError` when it has not succeeded."""
+    """Wait until a reconstruction has ended; raises :class:`SteradianError` if it failed."""
     while (job := service.request(f"/reconstructions/{identifier}", Prefer="wait=60"))["state"] in UNFINISHED_STATES:
         pass
     if job["state"] != "succeeded":
@@ -107,7 +107,7 @@ def wait_for_reconstruction(service: RunningService, identifier: str) -> dict[st
 
 
 def api_process(pid: int) -> int:
-    """Return the API process of a service; 0 where the system does not report it."""
+    """Return the process id of a service's API; 0 if the system does not report it."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
             parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
@@ -117,7 +117,7 @@ def api_process(pid: int) -> int:
 
 
 def memory_mib(pid: int) -> float:
-    """Resident memory of a process in MiB; 0 where the system does not report it."""
+    """Return the resident memory of a process in MiB; 0 if the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
@@ -125,7 +125,7 @@ def memory_mib(pid: int) -> float:
 
 
 def processor_seconds(pid: int, *, children: bool = True) -> float:
-    """Processor time of a process and, by default, its descendants, in s; 0 where the system does not report it."""
+    """Return the processor time of a process and, by default, its descendants, in s; 0 if unknown."""
     table: dict[int, tuple[int, float]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
@@ -141,7 +141,7 @@ def processor_seconds(pid: int, *, children: bool = True) -> float:
 
 
 def busy_seconds() -> float:
-    """Processor time used on this machine since its start, in s; 0 where the system does not report it."""
+    """Return the processor time used on this machine since boot, in s; 0 if the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         line = Path("/proc/stat").read_text().splitlines()[0]
         user, nice, system, _idle, _waiting, interrupts, soft = map(int, line.split()[1:8])

@@ -1,4 +1,4 @@
-"""Speed of sound found in 60 made scans beside the true one: apertures, objects, noise, with and without a delay."""
+"""Accuracy of the sound-speed estimate in 60 simulated scans: apertures, objects, noise, with and without a delay."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Row = dict[str, Any]
 
 
 def scene(kind: str, side: float, seed: int) -> phantoms.Balls:
-    """Return eight balls of s = 60 µm, vessels of up to 120 µm, or twelve balls of 120 to 250 µm."""
+    """Return a random test object: eight balls of s = 60 µm, vessels of up to 120 µm, or twelve balls of 120–250 µm."""
     random = np.random.default_rng([seed, 1])
     radius = min(0.35 * side, 2.5e-3)
     if kind == "vessels":
@@ -36,7 +36,7 @@ def scene(kind: str, side: float, seed: int) -> phantoms.Balls:
 
 
 def search(kind: str, side: float, noise_db: float, delay: float, seed: int) -> tuple[float, SoundSpeedCurve]:
-    """Simulate a scan of 900 sensors on a jittered grid; return its true speed and the found one."""
+    """Simulate a scan of 900 sensors on a jittered grid; return its true and its estimated sound speed."""
     random = np.random.default_rng([seed, 0])
     speed = float(random.uniform(1430, 1570))
     axis = (np.arange(COUNT) + 0.5) / COUNT - 0.5
@@ -61,7 +61,7 @@ def search(kind: str, side: float, noise_db: float, delay: float, seed: int) -> 
 
 
 def sound_speeds(*, progress: Progress | None = None) -> list[Row]:
-    """Measure all; a row a scan with the speed of sharpness beside the one found, in m/s."""
+    """Estimate the sound speed of all simulated scans; one row a scan, in m/s."""
     rows: list[Row] = []
     cases = list(product(SIDES, OBJECTS, NOISES, DELAYS))
     for number, (side, kind, noise, delay) in enumerate(cases):
@@ -84,7 +84,7 @@ def sound_speeds(*, progress: Progress | None = None) -> list[Row]:
 
 
 def summary(rows: list[Row]) -> dict[str, float]:
-    """Mean of the error, its root mean square (both % of the truth), and the share of intervals that hold the truth."""
+    """Return mean error, RMS error (% of the truth), and the share of confidence intervals that contain the truth."""
     off = np.array([100 * (row["found"] / row["true"] - 1) for row in rows])
     errors = np.array([100 * (row["standard_error"] or 0.0) / row["true"] for row in rows])
     held = np.abs(off) <= errors
@@ -99,7 +99,7 @@ def summary(rows: list[Row]) -> dict[str, float]:
 
 
 def table(rows: list[Row]) -> str:
-    """Write the groups as markdown, and all scans at the end."""
+    """Return the results as Markdown tables: by group, then all scans."""
     lines = [
         "| scans | number | mean error | r.m.s. error | largest | median ± stated | truth within ± |",
         "|---|--:|--:|--:|--:|--:|--:|",
@@ -119,5 +119,5 @@ def table(rows: list[Row]) -> str:
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the table between the page's marks."""
+    """Replace the table between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, table(rows))

@@ -1,4 +1,4 @@
-"""Reconstruction time in units of the FFT pair of the same volume."""
+"""Benchmark of the reconstruction time, in units of the FFT pair of the same volume."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CPU = Compute(device="cpu")
 
 
 def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = None) -> list[Row]:
-    """Time every case.
+    """Time the reconstruction of every case.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class _Timed:
         self.stages: list[dict[str, float]] = []
 
     def run(self) -> None:
-        """Time a run, and a call with everything."""
+        """Time one run of the plan, and one complete call of :func:`reconstruct`."""
         clock = _Stages()
         self.runs.append(timed(lambda: self.plan.run(self.traces, progress=clock)))
         self.calls.append(timed(lambda: reconstruct(self.acquisition, self.grid, self.case.method, compute=CPU)))
@@ -111,7 +111,7 @@ class _Timed:
 
 
 def _group(shape: tuple[int, ...], cases: list[_Timed], repeats: int, at_best: Machine) -> list[Row]:
-    """Time the cases of one shape and the yardsticks in turns."""
+    """Time the cases of one shape and the FFT baselines alternately."""
     bare = fft_pair_baselines(shape, available_threads())
     taken: dict[str, list[Timing]] = {name: [] for name in bare}
     for _ in range(repeats + 1):
@@ -127,7 +127,7 @@ def _group(shape: tuple[int, ...], cases: list[_Timed], repeats: int, at_best: M
 
 
 def _fastest(seconds: list[Timing]) -> Timing:
-    """Take the least of each after the first."""
+    """Return the minimum wall-clock and processor time, ignoring the first run."""
     return Timing(min(s.wall for s in seconds[1:]), min(s.processor for s in seconds[1:]))
 
 
@@ -176,7 +176,7 @@ def _row(timed_case: _Timed, name: str, yardstick: Timing, whole: float, at_best
 
 
 def _error(timed_case: _Timed, volume: Volume) -> float | None:
-    """Relative l2 error at random points of the spectrum; None where the image does not show all of it."""
+    """Return the relative l2 error at random points of the spectrum; None if the image does not contain all of them."""
     g, case = timed_case.plan.geometry, timed_case.case
     if g.record != volume.values.shape[-1] or g.upsampling > 1 or timed_case.plan.method == "linear":
         return None
@@ -192,7 +192,7 @@ def _error(timed_case: _Timed, volume: Volume) -> float | None:
 
 
 def _spectrum_at(values: NDArray[Any], j: NDArray[np.int64], l: NDArray[np.int64]) -> NDArray[np.complex128]:  # noqa: E741
-    """Sum the image at some (j, l) in float64, a line of x at a time; its point N//2 is x = 0."""
+    """Return the spectrum of an image at some (j, l), by direct sums in float64; point N//2 is x = 0."""
     waves = [
         np.exp(-2j * np.pi / n * np.outer(np.arange(n) - n // 2, j[:, axis]))
         for axis, n in enumerate(values.shape[:-1])
@@ -207,7 +207,7 @@ def _spectrum_at(values: NDArray[Any], j: NDArray[np.int64], l: NDArray[np.int64
 
 
 class _Stages:
-    """A progress callable that notes when each stage begins."""
+    """Progress callback that records the start time of each stage."""
 
     def __init__(self) -> None:
         self.marks: list[tuple[str, float]] = []
@@ -223,7 +223,7 @@ class _Stages:
 
 
 def _finufft(positions: np.ndarray[Any, Any], case: Case, repeats: int) -> float | None:
-    """FINUFFT's best setting for the same sums: pairs of samples as complex vectors, 64 a call, upsampling 1.25.
+    """Return FINUFFT's best time for the same sums: sample pairs as complex vectors, 64 a call, upsampling 1.25.
 
     On a busy machine one thread beats several (its threads wait for one another by spinning), so both are tried.
     """

@@ -1,4 +1,4 @@
-"""Cases of the speed benchmark."""
+"""Test cases of the speed benchmark."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SPEED = 1480.0  # m/s
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One timed setting.
+    """Test case of the speed benchmark: sensors, modes, samples and options of one reconstruction.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Case:
     part_limit: float | None = None
 
     def positions(self) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-        """Positions in metres, (M, 2) or (M,), and weights or None."""
+        """Return sensor positions in metres, (M, 2) or (M,), and weights or None."""
         rng = np.random.default_rng(0)
         axis = (np.arange(self.count) - self.count // 2) * self.aperture / self.count
         if self.sensors == "line":
@@ -71,7 +71,7 @@ class Case:
 
 
 def speed_cases(*, quick: bool = False) -> list[Case]:
-    """Return the settings of the speed benchmark; ``quick`` takes a sixty-fourth of the volume of each."""
+    """Return the test cases of the speed benchmark; ``quick``: with 1/64 of the volume."""
     below, depth = Nufft(max_frequency=20e6), (1e-3, 4e-3)
     full = [
         Case("yarn, equi-steradian", "equi-steradian", 1600, 226, limit=0.55, one_shot_limit=0.75),

@@ -1,4 +1,4 @@
-"""Render the speed benchmark as a documentation table."""
+"""Renderer of the speed benchmark as a documentation table."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Row = dict[str, Any]
 
 
 def write_page(page: Path, document: dict[str, Any]) -> None:
-    """Put the table between the page's marks."""
+    """Replace the table between the markers of a documentation page."""
     text = page.read_text(encoding="utf-8")
     before, after = text.partition(BEGIN)[0], text.partition(END)[2]
     page.write_text(f"{before}{BEGIN}\n{table(document)}\n{END}{after}", encoding="utf-8")
 
 
 def table(document: dict[str, Any]) -> str:
-    """Return the measurements as Markdown."""
+    """Return the measurements as a Markdown table."""
     machine, rows = document["machine"], document["rows"]
     columns = (
         "case", "sensors", "output", "plan", "run", "one shot", "yardstick", "", "run / it", "limit", "one shot / it",

@@ -1,4 +1,4 @@
-"""The emergency stop: how long the laser fires on after the request, by the simulated scanner's own clock."""
+"""Benchmark of the emergency stop: time from the request to the last laser shot, by the simulator's clock."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OVER = frozenset({"aborted", "interrupted", "complete", "failed"})
 
 
 def stop(*, presses: int = 25, progress: Progress | None = None) -> list[dict[str, Any]]:
-    """Press the stop during scans at 1 kHz: on an idle machine, beside two busy processes, with the database locked.
+    """Measure the emergency stop during scans at 1 kHz: on an idle machine, under CPU load, with a locked database.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _row(name: str, found: list[tuple[float, float, bool]], limit: float) -> dic
 def _press(
     service: RunningService, scanner: Simulator, under: Callable[[Path], AbstractContextManager[None]]
 ) -> tuple[float, float, bool]:
-    """Stop one scan; returns the milliseconds to the last shot and to the answer, and whether it was confirmed."""
+    """Stop one scan; return the milliseconds to the last shot and to the response, and whether it was confirmed."""
     scan = _start(service, scanner)
     with under(service.settings.data):
         before, begun = _read_simulator(scanner)["time"], time.monotonic()
@@ -90,7 +90,7 @@ def _press(
 
 
 def _start(service: RunningService, scanner: Simulator) -> str:
-    """Begin a scan and return its identifier once the laser fires."""
+    """Start a scan and return its identifier when the laser fires."""
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 5000}
     mask = service.request("/masks", equi)
     plan = service.request("/plans", {"mask_id": mask["id"], "samples": 256, "pulse_rate": PULSE_RATE, "averages": 4})
@@ -101,7 +101,7 @@ def _start(service: RunningService, scanner: Simulator) -> str:
 
 
 def _read_simulator(scanner: Simulator) -> dict[str, Any]:
-    """Read the scanner's clock and counters; reading its list of shots would delay it by tenths of a second."""
+    """Return the simulated scanner's clock and counters, without its list of shots, which is slow to read."""
     return scanner.send_command("report", fired=False)
 
 
@@ -123,7 +123,7 @@ def _until(condition: Callable[[], bool]) -> None:
 
 @contextmanager
 def _cpu_load() -> Iterator[None]:
-    """Keep two processors busy until the block ends."""
+    """Load two processors with busy loops until the block ends."""
     processes = [subprocess.Popen([sys.executable, "-c", _BUSY_LOOP]) for _ in range(2)]
     try:
         time.sleep(0.2)
@@ -136,7 +136,7 @@ def _cpu_load() -> Iterator[None]:
 
 @contextmanager
 def _database_locked(folder: Path) -> Iterator[None]:
-    """Hold the metadata's write lock until the block ends."""
+    """Hold the database's write lock until the block ends."""
     with closing(sqlite3.connect(folder / "steradian.sqlite", isolation_level=None, timeout=30)) as holder:
         holder.execute("BEGIN EXCLUSIVE")
         try:

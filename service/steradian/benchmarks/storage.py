@@ -1,4 +1,4 @@
-"""Durable write throughput of scan files against a plain appended file."""
+"""Benchmark of durable write throughput of scan files, against a plain appended file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LEAST = 0.5
 
 
 def storage(*, folder: Path | None = None, quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Measure durable A-lines per second of 1,024 16-bit samples.
+    """Measure the rate of durably stored A-lines of 1,024 16-bit samples.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _measure(plan: ScanPlan, alines: list[bytes], batch: int, repeats: int, home
 
 
 def _scan_file(plan: ScanPlan, alines: list[bytes], batch: int, path: Path) -> float:
-    """Store all A-lines in a new scan file; returns the seconds, without those of making the file."""
+    """Write all A-lines into a new scan file; return the seconds, without the creation of the file."""
     path.unlink(missing_ok=True)
     create_scan_file(path, plan)
     with ScanFileWriter(path) as store:
@@ -106,7 +106,7 @@ def _scan_file(plan: ScanPlan, alines: list[bytes], batch: int, path: Path) -> f
 
 
 def _plain_file(alines: list[bytes], batch: int, path: Path) -> float:
-    """Append the samples to a new file, synchronised once a batch; returns the seconds."""
+    """Append the samples to a new file, with one fsync a batch; return the seconds."""
     path.unlink(missing_ok=True)
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     try:
@@ -122,7 +122,7 @@ def _plain_file(alines: list[bytes], batch: int, path: Path) -> float:
 
 
 def _record(number: int, samples: NDArray[np.int16]) -> bytes:
-    """Make the record of an A-line, as the driver hands it over."""
+    """Return the record of an A-line in the form that the driver delivers."""
     data = samples.astype("<i2").tobytes()
     return (
         pack(ALineMeta(number, 1_550_000, number + 1, crc32c(data), 0.25, 8000, SAMPLES, 1, 10_000, 0, 0, 0, 0)) + data

@@ -1,4 +1,4 @@
-"""Reconstructions through the whole service beside the library in a loop, in turns.
+"""Benchmark of reconstructions through the service, against a loop that calls the library.
 
 Both reconstruct one scan again and again, on two workers and in two processes, with as many threads each. The loop does
 what a job does for a person, :func:`steradian.reconstructions.pipeline.run.reconstruct_scan`: read the scan's file,
@@ -75,7 +75,7 @@ class LibraryLoop:
         self._expect("ready")
 
     def run(self, jobs: int) -> None:
-        """Do jobs; returns when the last is done."""
+        """Run a number of reconstructions; return when the last is done."""
         for number, process in enumerate(self._processes):
             assert process.stdin is not None  # noqa: S101 - asked for
             process.stdin.write(f"{jobs // LOOPS + (number < jobs % LOOPS)}\n")
@@ -83,11 +83,11 @@ class LibraryLoop:
         self._expect("done")
 
     def processor_seconds(self) -> float:
-        """Processor time used."""
+        """Return the processor time used by the loop's processes."""
         return sum(processor_seconds(process.pid) for process in self._processes)
 
     def close(self) -> None:
-        """End the processes."""
+        """Terminate the loop's processes."""
         for process in self._processes:
             process.kill()
             process.communicate()
@@ -102,7 +102,7 @@ class LibraryLoop:
 def throughput(
     settings: Settings, *, jobs: int = 20, modes: int = 226, points: int = 1600, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
-    """Compare service and loops; each does its jobs in rounds that take turns, all processes warm.
+    """Compare the throughput of service and library loop in alternating rounds of warm processes.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def _setups(settings: Settings, modes: int, points: int) -> Iterator[dict[str, A
 
 
 def run_through_service(service: RunningService, scan_id: str, jobs: int, modes: int) -> None:
-    """Ask for reconstructions and wait for the last."""
+    """Submit reconstructions to the service and wait for the last."""
     body = {"scan_id": scan_id, "parameters": {"modes": modes}}
     made = [service.request("/reconstructions", body)["id"] for _ in range(jobs)]
     for identifier in made:

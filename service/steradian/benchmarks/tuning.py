@@ -1,4 +1,4 @@
-"""Visit orders on films with non-uniform bias wavelength.
+"""Benchmark of visit orders on films with non-uniform bias wavelength.
 
 Films, laser and galvo are the simulator's; times are the preview's, and the simulated hardware's by its own clock.
 """
@@ -37,7 +37,7 @@ Row = dict[str, Any]
 
 
 def tuning(*, points: int = POINTS, many: int = MANY, progress: Progress | None = None) -> list[Row]:
-    """Measure orders of interrogation on uneven films.
+    """Measure scan times of visit orders on films with non-uniform bias wavelength.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def tuning(*, points: int = POINTS, many: int = MANY, progress: Progress | None 
 
 
 def optimal_wavelengths(mask: Mask, film: str) -> NDArray[np.float64]:
-    """Best wavelength of each point of a mask on a simulated film, in m."""
+    """Return the optimum bias wavelength of each point of a mask on a simulated film, in m."""
     made = Film(SEED, film)
     places = np.rint(1e9 * mask.film_positions).astype(np.int64).tolist()
     return np.array([made.bias(x, y) for x, y in places]) * 1e-12
@@ -120,12 +120,12 @@ def _row(plan: ScanPlan, film: str, *, run: bool = True) -> Row:
 
 
 def simulated_seconds(plan: ScanPlan, film: str) -> float:
-    """Return the time of a plan on a simulated film, by the hardware's own clock."""
+    """Return the duration of a plan on a simulated film, by the simulator's clock."""
     return simulated_scan_seconds(plan, seed=SEED, relief=film, tuning=round(1e6 * RETUNING))
 
 
 def tables(rows: list[Row]) -> str:
-    """Write the rows as markdown."""
+    """Return the measurements as Markdown tables."""
     lines = [
         "| film | pulses (Hz) | order | allowed loss | time (s) | simulated (s) | faster | limited by | retunings |"
         " wavelengths | loss at most | mean loss |",
@@ -148,5 +148,5 @@ def tables(rows: list[Row]) -> str:
 
 
 def write_page(page: Path, rows: list[Row]) -> None:
-    """Put the table between the page's marks."""
+    """Replace the table between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, tables(rows))

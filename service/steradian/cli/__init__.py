@@ -1,4 +1,4 @@
-"""Command-line entry point."""
+"""Command-line interface ``steradian`` and its entry point."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import signal
 
 
 def main() -> None:
-    """Run the program; Ctrl-C while it is still being read ends it with one line, as it does later on."""
+    """Run the command line; Ctrl-C during the imports ends the program with a one-line message."""
     heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if heard:
         signal.signal(signal.SIGINT, _exit_on_interrupt)

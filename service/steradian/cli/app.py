@@ -1,4 +1,4 @@
-"""The program ``steradian``: its commands, and how an error ends it."""
+"""Typer application ``steradian``: registration of its commands, and exit codes and messages of errors."""
 
 from __future__ import annotations
 
@@ -126,11 +126,11 @@ def _options(
         bool, typer.Option("--version", help="Print the version and end.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Options before the command."""
+    """Define the options before the command: ``--version``."""
 
 
 def main() -> None:
-    """Run the program; known errors are one clear line on standard error and an exit code."""
+    """Run the command line; print known errors as one line on standard error and exit with their code."""
     try:
         app()
     except SteradianError as error:
@@ -151,7 +151,7 @@ def main() -> None:
 
 
 def _said_by_database(error: Exception) -> str | None:
-    """Return a database's error message; ``None`` for any other error."""
+    """Return the message of a database error; ``None`` for any other error."""
     loaded = sys.modules.get("sqlalchemy.exc")
     if loaded is None or not isinstance(error, loaded.DBAPIError):
         return None

@@ -17,7 +17,7 @@ def backup(
     destination: Annotated[Path, typer.Argument(help="The folder to make.", metavar="TO")],
     data: Data = None,
 ) -> None:
-    """Copy all that a service keeps to a new folder, also while it runs.
+    """Back up all data of a service to a new folder, also while it runs.
 
     What was answered before is in it: scans with every A-line that was stored, volumes, uploads, keys. The folder has
     its name only when it is whole; `steradian check TO` compares it with its manifest. With STERADIAN_DATABASE_URL the
@@ -46,7 +46,7 @@ def restore(
     source: Annotated[Path, typer.Argument(help="A folder made by `steradian backup`.", metavar="FROM")],
     destination: Annotated[Path, typer.Argument(help="The data folder to make; it may be empty.", metavar="TO")],
 ) -> None:
-    """Make a data folder of a backup, for `steradian serve --data TO`.
+    """Restore a backup as a new data folder, for `steradian serve --data TO`.
 
     Every file is compared with what was noted when it was made. With STERADIAN_DATABASE_URL the rows go into that
     database, which must be empty; whichever kind the backup was made of. Ends with exit code 3 when something was

@@ -94,7 +94,7 @@ def accuracy(json_file: JsonFile = None) -> None:
 
 @app.command()
 def masks(json_file: JsonFile = None) -> None:
-    """Time masks and orders of visit, with the length of the way and the evenness of the solid angles."""
+    """Time the creation of masks and orders of visit, with path length and evenness of the solid angles."""
     from steradian.benchmarks.masks import masks as measure
 
     with progress_bar() as progress:
@@ -141,7 +141,7 @@ def beams(
     json_file: JsonFile = None,
     page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/beams.md.")] = None,
 ) -> None:
-    """Compare patterns of interrogation beams with one beam: scan time over it and image, on the yarn's mask.
+    """Compare several interrogation beams with a single one: scan time and image, on the yarn's mask.
 
     'expected s' is the preview's, 'simulated s' by the simulated hardware's clock, 'share' over one beam's.
     """
@@ -257,7 +257,7 @@ def live(
     revisions: Annotated[int, typer.Option(help="Parts in which the A-lines of the scan arrive.", min=2)] = 16,
     quick: Annotated[bool, typer.Option(help="A small scan: whether it runs, no measurement.")] = False,
 ) -> None:
-    """Time the revisions of the live view beside the same pictures made from scratch at full resolution, in turns.
+    """Time the revisions of the live view beside images reconstructed from scratch at full resolution, in turns.
 
     'ratio' is a revision's time over the full image's, 'ratio with last' counts the full image at the end as a
     revision, 'limit' is what that must not exceed; 'last error' is how far the image grown from all A-lines is from
@@ -283,7 +283,7 @@ def paper(
         Path | None, typer.Option(help="Also put the summary between the markers of this file.", exists=True)
     ] = None,
 ) -> None:
-    """Redo the paper's experiments with simulated data: tables, pictures and JSON, its figures beside ours.
+    """Repeat the paper's experiments with simulated data: tables, pictures and JSON, published figures beside ours.
 
     Takes some ten minutes on two processors.
     """

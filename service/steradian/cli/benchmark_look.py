@@ -1,4 +1,4 @@
-"""``steradian benchmark look``: how long the inspection of A-lines takes."""
+"""``steradian benchmark look``: time the inspection of A-lines against an FFT of the same A-lines."""
 
 from __future__ import annotations
 

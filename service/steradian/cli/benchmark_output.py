@@ -1,4 +1,4 @@
-"""Print benchmark rows as a table and save them as JSON."""
+"""Output of benchmark rows as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Row = dict[str, Any]
 
 
 def print_and_save(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:
-    """Print ``columns`` (none: all) as a table and write rows and machine information to ``path``."""
+    """Print ``columns`` of the rows as a table (all if empty), and write all rows to ``path`` as JSON."""
     columns = columns or list(dict.fromkeys(key for row in rows for key in row))
     table = Table(title=name, title_justify="left", box=None, pad_edge=False)
     for column in columns:
@@ -28,7 +28,7 @@ def print_and_save(name: str, rows: list[Row], path: Path | None, columns: Seque
 
 
 def save(name: str, rows: list[Row], path: Path | None) -> None:
-    """Write rows and machine information to a file, if one is given."""
+    """Write benchmark rows and machine information to a JSON file, if a path is given."""
     if path is None:
         return
     path.parent.mkdir(parents=True, exist_ok=True)

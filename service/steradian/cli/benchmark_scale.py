@@ -1,4 +1,4 @@
-"""``steradian benchmark scale``."""
+"""``steradian benchmark scale``: load test of a service with several nodes and workers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def scale(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
     page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/scale.md.")] = None,
 ) -> None:
-    """Compare one service with nodes on this machine: many clients, one worker and three, folder and store.
+    """Compare one service with several nodes on this machine: many clients, one or three workers, folder or store.
 
     Keys of the store come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY. 'share' is of the jobs a second that all
     processors could make at what one costs all of the machine, database and store too, with one worker.

@@ -64,6 +64,6 @@ def check(
 
 
 def show_findings(found: Sequence[Inconsistency]) -> None:
-    """Print findings, one per line."""
+    """Print the findings of a consistency check, one per line."""
     for finding in found:
         console().print(f"{finding.kind:17}  {finding.subject}  {finding.text}", soft_wrap=True, markup=False)

@@ -24,7 +24,7 @@ Quantity: TypeAlias = Callable[[str | float], float]
 
 
 def _parser(kind: str, unit: str) -> Quantity:
-    """Make the reader of one kind of quantity; options show its name."""
+    """Create the typer parser of a quantity with a unit, such as ``1.5mm``; help shows the quantity's name."""
 
     def parse(value: str | float) -> float:
         match = re.fullmatch(rf"\s*([-+0-9.eE]+)\s*(?:([nuµμmckM]?){unit})?\s*", str(value))
@@ -44,12 +44,12 @@ frequency, speed = _parser("frequency", "Hz"), _parser("speed", "m/s")
 
 
 def quantity_option(kind: Quantity, default: str | None = None, *names: str, **more: Any) -> Any:
-    """Return an option that takes a quantity; ``default`` is how help shows it, other arguments as typer's."""
+    """Create a typer option for a quantity with a unit; ``default`` is the text that help shows as default."""
     return typer.Option(*names, parser=kind, metavar=f"<{kind.__name__}>", show_default=default or True, **more)
 
 
 def plot_option(help: str) -> Any:
-    """Return the option ``--plot``, whose file name is checked before any work is done."""
+    """Create the typer option ``--plot`` for a figure file, whose ending is validated before the command runs."""
     return typer.Option(help=help, callback=_checked_picture)
 
 
@@ -62,7 +62,7 @@ def _checked_picture(path: Path | None) -> Path | None:
 
 
 def console() -> Console:
-    """Make a console on standard output; in a file or pipe tables have room for their columns."""
+    """Create a rich console on standard output, wide enough for tables when the output is a file or pipe."""
     roomy = not sys.stdout.isatty() and "COLUMNS" not in os.environ
     return Console(highlight=False, width=180 if roomy else None)
 
@@ -73,12 +73,12 @@ def print_error(message: str) -> None:
 
 
 def print_stderr(line: str) -> None:
-    """Write one line to standard error, as it is."""
+    """Print one line to standard error without formatting."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(_plain(line))
 
 
 def show_figures(title: str, figures: Mapping[str, object]) -> None:
-    """Print names and values in two columns."""
+    """Print names and values as a table of two columns."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=False, box=None, pad_edge=False)
     table.add_column(style="cyan", no_wrap=True)
     table.add_column()
@@ -88,7 +88,7 @@ def show_figures(title: str, figures: Mapping[str, object]) -> None:
 
 
 class ProgressBar:
-    """A bar for each stage of long work; may be called as :data:`steradian.core.progress.Progress`.
+    """Progress bars on the terminal, one for each stage; callable as :data:`steradian.core.progress.Progress`.
 
     Parameters
     ----------
@@ -101,14 +101,14 @@ class ProgressBar:
         self._stages: dict[str, TaskID] = {}
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show the progress of a stage; the part of its name after a comma may change."""
+        """Update the progress bar of a stage; the part of the stage's name after a comma is variable text."""
         name = stage.partition(",")[0]
         if name not in self._stages:
             self._stages[name] = self._bars.add_task(stage, total=total)
         self._bars.update(self._stages[name], description=stage, completed=done, total=total)
 
     def say(self, line: str) -> None:
-        """Write a line above the bars; from any thread."""
+        """Print a line above the progress bars; thread-safe."""
         self._bars.console.print(_plain(line), soft_wrap=True)
 
 
@@ -120,7 +120,7 @@ def show_notes(notes: Iterable[str]) -> None:
 
 @contextmanager
 def progress_bar() -> Iterator[ProgressBar]:
-    """Show a bar per stage on standard error, where that is a terminal."""
+    """Show progress bars on standard error during the block, if standard error is a terminal."""
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     target = Console(stderr=True, highlight=False)
     with Bars(*columns, console=target, transient=True, disable=not target.is_terminal) as bars:
@@ -128,7 +128,7 @@ def progress_bar() -> Iterator[ProgressBar]:
 
 
 def format_files(folder: Path) -> str:
-    """Name a folder's results for a table."""
+    """Return the names of the files in a folder, separated by commas."""
     return ", ".join(sorted(path.name for path in folder.iterdir()))
 
 
@@ -145,7 +145,7 @@ def finish_with_summary(*results: tuple[str, Path | None]) -> None:
 
 
 def path_with_size(path: Path) -> str:
-    """Name a file or folder with its size, as in ``scan.h5 (4.3 MB)``."""
+    """Return a path with the size of its file or folder, as in ``scan.h5 (4.3 MB)``."""
     if not path.is_dir():
         return f"{path} ({human_size(path.stat().st_size)})"
     files = [file for file in path.rglob("*") if file.is_file()]
@@ -154,7 +154,7 @@ def path_with_size(path: Path) -> str:
 
 
 def human_size(count: float) -> str:
-    """Write a number of bytes with a decimal prefix and three digits."""
+    """Format a number of bytes with a decimal prefix and three digits."""
     for unit in ("B", "kB", "MB", "GB"):
         if count < 999.5:
             return f"{count:.3g} {unit}"
@@ -163,5 +163,5 @@ def human_size(count: float) -> str:
 
 
 def _plain(text: str) -> str:
-    """Keep square brackets in messages from being read as markup."""
+    """Escape square brackets in a message, which rich would read as markup."""
     return text.replace("[", r"\[")

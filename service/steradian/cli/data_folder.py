@@ -1,4 +1,4 @@
-"""The data folder that a command works on, and its database as the service left it."""
+"""Data folder and database of a command, opened without migration."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Data = Annotated[Path | None, typer.Option(help="The service's data folder. [def
 
 
 def folder_of(data: Path | None) -> Path:
-    """Return the data folder: as given, else that of the environment, else ``data``."""
+    """Return the data folder from the option, else from the environment variable, else ``data``."""
     from steradian.core.settings import PREFIX, Settings
 
     return Settings.create(data=data if data is not None or f"{PREFIX}DATA" in os.environ else Path("data")).data
 
 
 def open_existing_database(data: Path | None, *, reads: bool = False) -> tuple[Settings, Database]:
-    """Open the database as the service left it: its tables and the folder are the service's to change.
+    """Open the service's existing database without creating or migrating tables.
 
     Who only ``reads`` may have a folder that cannot be written: one on a read-only file system, or another user's.
     """

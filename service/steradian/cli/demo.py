@@ -1,4 +1,4 @@
-"""``steradian demo``: the whole main job on a simulated scanner."""
+"""``steradian demo``: the whole pipeline from mask to reconstruction on a simulated scanner."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class DemoReport:
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Note a stage's wall time."""
+        """Context manager that records the wall time of a stage."""
         start = time.perf_counter()
         yield
         self.seconds[stage] = round(time.perf_counter() - start, 3)
@@ -117,7 +117,7 @@ def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> Sc
 
 @contextmanager
 def _queue(data: DataDirectory) -> Iterator[JobQueue]:
-    """Give the queue that the service uses, with a worker process of its own: it gets ready during the scan."""
+    """Yield the job queue, with a worker process that starts up during the scan."""
     from steradian.core.settings import Settings
     from steradian.jobs.queue.client import JobQueue
     from steradian.runtime.supervisor import running_worker
@@ -128,7 +128,7 @@ def _queue(data: DataDirectory) -> Iterator[JobQueue]:
 
 
 def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
-    """Send a job through the queue; move scan and results out."""
+    """Reconstruct the scan as a queued job, then move scan file and results to the output folder."""
     from steradian.jobs.queue.client import new_job_id
     from steradian.jobs.requests import ReconstructionRequest, to_job_request
     from steradian.storage.states import ReconstructionState
@@ -147,7 +147,7 @@ def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, outp
 
 
 def _measure_grid(queue: JobQueue, folder: Path, data: DataDirectory, speed: float) -> Mask:
-    """Measure and reconstruct the same phantom through the paper's strongest grid."""
+    """Scan and reconstruct the same phantom with a regular grid mask, for comparison."""
     grid = grid_mask(APERTURE, GRID_COUNT, GRID_INTERVAL)
     scan_id = new_scan_id()
     _scan(ScanPlan.create(mask=grid), data, scan_id, speed)

@@ -1,4 +1,4 @@
-"""Options that select frames of a scan that has several."""
+"""Typer options that select frames of a scan."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ EachOption: TypeAlias = Annotated[
 
 
 def each_choice(file: Path, each: Literal["frame", "wavelength"], average: bool) -> dict[str, FrameChoice]:
-    """Return a choice for each frame or excitation wavelength of a scan file, by the name of its folder.
+    """Return one frame selection for each frame or excitation wavelength of a scan file, keyed by folder name.
 
     With ``average`` the mean at each wavelength.
     """

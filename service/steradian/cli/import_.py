@@ -23,7 +23,7 @@ DescriptionOption: TypeAlias = Annotated[
 
 
 def parse_description(given: str | None) -> tuple[Path | None, dict[str, Any]]:
-    """Return the file that an option names, or the fields of the JSON object that it is.
+    """Return the option's value as the path of a JSON description, or parsed if the value is JSON itself.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def import_(
         typer.Option(help="The same in samples, added to --delay; negative: the record begins before the pulse."),
     ] = None,
 ) -> None:
-    """Make a scan file from a recording of another kind.
+    """Convert a recording in another format to a scan file.
 
     What is imported counts as untrusted: links to other files, virtual datasets, object references, pickles,
     absurd sizes and compression bombs are refused, and it is read in a process of its own.

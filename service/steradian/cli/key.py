@@ -28,7 +28,7 @@ def create(
     days: Annotated[float | None, typer.Option(help="Validity in days. [default: unlimited]", min=0)] = None,
     data: Data = None,
 ) -> None:
-    """Make a key and print it, once: only its hash is kept."""
+    """Create a key and print it once: only its hash is stored."""
     from steradian.core.exceptions import InvalidInput
     from steradian.security.keys import Scope
 
@@ -58,7 +58,7 @@ def list_keys(data: Data = None) -> None:
 
 @app.command()
 def revoke(identifier: Annotated[str, typer.Argument(help="As listed.")], data: Data = None) -> None:
-    """Make a key worthless at once."""
+    """Revoke a key: the service rejects it at once."""
     folder = folder_of(data)
     with _store(folder) as store:
         store.revoke(identifier)
@@ -84,7 +84,7 @@ def _store(folder: Path) -> Iterator[KeyStore]:
 
 @contextmanager
 def _readable_store(folder: Path) -> Iterator[KeyStore]:
-    """Open the keys for reading; a folder that cannot be written is left as it is."""
+    """Open the key store read-only; a folder without write permission is not modified."""
     from steradian.core.settings import Settings
     from steradian.security.keys import KeyStore
     from steradian.storage.data_dir.layout import DataDirectory

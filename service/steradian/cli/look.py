@@ -1,4 +1,4 @@
-"""``steradian look``: a scan's A-lines before any image is made of them."""
+"""``steradian look``: inspect the A-lines of a scan before reconstruction."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def look(
 
 
 def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
-    """Print a line for each frame, and return its statistics."""
+    """Print one line of statistics for each frame, and return the statistics of all frames."""
     from steradian.scans.file.read import list_frames
     from steradian.scans.importing.detect import is_scan_file
     from steradian.scans.inspection import inspect_scan

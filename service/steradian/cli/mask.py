@@ -1,4 +1,4 @@
-"""``steradian mask``: where to sense."""
+"""``steradian mask``: create masks of detection points, and show and compare their metrics."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def poisson_disc(
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
-    """Random points that keep a distance from each other, as many as fit."""
+    """Random points with a minimum distance from each other, as many as fit."""
     offset = (offset_x, offset_y)
     mask = poisson_disc_mask(aperture, spacing, count=count, depth=depth, offset=offset, seed=seed, weighting=weights)
     _save_and_show(mask, output, plot, _report_count(mask.count, count, "their number jumps with the spacing"))
@@ -215,7 +215,7 @@ def combined(
     output: Output = FILE,
     plot: Plot = None,
 ) -> None:
-    """Several points of interest: every place is sensed as densely as the most demanding of them asks."""
+    """Points for several points of interest: each place is as dense as the most demanding of them requires."""
     points = [_point_of_interest(text) for text in point]
     grid = _grid(snap_interval, snap_count)
     _save_and_show(combined_mask(aperture, points, grid=grid, weighting=weights), output, plot)
@@ -287,7 +287,7 @@ def _point_of_interest(text: str) -> PointOfInterest:
 
 
 def _report_count(found: int, wanted: int | None, why: str) -> str:
-    """Return a note on the number of points, if it differs from the requested one."""
+    """Return the number of points as text, with the requested number and the reason if they differ."""
     return f"{found}" if wanted in (None, found) else f"{found} (asked {wanted}; {why})"
 
 
@@ -306,7 +306,7 @@ def _save_plot(mask: Mask, plot: Path | None) -> None:
 
 
 def _figures(mask: Mask, points: str) -> dict[str, object]:
-    """Return the mask's metrics for the table."""
+    """Return the mask's metrics by name, for printing as a table."""
     from steradian.masks.metrics import evaluate_mask
 
     seen = evaluate_mask(mask)

@@ -1,4 +1,4 @@
-"""``steradian mask compare``: masks on equal terms."""
+"""``steradian mask compare``: compare masks by metrics and by reconstructions of a simulated object."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def compare(
 def _load_masks(
     given: list[str], aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
 ) -> dict[str, Mask]:
-    """Load or create each mask, under a name of its own."""
+    """Read or create each mask, and return the masks by unique names."""
     found: dict[str, Mask] = {}
     for text in given:
         name, _, number = text.partition(":")
@@ -137,7 +137,7 @@ def _load_masks(
 
 
 def _load_phantom(name: str, point: tuple[float, float, float], radius: float | None, seed: int) -> Any:
-    """Make the object, or read it."""
+    """Create the simulated object by its name, or read it from a file."""
     if Path(name).is_file():
         from steradian.reconstructions.volumes.file import read_volume
 
@@ -148,7 +148,7 @@ def _load_phantom(name: str, point: tuple[float, float, float], radius: float | 
 
 
 def _show(found: Comparison) -> None:
-    """Print figures as rows and masks as columns; the best of a row stands out."""
+    """Print the comparison as a table with metrics as rows and masks as columns; the best value of a row is bold."""
     depth = f"{1e3 * found.point_of_interest[2]:.4g} mm"
     table = Table(title=f"Masks, point of interest {depth} deep", title_justify="left", title_style="bold", box=None)
     table.add_column("", style="cyan", no_wrap=True)

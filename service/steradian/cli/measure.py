@@ -1,4 +1,4 @@
-"""``steradian measure``: the width of an object in a volume, with the point spread at its place."""
+"""``steradian measure``: measure the width of an object in a volume and the point spread at that place."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _micrometres(metres: float) -> str:
 
 
 def _place(name: str, text: str) -> tuple[float, ...]:
-    """Read x,y,z in mm; raises InvalidInput."""
+    """Parse a position ``x,y,z`` in mm; raises InvalidInput."""
     try:
         numbers = tuple(1e-3 * float(part) for part in text.split(","))
     except ValueError:

@@ -193,7 +193,7 @@ def _show(made: ScanPlan, cost: PlanCost) -> None:
 
 
 def _wavelengths(mask: Mask, tuning: Path | None, pitch: float | None, wavelengths: Path | None) -> dict[str, Any]:
-    """Return the plan's fields that say at which wavelength each point is read best."""
+    """Return the plan's fields for the optimum bias wavelengths, from a tuning map or a file of wavelengths."""
     if tuning is not None and wavelengths is not None:
         raise InvalidInput("wavelengths", str(wavelengths), "nothing beside --tuning")
     if tuning is not None:
@@ -202,7 +202,7 @@ def _wavelengths(mask: Mask, tuning: Path | None, pitch: float | None, wavelengt
 
 
 def _read_wavelengths(path: Path) -> list[float]:
-    """Wavelengths in metres from a file in nm."""
+    """Read a file of bias wavelengths in nm and return them in metres."""
     import numpy as np
 
     from steradian.core.exceptions import DamagedFile, NotFound

@@ -1,4 +1,4 @@
-"""``steradian reconstruct``: from A-lines to a volume."""
+"""``steradian reconstruct``: reconstruct a volume from a scan's A-lines."""
 
 from __future__ import annotations
 
@@ -228,7 +228,7 @@ def reconstruct(
 
 
 def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice: FrameChoice, agreed: bool) -> Report:
-    """Reconstruct a scan; a large volume only when the person at the terminal agrees."""
+    """Reconstruct a scan; ask for confirmation on the terminal if the volume is large."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
     from steradian.reconstructions.pipeline.size_limit import LargeVolume
     from steradian.reconstructions.warmup import warmup_second_half
@@ -244,5 +244,5 @@ def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice
 
 
 def _frequency_or_signal(given: str | float) -> float | str:
-    """Read a frequency, or the word for finding it."""
+    """Parse a frequency with its unit, or the word ``signal`` (limit taken from the A-lines' band)."""
     return given if given == "signal" else frequency(given)

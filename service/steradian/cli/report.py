@@ -1,4 +1,4 @@
-"""Summary of a reconstruction's report on the terminal."""
+"""Terminal summary of a reconstruction's report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _area(report: Report) -> str:
 
 
 def _band(report: Report) -> dict[str, object]:
-    """Return the frequency band of the A-lines that was excluded."""
+    """Return a table row on the excluded frequency band; empty if no band was excluded."""
     if report.band is None:
         return {}
     end = 1e-6 * report.band.highest_frequency_hz
@@ -50,7 +50,7 @@ def _band(report: Report) -> dict[str, object]:
 
 
 def _fit(report: Report) -> dict[str, object]:
-    """Say how the method iterative ended."""
+    """Return table rows on the iterative fit: number of iterations, stop reason and misfit; empty for other methods."""
     if report.fit is None:
         return {}
     why = {

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class _DefaultCommandGroup(TyperGroup):
-    """``scan PLAN`` is short for ``scan run PLAN``."""
+    """Typer command group with the default command ``run``: ``scan PLAN`` means ``scan run PLAN``."""
 
     def parse_args(self, context: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
@@ -73,7 +73,7 @@ def run(
     phantom: Phantom = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
-    """Run a plan on a scanner and keep the A-lines in a scan file."""
+    """Run a plan on a scanner and store the A-lines in a scan file."""
     from steradian.scans.acquisition.run import run_scan
 
     wanted = read_json(ScanPlan, plan)
@@ -116,7 +116,7 @@ def retry(
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
 ) -> None:
-    """Measure the missing points again, and those whose A-lines have a quality flag; proves itself like resume."""
+    """Measure the missing points again, and those with a quality flag, after the same checks as resume."""
     _resume_or_retry(file, None, scanner, baud, simulator_speed, phantom, retry=flags)
 
 
@@ -165,14 +165,14 @@ def _resume_or_retry(
 
 
 def new_scan_id() -> str:
-    """Return an id for a scan, of the same kind as the service's."""
+    """Return a new random scan identifier in the service's format."""
     return f"s{ULID()}".lower()
 
 
 def _run_with_scanner(
     file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, SessionControl], ScanSummary]
 ) -> ScanSummary:
-    """Run ``work(port, control)`` with handling of Ctrl-C; a simulated scanner runs until the laser is off."""
+    """Call ``work(port, control)`` with Ctrl-C handling; start a simulated scanner first if one is requested."""
     from steradian.cli.terminal_control import terminal_scan_control
     from steradian.reconstructions.warmup import warmup_in_background
 
@@ -204,7 +204,7 @@ def _show(summary: ScanSummary, scanner: str) -> None:
 
 
 def at_baud(scanner: str, baud: int | None, plan: ScanPlan | None = None) -> str:
-    """Give the port of a scanner with its baud rate: the one asked for, or that of a plan's serial link.
+    """Return the scanner's address with a baud rate: the given one, else that of the plan's serial link.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def _rows(rows: list[int]) -> str:
 
 @contextmanager
 def scanner_port(scanner: str, *, speed: float, seed: int = 1, phantom: str = PHANTOM) -> Iterator[str]:
-    """Give the port of a scanner; for ``simulated``, of one started for the occasion in a process of its own.
+    """Yield the address of a scanner; for ``simulated``, start a simulator process for the duration of the block.
 
     Raises
     ------

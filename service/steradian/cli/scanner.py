@@ -1,4 +1,4 @@
-"""``steradian scanner``: a scanner's state, its emergency stop and its faults, at its port and without a service."""
+"""``steradian scanner``: show state, stop the laser and clear faults of a scanner directly, without a service."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ By = Annotated[str | None, typer.Option("--by", metavar="NAME", help="Your name,
 
 @app.command("status")
 def status(scanner: Port, baud: Baud = None) -> None:
-    """Show laser, shutter, interlock, key and a latched fault, as the scanner says; nothing is started or stopped.
+    """Show the scanner's laser, shutter, interlock, key and latched fault; nothing is started or stopped.
 
     Ends with exit code 5 where the scanner is not heard.
     """
@@ -88,7 +88,7 @@ def clear_fault(scanner: Port, baud: Baud = None, by: By = None) -> None:
 
 
 def clearing_command(scanner: str) -> str:
-    """Return the command that clears the fault of the scanner at a port."""
+    """Return the command line that clears the fault of the scanner at a port, for use in messages."""
     return shlex.join(["steradian", "scanner", "clear-fault", "--scanner", scanner])
 
 

@@ -29,7 +29,7 @@ def sound_speed(
     wavelength: WavelengthOption = None,
     average: AverageOption = False,
 ) -> None:
-    """Find the speed of sound, its standard error and its trade with a delay; draw sharpness against speed."""
+    """Estimate the speed of sound, its standard error and its dependence on a delay; draw sharpness against speed."""
     from steradian.reconstructions.studies.sound_speed import scan_sound_speed
     from steradian.scans.frames import FrameChoice
 

@@ -1,4 +1,4 @@
-"""``steradian benchmark sound-speed``: the speed of sound found in made scans beside the true one."""
+"""``steradian benchmark sound-speed``: error of the speed of sound estimated from simulated scans."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def sound_speeds(
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
     page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/sound-speed.md.")] = None,
 ) -> None:
-    """Find the speed of sound in 60 made scans of known speed; in m/s."""
+    """Estimate the speed of sound in 60 simulated scans of known speed; in m/s."""
     from steradian.benchmarks import sound_speed as measured
 
     with progress_bar() as progress:

@@ -20,7 +20,7 @@ KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 
 @app.command()
 def show(data: Data = None) -> None:
-    """Show how many bytes scans, reconstructions, jobs and the rest hold, and how many are free and promised."""
+    """Show the bytes used by scans, reconstructions, jobs and the rest, and the bytes free and reserved."""
     from steradian.storage.capacity.quota import DiskQuota, reserved_bytes
     from steradian.storage.capacity.usage import usage
     from steradian.storage.data_dir.layout import DataDirectory

@@ -1,4 +1,4 @@
-"""Ctrl-C handling of a scan started from a terminal."""
+"""Ctrl-C (SIGINT), SIGTERM and SIGHUP handling for a scan started from a terminal."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from steradian.scans.acquisition.run import ScanSummary
 
 ANSWER_DELAY = 0.2
-"""Seconds after which a Ctrl-C is told what is waited for."""
+"""Seconds after Ctrl-C until the waiting message is printed."""
 _SHOW_CURSOR = "\x1b[?25h"
 _HANGUP = getattr(signal, "SIGHUP", None)
-"""What comes when the terminal goes, as an ssh connection does; Windows has none."""
+"""Signal of a closed terminal or ssh connection; not available on Windows."""
 
 
 class TerminalScanControl(SessionControl):
-    """Ends the scan at the first Ctrl-C, the laser before all else, and the command at the second.
+    """Scan control that stops laser and scan at the first Ctrl-C and exits the process at the second.
 
     Parameters
     ----------
     file
         The scan file.
     options
-        What *resume* needs besides its name.
+        Options of ``scan resume`` to print in the hint for resumption.
     """
 
     def __init__(self, file: Path, options: tuple[str, ...] = ()) -> None:
@@ -50,35 +50,35 @@ class TerminalScanControl(SessionControl):
         self._bar: ProgressBar | None = None
 
     def attach_progress_bar(self, bar: ProgressBar) -> None:
-        """Say by which bar the scan is shown."""
+        """Set the progress bar that shows the scan."""
         self._bar = bar
         bar("connecting", 0, 1)
 
     def command(self) -> Command:
-        """Return the current command."""
+        """Return the command to the session: SHUTDOWN after Ctrl-C, else RUN."""
         return Command.SHUTDOWN if self._stop.is_set() else Command.RUN
 
     def on_phase(self, phase: SessionPhase) -> None:
-        """Handle a phase change; from the first phase on, the session polls for commands."""
+        """Record that the session has started and complete the progress bar of the connection."""
         if not self._under_way and self._bar is not None:
             self._bar("connecting", 1, 1)
         self._under_way = True
 
     def on_laser_off(self) -> None:
-        """Learn that the scanner has confirmed it."""
+        """Record that the scanner has confirmed that its laser is off."""
         self._laser_is_off = True
 
     def progress(self, done: int, total: int) -> None:
-        """Show how many A-lines are stored."""
+        """Show the number of stored A-lines in the progress bar."""
         if self._bar is not None:
             self._bar("A-lines", done, total)
 
     def wait(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for a time in seconds, or until a stop signal arrives."""
         self._stop.wait(seconds)
 
     def on_signal(self, number: int, _frame: object) -> None:
-        """Take a signal; only a person's second one leaves at once: a terminal that goes may send several."""
+        """Handle a signal: the first requests a stop, a second exits at once, unless it is a repeated SIGHUP."""
         if number == _HANGUP:
             self._let_terminals_go()
         if self._stop.is_set():
@@ -90,7 +90,7 @@ class TerminalScanControl(SessionControl):
             raise KeyboardInterrupt
 
     def _let_terminals_go(self) -> None:
-        """Stop writing to a closed terminal, because failed output would abort the scan."""
+        """Redirect output from a closed terminal to the null device, because failed output would abort the scan."""
         gone = [number for number in self._terminals if not os.isatty(number)]
         for number in gone:
             nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -98,7 +98,7 @@ class TerminalScanControl(SessionControl):
             os.close(nowhere)
 
     def _leave_at_once(self) -> None:
-        """End this process without waiting for anything: the file is valid at every moment."""
+        """Exit the process immediately; the scan file is valid at every moment."""
         cursor = _SHOW_CURSOR if sys.stderr.isatty() else ""
         kept = f"what was stored is kept in {self._file}"
         told = f"{cursor}\nleaving at once: {kept}; the laser goes off when its lease ends\n"
@@ -106,7 +106,7 @@ class TerminalScanControl(SessionControl):
         os._exit(EXIT_INTERRUPTED)
 
     def print_waiting_message(self) -> None:
-        """Print the reason for a slow reaction to Ctrl-C; runs in its own thread."""
+        """Print the reason if the scan does not end promptly after Ctrl-C; runs in its own thread."""
         self._stop.wait()
         if self._answered.wait(ANSWER_DELAY) or self._bar is None:
             return
@@ -119,14 +119,14 @@ class TerminalScanControl(SessionControl):
             )
 
     def end(self, summary: ScanSummary) -> None:
-        """Answer the Ctrl-C, if there was one and the scan was not done before it."""
+        """Print the result of a scan stopped by Ctrl-C and exit; return if the scan completed or was not stopped."""
         self._answered.set()
         if self._stop.is_set() and summary.end is not SessionOutcome.COMPLETE:
             print_stderr(f"{self._laser()}; {self._stored(summary.stored, summary.points)}")
             raise typer.Exit(EXIT_INTERRUPTED)
 
     def report_failure(self) -> None:
-        """Print the state of a scan after a scanner failure; if it was being stopped, that is its result."""
+        """Print the number of stored A-lines after a scanner failure; exit if Ctrl-C had requested the stop."""
         self._answered.set()
         if not self._under_way:
             return
@@ -136,7 +136,7 @@ class TerminalScanControl(SessionControl):
             raise typer.Exit(EXIT_INTERRUPTED)
 
     def report_early_stop(self) -> None:
-        """Answer a Ctrl-C that came before the session began."""
+        """Print the result of a Ctrl-C before the session began, and exit."""
         self._answered.set()
         if self._existed:
             print_stderr(f"stopped before the scan continued; {self._count()}")
@@ -146,7 +146,7 @@ class TerminalScanControl(SessionControl):
         raise typer.Exit(EXIT_INTERRUPTED)
 
     def close(self) -> None:
-        """End the thread that waits for a Ctrl-C."""
+        """End the thread that prints the waiting message."""
         self._answered.set()
         self._stop.set()
 

@@ -1,4 +1,4 @@
-"""``steradian what-if``: reconstruct a dense scan from the subset of A-lines that a sparse mask would have measured."""
+"""``steradian what-if``: reconstruct a full scan from the subset of A-lines in a sparse mask (undersampling)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``steradian worker``: run workers for a service on another machine."""
+"""``steradian worker``: run workers on this machine for a service on another machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def worker(
         float | None, typer.Option(help="Seconds to finish a job after a request to end; then it is requeued. [0]")
     ] = None,
 ) -> None:
-    """Take reconstructions from the queue of a service on another machine, until Ctrl-C.
+    """Execute queued reconstructions of a service on another machine, until Ctrl-C.
 
     STERADIAN_DATABASE_URL names the PostgreSQL database that both share. The data folder is shared too, over a network
     file system for example, or STERADIAN_STORE names their object store: then this folder is its own. A worker that

@@ -1,4 +1,4 @@
-"""Compare masks by figures of merit and by simulation."""
+"""Comparison of masks by figures of merit and by simulation."""
 
 from steradian.comparisons.comparison import Comparison, compare_masks
 from steradian.comparisons.mask_metrics import MaskMetricsRow, evaluate

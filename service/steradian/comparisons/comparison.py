@@ -1,4 +1,4 @@
-"""Several masks beside each other."""
+"""Comparison of several masks."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Comparison:
 
     @property
     def methods(self) -> tuple[Method, ...]:
-        """Methods that were tried."""
+        """Names of the reconstruction methods that were compared."""
         tried = next(iter(self.simulated.values())).by if self.simulated else {}
         return tuple(method for method in METHODS if method in tried)
 
@@ -99,7 +99,7 @@ def compare_masks(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Comparison:
-    """Compare masks by their metrics and, with an object, by its simulated images.
+    """Compare masks by their metrics and, with an object, by simulated images.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _point_of_interest(masks: Mapping[str, Mask]) -> Point:
 
 
 def _prefixed_progress(progress: Progress | None, name: str) -> Progress | None:
-    """Report a mask's stages under its name."""
+    """Return a progress callback that prefixes stages with the mask's name."""
     if progress is None:
         return None
     report = progress

@@ -1,4 +1,4 @@
-"""Figure comparing several masks."""
+"""Figure that compares several masks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SOLID_ANGLE_AXIS = "coolwarm"
 
 
 def draw_comparison(comparison: Comparison, path: Path, *, width: int | None = None) -> None:
-    """Draw a comparison into a picture file; the ending of its name decides the format.
+    """Draw a comparison of masks into a picture file; the suffix of the file's name determines the format.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def draw_comparison(comparison: Comparison, path: Path, *, width: int | None = N
 
 
 def comparison_figure(comparison: Comparison, *, width: int | None = None) -> Figure:
-    """Draw the same as :func:`draw_comparison` into a figure that is not saved."""
+    """Return a matplotlib figure of a comparison of masks, without saving."""
     names = list(comparison.masks)
     methods = comparison.methods
     rows = 2 + len(methods) + bool(methods)
@@ -119,7 +119,7 @@ def _draw_image(axes: Axes, comparison: Comparison, name: str, method: Method, l
 
 
 def _draw_correlations(axes: Axes, comparison: Comparison, method: Method, region: Region, *, named: bool) -> None:
-    """Show how alike the volumes are to the object; the best stands out."""
+    """Draw a bar chart of each mask's correlation with the true object; the best is highlighted."""
     names = list(comparison.masks)
     ranking = comparison.ranking(region, method)
     found = dict(ranking)

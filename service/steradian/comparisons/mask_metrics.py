@@ -1,4 +1,4 @@
-"""Figures of merit of one mask."""
+"""Metrics of one mask for the comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MaskMetricsRow:
-    """Figures of a mask.
+    """Metrics of one mask: a row of the comparison.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Objects by name, placed around a point of interest."""
+"""Test objects by name, placed around a point of interest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEPTH_SHARE = 0.45
 
 
 def phantom(name: str, point: tuple[float, float, float], radius: float | None = None, *, seed: int = 0) -> Balls:
-    """Make a tree of vessels or a knotted yarn.
+    """Return a test object by name: a tree of vessels or a knotted yarn.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ MARGIN = 3.0
 
 @dataclass(frozen=True)
 class Correlation:
-    """Similarity of an image to the object: Pearson's correlation over all voxels (pixels) of a region.
+    """Similarity of an image to the true object: Pearson correlation over all voxels (pixels) of a region.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class SimulationResult:
 
 @dataclass(frozen=True)
 class Simulation:
-    """A scan of a known object, the same through every mask.
+    """Simulation of scans of one known object through different masks.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Simulation:
 
     @property
     def depths(self) -> tuple[float, float]:
-        """First and last depth in metres that are reconstructed."""
+        """First and last reconstructed depth in metres."""
         if isinstance(self.thing, Volume):
             return float(self.thing.axes.z[0]), float(self.thing.axes.z[-1])
         z, s = self.thing.centres[:, 2], self.thing.sigmas
@@ -125,7 +125,7 @@ class Simulation:
     def simulate(
         self, mask: Mask, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
     ) -> SimulationResult:
-        """Scan and reconstruct the object through a mask.
+        """Simulate a scan of the object through a mask and reconstruct its images.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class Simulation:
         return SimulationResult(found, truth.mip("z"))
 
     def truth(self, like: Volume) -> Volume:
-        """Return the object at the voxels of an image."""
+        """Return the true initial pressure of the object at the voxels of an image."""
         if isinstance(self.thing, Volume):
             return self.thing
         corner = tuple(float(like.coordinates(name)[0]) for name in like.names)
@@ -225,7 +225,7 @@ class Simulation:
 
 
 def _named(progress: Progress | None, method: str) -> Progress | None:
-    """Report the stages of a reconstruction as one of its method."""
+    """Return a progress callback that prefixes stages with the reconstruction method's name."""
     if progress is None:
         return None
     report: Callable[[str, int, int], None] = progress

@@ -19,7 +19,7 @@ _check: Callable[[], object] = bool
 
 @contextmanager
 def atomic_write(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
-    """Yield a path beside ``path`` to write a file or folder to; it is renamed at the end, and removed on an exception.
+    """Yield a temporary path to write a file or folder to, renamed to ``path`` at the end of the block.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def atomic_write(path: Path, *, keep_ending: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def fenced_drafts(name: str, check: Callable[[], object]) -> Iterator[None]:
-    """Write this process's drafts under a name of their own, and call ``check`` before each is renamed."""
+    """Give this process's temporary files a unique name and call ``check`` before each rename (fencing)."""
     global _signature, _check
     before = _signature, _check
     _signature, _check = f".{name}", check
@@ -59,7 +59,7 @@ def fenced_drafts(name: str, check: Callable[[], object]) -> Iterator[None]:
 
 
 def remove_older(folder: Path, oldest: float, names: str = "*") -> None:
-    """Remove the files of a folder that were last written before a time (s since 1970)."""
+    """Remove the files of a folder last modified before a time (s since 1970)."""
     for path in folder.glob(names):
         with suppress(FileNotFoundError):  # a draft has got its name, or somebody else removes it
             if path.stat().st_mtime < oldest:
@@ -67,13 +67,13 @@ def remove_older(folder: Path, oldest: float, names: str = "*") -> None:
 
 
 def remove_drafts(folder: Path) -> None:
-    """Remove the drafts that killed processes left in a folder."""
+    """Remove the temporary files that killed processes left in a folder."""
     for left in folder.glob(f"*{DRAFT_SUFFIX}*"):
         remove(left)
 
 
 def write_durably(path: Path, text: str) -> None:
-    """Write a small file that is whole, or not there, also after a power cut."""
+    """Write a small text file atomically and sync it to disk, so that it survives a power cut."""
     with atomic_write(path) as beside, beside.open("w") as file:
         file.write(text)
         file.flush()
@@ -82,7 +82,7 @@ def write_durably(path: Path, text: str) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make a rename in ``folder`` survive a power cut."""
+    """Sync a folder to disk, so that renames in it survive a power cut."""
     if os.name != "posix":  # elsewhere a folder cannot be opened, and renames are journalled
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -93,7 +93,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file or folder, if it is there."""
+    """Remove a file or folder, if it exists."""
     if path.is_dir():
         shutil.rmtree(path)
     else:

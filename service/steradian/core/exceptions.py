@@ -1,4 +1,4 @@
-"""Exception hierarchy.
+"""Exceptions raised on purpose by Steradian, with their base class.
 
 SteradianError
 ├── InvalidInput      a value is outside its allowed range (also a ``ValueError``)
@@ -24,13 +24,13 @@ from typing import ClassVar
 
 
 class SteradianError(Exception):
-    """Root of all errors raised on purpose."""
+    """Base class of all errors raised on purpose."""
 
     code: ClassVar[str] = "error"
 
 
 class InvalidInput(SteradianError, ValueError):
-    """A value is outside its allowed range.
+    """Error: a value is outside its allowed range.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class InvalidInput(SteradianError, ValueError):
 
 
 class NotFound(SteradianError, LookupError):
-    """Nothing of that kind has that identifier."""
+    """Error: no resource of this kind has this identifier."""
 
     code = "not-found"
 
@@ -68,29 +68,29 @@ class NotFound(SteradianError, LookupError):
 
 
 class Conflict(SteradianError):
-    """The request is well formed but does not fit the present state."""
+    """Error: the request is valid but conflicts with the present state."""
 
     code = "conflict"
 
 
 class StaleFence(Conflict):
-    """A newer attempt of the same job has started, so this attempt's results are discarded."""
+    """Error: a newer attempt of the same job has started, so this attempt's results are discarded."""
 
     code = "superseded"
 
 
 class DamagedFile(SteradianError):
-    """A file is truncated, not of the expected kind, or of a newer schema."""
+    """Error: a file is truncated, not of the expected kind, or of a newer schema."""
 
     code = "damaged-file"
 
 
 class FolderNotWritable(DamagedFile):
-    """A part of a data folder cannot be written: it belongs to another user, or its file system is read-only."""
+    """Error: a part of the data folder is not writable (another owner or a read-only file system)."""
 
 
 class DiskFull(SteradianError):
-    """The disk has insufficient space.
+    """Error: the disk or its quota has insufficient space.
 
     Parameters
     ----------
@@ -108,19 +108,19 @@ class DiskFull(SteradianError):
 
 
 class ScanFailed(SteradianError):
-    """The scanner or its link gave up; every acknowledged A-line is in the file."""
+    """Error: the scanner or its link failed; every acknowledged A-line is in the file."""
 
     code = "scan-failed"
 
 
 class ScanInterrupted(ScanFailed):
-    """The laser went off and was off for too long, or its device without power: only a person brings it back."""
+    """Error: the laser or its power was off for too long; only a person can resume the scan."""
 
     code = "scan-interrupted"
 
 
 class FaultLatched(ScanInterrupted):
-    """The scanner has latched a fault: a person removes its cause and clears it, then the scan can be resumed.
+    """Error: the scanner has latched a fault; after a person has cleared it, the scan can be resumed.
 
     Parameters
     ----------
@@ -141,24 +141,24 @@ class FaultLatched(ScanInterrupted):
 
 
 class FaultStands(Conflict):
-    """A latched fault of the scanner was not cleared, because its cause stands."""
+    """Error: a latched fault of the scanner cannot be cleared because its cause persists."""
 
     code = "fault-stands"
 
 
 class ScannerUnreachable(SteradianError):
-    """The scanner does not answer, or its port cannot be opened; trying again may help."""
+    """Error: the scanner does not answer or its port cannot be opened; a retry may succeed."""
 
     code = "scanner-unreachable"
 
 
 class StoreUnavailable(SteradianError):
-    """The store of scans and results does not answer, or does not have something yet; trying again may help."""
+    """Error: the object store does not answer, or does not have an object yet; a retry may succeed."""
 
     code = "store-unavailable"
 
 
 class Cancelled(SteradianError):
-    """The operation was asked to stop and did so."""
+    """Error that ends an operation which was cancelled by its caller."""
 
     code = "cancelled"

@@ -1,4 +1,4 @@
-"""Exit when the parent process closes the pipe."""
+"""Exit of a child process when its parent exits, detected by a closed standard input."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 def exit_when_stdin_closes(end: Callable[[], object]) -> None:
-    """Call ``end`` when standard input closes because the process at its other end has exited."""
+    """Wait until standard input closes, because the parent process has exited, and call ``end``."""
     while os.read(0, 4096):
         pass
     end()

@@ -1,4 +1,4 @@
-"""Numba decorators and the on-disk kernel cache.
+"""Decorators for Numba compilation with an on-disk cache of compiled functions.
 
 Importing this module imports Numba, so only modules that hold kernels import it, and they are imported when first used.
 
@@ -28,7 +28,7 @@ PATIENCE = 120.0
 
 
 def jit(function: Callable[..., Any], *, fast: bool = True, kept: bool = True, inner: bool = False) -> Any:
-    """Compile a loop at its first call; it then releases the interpreter lock and is kept on disk.
+    """Compile a function with Numba at its first call, without the GIL and cached on disk.
 
     Of several processes that need it at the same time one compiles it, and the others wait and load what it kept.
 
@@ -65,26 +65,26 @@ jit_inline: Any = partial(jit, inner=True)
 
 
 def is_uncached(function: Any, numbers: str = "float32") -> bool:
-    """Whether a cacheable function has no compiled version for this processor and these argument types."""
+    """Return whether Numba's on-disk cache lacks a function for this processor and these argument types."""
     cache = getattr(function, "_cache", None)
     return isinstance(cache, _Cache) and not cache.has_entry(numbers, function.targetctx.codegen())
 
 
 def cache_lock(function: Any, name: str) -> FileLock:
-    """Return a non-blocking lock in the cache folder of a function."""
+    """Return a non-blocking file lock in the cache folder of a function."""
     function._cache._impl.locator.ensure_cache_path()
     return FileLock(Path(function._cache.cache_path) / f"{name}.lock", timeout=0)
 
 
 class _Inner(CPUDispatcher):
-    """A function that Python cannot call; Numba itself would call address 0."""
+    """Numba function that only compiled functions may call; a call from Python raises TypeError."""
 
     def __call__(self, *_: Any, **__: Any) -> Any:
         raise TypeError(f"{self.py_func.__name__} is called by compiled functions only")
 
 
 class _Cache(FunctionCache):
-    """Numba's cache, stale when any file of the function's folder changed, and filled by one process at a time.
+    """Numba's on-disk cache, invalidated by changes to any file in the function's folder, with a lock per function.
 
     Numba itself looks at the function's own file only, and every process that misses a function compiles it: seconds,
     times the workers of a service; of two that keep forms of one function at once, one is lost.
@@ -109,7 +109,7 @@ class _Cache(FunctionCache):
         return found
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Look where functions are kept, and beside the source."""
+        """Load a compiled function from the cache, or else from ``__pycache__`` beside the source."""
         found = super()._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         if found is None and self._enabled:
             found = self._brought.load(self._index_key(sig, target_context.codegen()))  # type: ignore[no-untyped-call]
@@ -117,7 +117,7 @@ class _Cache(FunctionCache):
         return found
 
     def has_entry(self, numbers: str, codegen: Any) -> bool:
-        """Whether the cache has a version for these argument types."""
+        """Return whether the cache has a compiled function for these argument types."""
         wanted = self._index_key(None, codegen)[1:]
         keys = (key for file in (self._cache_file, self._brought) for key in file._load_index())  # type: ignore[no-untyped-call]
         return any(key[1:] == wanted and numbers in str(key[0]) for key in keys)
@@ -130,7 +130,7 @@ class _Cache(FunctionCache):
             self._end_turn()
 
     def _forget_earlier(self) -> None:
-        """Remove versions compiled from earlier sources, because Numba would reuse their file names.
+        """Remove functions compiled from earlier sources, because Numba would reuse their file names.
 
         Whoever is killed between the two would leave the new form listed and the earlier one in its file.
         """
@@ -140,7 +140,7 @@ class _Cache(FunctionCache):
                     path.unlink()
 
     def _take_turn(self) -> None:
-        """Wait while another process compiles the function; one that hangs or a folder without locks is not obeyed."""
+        """Acquire the lock for compiling the function; continue without it after a timeout or an error."""
         with suppress(Timeout, OSError, NotImplementedError):
             if self._turn is None:
                 self._impl.locator.ensure_cache_path()
@@ -159,7 +159,7 @@ class _Cache(FunctionCache):
 
 @lru_cache
 def _sources(folder: Path) -> str:
-    """Hash of all Python sources of a folder, and of this one."""
+    """Return the hash of all Python sources of a folder and of this module."""
     found = hashlib.sha256()
     for path in (Path(__file__), *sorted(folder.glob("*.py"))):
         found.update(path.read_bytes())

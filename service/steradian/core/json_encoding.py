@@ -1,4 +1,4 @@
-"""Convert dataclasses and arrays to JSON-compatible values."""
+"""Conversion of dataclasses and arrays to JSON-compatible values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def to_jsonable(figures: Any) -> Any:
 
     Examples
     --------
-    >>> plain({"best": np.float32(1.5), "curve": np.array([1.0, np.nan])})
+    >>> to_jsonable({"best": np.float32(1.5), "curve": np.array([1.0, np.nan])})
     {'best': 1.5, 'curve': [1.0, None]}
     """
     if is_dataclass(figures) and not isinstance(figures, type):

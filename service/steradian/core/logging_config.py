@@ -32,7 +32,7 @@ _STANDARD = frozenset(logging.makeLogRecord({}).__dict__) | {"message", "asctime
 
 @contextmanager
 def bind_request_id(identifier: str | None) -> Iterator[None]:
-    """Context manager that binds a request identifier to log records."""
+    """Add a request identifier to all log records until the block ends."""
     token = request_id.set(identifier or "")
     try:
         yield
@@ -41,7 +41,7 @@ def bind_request_id(identifier: str | None) -> Iterator[None]:
 
 
 def request_id_suffix() -> str:
-    """Say, at the end of a line to read, which request it goes back to."""
+    """Return the suffix of text log lines that contains the request identifier; empty without a request."""
     return f" [request {request}]" if (request := request_id.get()) else ""
 
 
@@ -53,7 +53,7 @@ class _Json(logging.Formatter):
         self._process = process
 
     def format(self, record: logging.LogRecord) -> str:
-        """Write."""
+        """Format a log record as one line of JSON."""
         entry = {
             "at": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname,
@@ -70,17 +70,17 @@ class _Json(logging.Formatter):
 
 
 class _Text(logging.Formatter):
-    """An entry as a line to read."""
+    """Formatter of log records as lines of text."""
 
     def __init__(self, process: str) -> None:
         super().__init__(f"%(asctime)s %(levelname)s {process} %(message)s")
 
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802 - as above
-        """Write the local time with its offset from UTC, ISO 8601."""
+        """Return a record's local time in ISO 8601 with its offset from UTC."""
         return datetime.fromtimestamp(record.created).astimezone().isoformat(timespec="milliseconds")
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - what a traceback follows
-        """Write."""
+        """Format a log record as one line of text, with unprintable characters escaped."""
         line = super().formatMessage(record)
         if not line.isprintable():  # others' words are to begin no line and to steer no terminal
             line = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in line)
@@ -88,14 +88,14 @@ class _Text(logging.Formatter):
 
 
 class _RateLimitFilter(logging.Filter):
-    """Rate limit: :data:`MAX_BURST` lines of one kind in :data:`WINDOW` seconds, then the count of those left out."""
+    """Rate limit of similar log lines: :data:`MAX_BURST` in :data:`WINDOW` seconds, then the omitted number."""
 
     def __init__(self) -> None:
         super().__init__()
         self._seen: dict[tuple[str, int, str], tuple[float, int]] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Decide about a line; its kind is the text before anything is put into it."""
+        """Return whether to log a record; records with the same message template share a limit."""
         kind, now = (record.name, record.levelno, str(record.msg)[:200]), record.created
         begun, count = self._seen.get(kind, (now, 0))
         if now - begun >= WINDOW:
@@ -109,7 +109,7 @@ class _RateLimitFilter(logging.Filter):
 
 
 class _QueueingHandler(logging.Handler):
-    """Handler that writes lines in a thread, so that a blocked pipe or slow disk does not delay logging code.
+    """Logging handler that writes lines in a thread, so that a blocked pipe does not delay the caller.
 
     An emergency stop is logged, too. The queue's kind is the one that a signal handler may put into at any moment.
     """
@@ -121,7 +121,7 @@ class _QueueingHandler(logging.Handler):
         threading.Thread(target=self._write, daemon=True, name="log").start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Hand a line over, or lose it."""
+        """Queue a formatted log record, or drop and count it if the queue is full."""
         try:
             if self._lines.qsize() >= MAX_QUEUED:
                 self._lost += 1
@@ -138,7 +138,7 @@ class _QueueingHandler(logging.Handler):
         return logging.makeLogRecord(about | {"msg": f"{lost} lines are lost: the log was not read for a while"})
 
     def flush(self) -> None:
-        """Wait until all is written, but not for long."""
+        """Wait until all queued lines are written, at most :data:`FLUSH` seconds."""
         written = threading.Event()
         self._lines.put(written)
         written.wait(FLUSH)
@@ -158,7 +158,7 @@ class _QueueingHandler(logging.Handler):
 
 
 def _descriptor() -> int | None:
-    """Return the descriptor of standard error; None where a program has put something else in its place."""
+    """Return the file descriptor of standard error; None if it was replaced by an object without one."""
     try:
         return sys.stderr.fileno()
     except (OSError, AttributeError):
@@ -166,7 +166,7 @@ def _descriptor() -> int | None:
 
 
 def configure_logging(settings: Settings, process: str, *, waits: bool = False) -> None:
-    """Set up this process's log.
+    """Configure the root logger of this process: handler, format and rate limit.
 
     Parameters
     ----------

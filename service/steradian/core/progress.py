@@ -1,4 +1,4 @@
-"""The two callables by which long work reports and is stopped."""
+"""Callback types for the progress and the cancellation of long operations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sandbox a process with Landlock before it opens untrusted files.
+"""Sandbox for a process that opens untrusted files, based on Linux Landlock.
 
 Landlock (Linux 5.13 and later, no privilege needed) leaves a process the files it is told of, no program to start, no
 TCP connection (6.7) and no signal to processes outside (6.12); it also ends looking into the memory and environment of
@@ -27,7 +27,7 @@ _NO_NEW_PRIVILEGES = 38
 
 
 class _Access(IntFlag):
-    """Bits of ``linux/landlock.h``."""
+    """Landlock access rights of files, as in ``linux/landlock.h``."""
 
     WRITE_FILE, READ_FILE, READ_DIR, REMOVE_DIR, REMOVE_FILE = 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5
     MAKE_DIR, MAKE_REG, TRUNCATE = 1 << 7, 1 << 8, 1 << 14
@@ -58,19 +58,19 @@ class _Beneath(ctypes.Structure):
 
 
 def minimal_environment(given: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Return the environment variables for a sandboxed process; temporary files go into ``folder``."""
+    """Return the environment variables for a sandboxed process, with ``folder`` for temporary files."""
     known = {name: value for name, value in given.items() if name in ENV_ALLOWLIST or name.startswith("LC_")}
     return known | {"TMPDIR": str(folder), "HOME": str(folder)}
 
 
 def set_oom_score(score: int) -> None:
-    """Set the kernel's preference to kill this process when memory runs out: 0 normal, 1000 first."""
+    """Set this process's OOM score: the kernel kills processes with a higher score first (0 to 1000)."""
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(str(score))
 
 
 def restrict_filesystem(readable: Iterable[Path], folder: Path) -> bool:
-    """Leave this thread, and those it starts, some files to read and one folder to write in.
+    """Restrict this thread, and threads it starts, to ``readable`` files and one writable folder (Landlock).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Replaced by attribute docstrings and ConfigDict(use_attribute_docstrings=True)."""
+"""Descriptions and units in JSON schemas, taken from the docstrings of dataclasses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ROLE = re.compile(r":\w+:`~?\.*([^`]*)`")
 
 
 def explanations(kind: type) -> dict[str, str]:
-    """Return the text of each parameter in the NumPy docstring of a class, as running text."""
+    """Return the description of each parameter in the NumPy docstring of a class."""
     _, _, section = (inspect.getdoc(kind) or "").partition("Parameters\n----------\n")
     found: dict[str, list[str]] = {}
     lines: list[str] = []
@@ -34,13 +34,13 @@ def _plain(text: str) -> str:
 
 
 class Explained:
-    """Annotate a dataclass with this, and its JSON schema has the docstring's descriptions and the units given."""
+    """Pydantic annotation that adds a dataclass's docstring descriptions and given units to its JSON schema."""
 
     def __init__(self, kind: type, **units: str) -> None:
         self._kind, self._units = kind, units
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Add them to the properties."""
+        """Return the JSON schema with descriptions and units added to its properties."""
         made = handler(schema)
         properties: dict[str, dict[str, Any]] = handler.resolve_ref_schema(made)["properties"]
         for name, text in explanations(self._kind).items():

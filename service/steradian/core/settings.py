@@ -1,4 +1,4 @@
-"""Deployment settings: one frozen object, read from ``STERADIAN_…`` variables or given in code."""
+"""Deployment settings: one immutable object, read from environment variables ``STERADIAN_…``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SECRETS = frozenset({f"{PREFIX}API_KEY", f"{PREFIX}NODE_SECRET"})
 
 
 class Settings(BaseSettings):
-    """Settings of the service, its processes and its store."""
+    """Settings of the service, its processes and its object store."""
 
     model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -178,7 +178,7 @@ class Settings(BaseSettings):
 
     @classmethod
     def create(cls, **fields: Any) -> Self:
-        """Read the environment, overridden by ``fields`` that are not ``None``.
+        """Return the settings from environment variables, overridden by ``fields`` that are not ``None``.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Settings(BaseSettings):
         return settings
 
     def _check_baud(self) -> None:
-        """Raise InvalidInput where the scanner's baud rate is none."""
+        """Raise InvalidInput if the scanner's address has an invalid baud rate."""
         from fabry_perot import PlanInvalid
         from fabry_perot.host.address import split
 
@@ -219,12 +219,12 @@ class Settings(BaseSettings):
 
     @property
     def simulated(self) -> bool:
-        """Whether the scanner is the simulator that the service starts itself."""
+        """Whether the scanner is the simulator that the service starts."""
         return self.scanner == "simulated"
 
     @property
     def listens_on_loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
+        """Whether the service listens on a loopback address only."""
         name = self.host.lower().removesuffix(".")
         try:
             return name == "localhost" or ip_address(name).is_loopback
@@ -238,25 +238,25 @@ class Settings(BaseSettings):
 
     @property
     def origins(self) -> frozenset[str]:
-        """Origins of other sites whose pages may read, in lower case."""
+        """Allowed CORS origins, in lower case."""
         return frozenset(name.strip().lower() for name in self.cors_origins.split(",") if name.strip())
 
     @property
     def is_scanner_node(self) -> bool:
-        """Whether this node's workers only run live jobs of its scanner's scans."""
+        """Whether this node's workers run only live jobs of its own scanner."""
         return self.role == "acquisition" and self.workers > 0
 
     def worker_slot_name(self, slot: int) -> str:
-        """Name of one worker."""
+        """Return the name of the worker with a slot number."""
         return f"{self.scanner_id if self.role == 'acquisition' else self.worker_name}-{slot}"
 
     @property
     def threads_per_job(self) -> int:
-        """Threads a reconstruction may use, so that all workers together fill the machine once."""
+        """Threads per job: the number of CPUs divided by the number of workers."""
         return max(1, cpu_count() // max(1, self.workers))
 
     def environment(self, *, keys: bool = True) -> dict[str, str]:
-        """Variables from which a child process reads these same settings; without ``keys`` no :data:`SECRETS`."""
+        """Return environment variables with these settings for a child process; :data:`SECRETS` only with ``keys``."""
         values = {PREFIX + name.upper(): str(v) for name, v in self.model_dump(mode="json", exclude_none=True).items()}
         whole = os.environ | values
         return whole if keys else {name: value for name, value in whole.items() if name not in SECRETS}

@@ -1,4 +1,4 @@
-"""Event that may be set from a signal handler."""
+"""Threading event that a signal handler can set safely."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ class SignalSafeEvent(threading.Event):
         self._near.setblocking(False)
 
     def is_set(self) -> bool:
-        """Return whether it was set."""
+        """Return whether the event is set."""
         return self._over
 
     def set(self) -> None:
-        """Set it, for good."""
+        """Set the event, irrevocably."""
         if not self._over:
             self._over = True
             self._near.send(b"\0")
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set or ``timeout`` seconds have passed; return whether it was set."""
+        """Wait until the event is set or ``timeout`` seconds have passed; return whether it is set."""
         if not self._over:
             select.select([self._far], [], [], timeout)
         return self._over
 
     def clear(self) -> None:
-        """Raise, because a stop cannot be revoked."""
+        """Raise RuntimeError, because this event cannot be cleared."""
         raise RuntimeError("a SignalSafeEvent stays set")
 
     def __del__(self) -> None:

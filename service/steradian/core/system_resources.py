@@ -1,4 +1,4 @@
-"""Memory and CPUs available to this process, cgroup-aware."""
+"""Memory and CPUs available to this process, within its cgroup limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _MINE, _GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
 
 
 def total_memory() -> int | None:
-    """Bytes of memory that this process could have if it were alone; None where the system does not say.
+    """Return the memory of the machine or cgroup limit in bytes; None where the system does not report it.
 
     What the machine has, or the limit of a control group (container, batch system) where that is less.
     """
@@ -21,7 +21,7 @@ def total_memory() -> int | None:
 
 
 def available_memory() -> int | None:
-    """Bytes that this process may still take without swapping; None where the system does not say.
+    """Return the bytes that this process can allocate without swapping; None where the system does not report it.
 
     The least of what the machine has to spare, what the control groups of this process are still allowed (containers,
     batch systems), and the limit of its address space (``ulimit -v``).
@@ -35,7 +35,7 @@ def available_memory() -> int | None:
 
 
 def cpu_count(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
-    """Return the number of processors available to this process, at least one: CPU affinity and control groups."""
+    """Return the CPUs available to this process within CPU affinity and cgroup quota, at least one."""
     try:
         found: float = len(os.sched_getaffinity(0))
     except AttributeError:  # not on macOS or Windows
@@ -50,7 +50,7 @@ def cpu_count(mine: Path = _MINE, groups: Path = _GROUPS) -> int:
 
 
 def cgroup_memory_headroom(mine: Path, groups: Path) -> Iterator[int]:
-    """Memory headroom of the control groups in the file ``mine`` and of their parents; version 2 or 1."""
+    """Yield the bytes left below the memory limit of this process's cgroup and of each parent (v1 and v2)."""
     for limit, taken, statistics in _limits(mine, groups):
         if taken is not None:
             yield limit - taken + _cached(statistics)
@@ -76,7 +76,7 @@ def _physical() -> int | None:
 
 
 def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
-    """Yield each group's memory limit, usage and statistics file; version 2 or 1."""
+    """Yield memory limit, usage and statistics file of each cgroup (v1 and v2)."""
     for group in _of_process(mine, groups, "memory"):
         for most, used in (("memory.max", "memory.current"), ("memory.limit_in_bytes", "memory.usage_in_bytes")):
             limit, taken = _number(group / most), _number(group / used)
@@ -85,7 +85,7 @@ def _limits(mine: Path, groups: Path) -> Iterator[tuple[int, int | None, Path]]:
 
 
 def _of_process(mine: Path, groups: Path, controller: str) -> Iterator[Path]:
-    """Yield the control groups in the file ``mine`` and their parents, inner ones first."""
+    """Yield the folders of the cgroups named in the file ``mine`` and of their parents, innermost first."""
     for line in _lines(mine):
         _, controllers, path = line.split(":", 2)
         if controllers == "" or controller in controllers.split(","):
@@ -96,7 +96,7 @@ def _of_process(mine: Path, groups: Path, controller: str) -> Iterator[Path]:
 
 
 def _cached(statistics: Path) -> int:
-    """Bytes of files, given back when they are needed."""
+    """Return the bytes of a cgroup's file cache, which the kernel reclaims on demand."""
     known = dict(line.split(maxsplit=1) for line in _lines(statistics))
     # version 1 tells of the group alone, and with "total_" of those within it as well
     return sum(int(known.get(f"total_{kind}", known.get(kind, 0))) for kind in ("inactive_file", "active_file"))

@@ -1,4 +1,4 @@
-"""Allowed ranges of physical quantities.
+"""Allowed ranges of physical quantities in SI units.
 
 They are wide, and yet no usual number in nanoseconds, hertz or millimetres a microsecond falls into one of them, and of
 lengths in millimetres or micrometres only those of at most 1.
@@ -16,7 +16,7 @@ from steradian.core.exceptions import InvalidInput
 
 @dataclass(frozen=True, slots=True)
 class QuantityRange:
-    """Numbers from ``low`` (excluded where ``above``) to ``high``, in ``unit``."""
+    """Range of a quantity from ``low`` (exclusive if ``above``) to ``high``, in ``unit``."""
 
     low: float
     high: float
@@ -25,7 +25,7 @@ class QuantityRange:
 
     @property
     def limits(self) -> dict[str, float]:
-        """The same for a field of :class:`steradian.core.validation.Value`."""
+        """Bounds of the range as pydantic field constraints (gt or ge, and le)."""
         return {"gt" if self.above else "ge": self.low, "le": self.high}
 
     def __contains__(self, number: float) -> bool:
@@ -35,7 +35,7 @@ class QuantityRange:
         return f"{'>' if self.above else 'at least'} {self.low:g}, at most {self.high:g} ({self.unit})"
 
     def check(self, field: str, value: object) -> float:
-        """Return ``value`` as a number.
+        """Validate that ``value`` is a finite number in the range and return it as a float.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class QuantityRange:
         return number
 
     def check_integer(self, field: str, value: object) -> int:
-        """Return ``value`` as a whole number, given as an integer or a float.
+        """Validate that ``value`` is a whole number in the range and return it as an integer.
 
         Raises
         ------
@@ -86,7 +86,7 @@ THREADS = QuantityRange(1, 1024, "threads")
 
 
 def as_finite_float(field: str, value: Any, allowed: str) -> float:
-    """Return ``value`` as a finite number.
+    """Validate that ``value`` is a finite number and return it as a float.
 
     Raises
     ------

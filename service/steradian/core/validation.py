@@ -1,4 +1,4 @@
-"""Frozen, validated values: the base class :class:`Value` on top of pydantic.
+"""Base class of immutable, validated values (pydantic models), and field helpers.
 
 A person reads "depth is -1; allowed: > 0, at most 1 (m)", not a library's error dump, so a failed validation is
 turned into :class:`~steradian.core.exceptions.InvalidInput` with the field's own limits and unit.
@@ -45,7 +45,7 @@ _CHECKS = {"int": _no_boolean("int"), "float": _no_boolean("float")}
 
 
 def _reject_booleans(schema: Any) -> None:
-    """Put a check before each number in a schema that has none yet."""
+    """Add a validator that rejects booleans to each number in a pydantic core schema."""
     for key, part in list(schema.items() if isinstance(schema, dict) else enumerate(schema)):
         if key in {"metadata", "serialization"} or not isinstance(part, dict | list):
             continue
@@ -61,7 +61,7 @@ _SECRETS = re.compile(r"(?<=://)[^/]*(?=@)|(?<=\?).*")
 
 
 class Value(BaseModel):
-    """A frozen value; :meth:`create` raises ``InvalidInput`` where plain pydantic raises ``ValidationError``.
+    """Base class of immutable pydantic models; :meth:`create` raises ``InvalidInput`` on invalid fields.
 
     No boolean counts as a number, in whatever field: ``true`` is no aperture of 1 m.
     """
@@ -70,14 +70,14 @@ class Value(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Restrict numeric fields to numbers, without strings or booleans."""
+        """Return the core schema with booleans rejected in numeric fields."""
         schema = handler(source)
         _reject_booleans(handler.resolve_ref_schema(schema))
         return schema
 
     @classmethod
     def create(cls, **fields: Any) -> Self:
-        """Validate ``fields`` into a value.
+        """Return a validated instance with these fields.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class Value(BaseModel):
 
 
 def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInput:
-    """Turn the first finding of a pydantic error into an ``InvalidInput`` that names field, value and range."""
+    """Convert the first error of a pydantic ``ValidationError`` to an ``InvalidInput`` with field, value and range."""
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
     field = ".".join(path) or model.__name__
@@ -117,7 +117,7 @@ def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidI
 
 
 def describe_range(info: FieldInfo) -> str:
-    """Say a field's limits in words, for example ``"> 0, at most 1 (m)"``; empty when it has none."""
+    """Return a field's limits in words, for example ``"> 0, at most 1 (m)"``; empty without limits."""
     words = []
     for limit in info.metadata:
         match limit:
@@ -139,7 +139,7 @@ def describe_range(info: FieldInfo) -> str:
 
 
 def quantity_field(unit: str, description: str, **limits: Any) -> Any:
-    """Declare a field with a unit, which errors and the HTTP schema then state."""
+    """Return a pydantic field with a unit, which appears in errors and in the JSON schema."""
     return Field(description=f"{description} ({unit})", json_schema_extra={"unit": unit}, **limits)
 
 
@@ -178,7 +178,7 @@ FloatArray = Annotated[
 
 
 def content_hash(prefix: str, parameters: object, *arrays: NDArray[Any]) -> str:
-    """Identify immutable content: ``prefix`` and 24 hexadecimal digits of its SHA-256.
+    """Return an identifier of immutable content: ``prefix`` and 24 hexadecimal digits of a SHA-256.
 
     The parameters enter as JSON with sorted keys, the arrays as little-endian bytes, so the same content has the
     same identifier on every machine.

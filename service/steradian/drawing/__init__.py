@@ -1,1 +1,1 @@
-"""Plot style and the two renderers (pixels, matplotlib)."""
+"""Drawing: plot style and two renderers (raster and matplotlib)."""

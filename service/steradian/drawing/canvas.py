@@ -28,7 +28,7 @@ class ColourBar:
 
 @dataclass
 class Canvas:
-    """Draws on a sheet of some width and height, and notes each label with its box."""
+    """Canvas of given width and height with drawing primitives, which records the box of each label."""
 
     width: int
     height: int
@@ -41,7 +41,7 @@ class Canvas:
     def write(
         self, x: float, y: float, text: str, size: int, colour: str, anchor: str, around: str | None = None
     ) -> Box:
-        """Write a label, return and note its box."""
+        """Draw a horizontal label, record and return its box."""
         edge = {"stroke_width": 1, "stroke_fill": around} if around else {}
         self.strokes.text((x, y), text, colour, font(size), anchor=anchor, **edge)  # type: ignore[arg-type]
         box = self.strokes.textbbox((x, y), text, font(size), anchor=anchor)
@@ -49,7 +49,7 @@ class Canvas:
         return box
 
     def write_vertical(self, x: float, middle: float, text: str) -> None:
-        """Write a label from bottom to top, its left edge at ``x``."""
+        """Draw a label from bottom to top, its left edge at ``x``."""
         width, height = round(font(LABEL).getlength(text)) + 2, line_height(LABEL)
         label = Image.new("RGB", (width, height), BACKGROUND)
         ImageDraw.Draw(label).text((1, 0), text, FOREGROUND, font(LABEL), anchor="la")
@@ -58,7 +58,7 @@ class Canvas:
         self.labels.append((text, (round(x), top, round(x) + height, top + width)))
 
     def put_axes(self, left: int, top: int, width: int, height: int, across: Axis, up: Axis | NamedRows) -> None:
-        """Draw ticks and labels of axes."""
+        """Draw ticks and labels of the axes."""
         bottom, tips = top + height, [left - MARK - GAP]
         for place, text in across.marks(width):
             x = left + place
@@ -76,7 +76,7 @@ class Canvas:
     def draw_colour_bar(
         self, bar: ColourBar, left: int, top: int, width: int, height: int, right: int, label: list[str]
     ) -> None:
-        """Draw a bar of colours with its marks; the lines of its label end before ``right``."""
+        """Draw a colour bar with its tick labels; the lines of its title end before ``right``."""
         ramp = np.repeat(bar.colours[:, None], width, axis=1)
         self.image.paste(Image.fromarray(ramp).resize((width, height), Image.Resampling.BOX), (left, top))
         if bar.beyond:
@@ -92,23 +92,23 @@ class Canvas:
 
 
 def left_margin(up: Axis | NamedRows, height: int) -> int:
-    """Width in pixels of the ticks and label of a vertical axis."""
+    """Return the width in pixels of the ticks and label of a vertical axis."""
     name = line_height(LABEL) + GAP if up.name else 0
     return round(2 * GAP + name + _widest(up, height) + GAP + MARK)
 
 
 def right_margin(axis: Axis, height: int, lines: int) -> int:
-    """Pixels that the marks of a bar of colours and its label of some lines need to its right."""
+    """Return the width in pixels of a colour bar's tick labels and of its title of some lines."""
     return round(MARK + GAP + _widest(axis, height) + GAP + lines * line_height(LABEL) + 2 * GAP)
 
 
 def line_height(size: int) -> int:
-    """Height in pixels of a line of text."""
+    """Return the height in pixels of a line of text."""
     return size + 4
 
 
 def wrapped(text: str, size: int, room: float) -> list[str]:
-    """Break a text into lines that fit."""
+    """Return a text broken into lines that fit a width."""
     lines: list[str] = []
     for word in text.split():
         longer = f"{lines[-1]} {word}" if lines else word

@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 @singledispatch
 def plot(value: object, axes: Axes | None = None, **options: Any) -> Axes:
-    """Plot a value into matplotlib axes; None: new ones. Raises TypeError for values without a plot."""
+    """Plot a value into matplotlib axes; None: new axes. Raises TypeError for unsupported types."""
     axes = _implementation(plot, value)(value, axes, **options)
     return axes
 
 
 @singledispatch
 def save(value: object, path: Path) -> None:
-    """Write a value or its picture into a file, in the format of its ending; raises TypeError as :func:`plot`."""
+    """Write a value or its picture into a file; the suffix determines the format. Raises TypeError as :func:`plot`."""
     _implementation(save, value)(value, path)
 
 
 @singledispatch
 def to_html(value: object) -> str:
-    """Return a value as HTML for notebooks; raises TypeError as :func:`plot`."""
+    """Return an HTML representation of a value for notebooks; raises TypeError as :func:`plot`."""
     html: str = _implementation(to_html, value)(value)
     return html
 

@@ -1,4 +1,4 @@
-"""Value with notebook display, plot() and save()."""
+"""Base class of values with a notebook representation, plot() and save()."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class DisplayableValue(Value):
 
         @property
         def id(self) -> str:
-            """Identifier of the content."""
+            """Identifier of the content (hash)."""
 
     def __str__(self) -> str:
         return repr(self)
@@ -46,7 +46,7 @@ class DisplayableValue(Value):
         return display.plot(self, axes)
 
     def save(self, path: str | Path) -> None:
-        """Write the value or a page of its pictures into a file, in the format of the name's ending.
+        """Write the value or its summary figure into a file; the suffix determines the format.
 
         ``.json`` keeps everything, of a mask ``.csv`` and ``.npy`` positions and weights; ``.png``, ``.pdf`` and
         ``.svg`` are pictures.

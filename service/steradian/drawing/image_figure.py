@@ -27,7 +27,7 @@ ROUND_LENGTHS = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50)
 
 @dataclass(frozen=True)
 class Layout:
-    """Drawn plot areas with their positions.
+    """Rendered plot areas with their positions on the page.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class ImageFigure:
     scale_bar: float | None = None
 
     def save(self, path: Path) -> Layout:
-        """Draw into a PNG, under a temporary name first."""
+        """Draw the figure and write a PNG file by an atomic write."""
         drawn = self.draw()
         with atomic_write(path) as file:
             # Pixels are enlarged to blocks: runs are most of what there is to find, in four fifths of the time.
@@ -76,7 +76,7 @@ class ImageFigure:
         return drawn
 
     def draw(self) -> Layout:
-        """Lay out and draw."""
+        """Lay out and draw the figure; return its pixels."""
         room_x, room_y = max(self.width, SHORT_SIDE), max(self.height, SHORT_SIDE)
         # what is narrower than its room stands in its middle, and the left margin shrinks by what is free there
         left = left_margin(self.up, self.height) + (room_x - self.width) // 2
@@ -107,12 +107,12 @@ class ImageFigure:
         return Layout(self._pen.image.size, frame, tuple(self._pen.labels), highest)
 
     def _put_image(self, left: int, top: int) -> None:
-        """Put the image down: enlarged pixel by pixel, or averaged where there are more than fit."""
+        """Draw the image: enlarged pixel by pixel, or reduced by averaging if larger than the plot area."""
         image = Image.fromarray(self.pixels).resize((self.width, self.height), Image.Resampling.BOX)
         self._pen.image.paste(image, (left, top))
 
     def _put_scale_bar(self, left: int, top: int) -> None:
-        """Put a bar of a round length, about a fifth of the width, into the lower left corner, where it has room."""
+        """Draw a scale bar of a round length, about a fifth of the width, at the lower left, if there is room."""
         extent = self.across.length
         length = self.scale_bar or max((r for r in ROUND_LENGTHS if r <= extent / 4), default=ROUND_LENGTHS[0])
         text = f"{length:g} mm" if length >= 1 else f"{1e3 * length:g} µm"

@@ -1,4 +1,4 @@
-"""Styled matplotlib figures.
+"""Creation and saving of matplotlib figures in the common style.
 
 Nothing global is changed: pages may be drawn in several threads at once.
 """
@@ -51,12 +51,12 @@ def page(width: int, shape: float, least: int = LEAST) -> Figure:
 
 
 def set_title(figure: Figure, title: str) -> None:
-    """Write the title of a page."""
+    """Set the title of a figure."""
     figure.suptitle(title, fontsize=points(TITLE + 2), color=FOREGROUND, fontfamily=FONT)
 
 
 def style_axes(axes: Axes, *, title: str = "", across: str = "", up: str = "", equal: bool = False) -> None:
-    """Give a plot its names and the style of all pictures."""
+    """Set labels and the common style of matplotlib axes."""
     axes.set_title(
         title, y=1.0, fontsize=points(TITLE), color=FOREGROUND, fontfamily=FONT
     )  # there, without looking for room
@@ -70,7 +70,7 @@ def style_axes(axes: Axes, *, title: str = "", across: str = "", up: str = "", e
 
 
 def colour_bar(axes: Axes, shown: Any, label: str) -> Any:
-    """Put a bar of colours beside a plot, as high as the plot is."""
+    """Add a colour bar beside axes, of the same height."""
     place = axes.inset_axes((1 + BAR_START, 0.0, BAR_SHARE, 1.0))
     bar = axes.figure.colorbar(shown, cax=place)
     style_axes(place, up=label)
@@ -78,7 +78,7 @@ def colour_bar(axes: Axes, shown: Any, label: str) -> Any:
 
 
 def check_suffix(path: Path, field: str = "file") -> None:
-    """Refuse a file whose name's ending is of no format that pages can be written in; none at all means PNG.
+    """Raise ``InvalidInput`` if a file's suffix is not a supported picture format; no suffix means PNG.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def check_suffix(path: Path, field: str = "file") -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a page into a file, under a temporary name first; the ending of its name decides the format.
+    """Write a figure into a file by an atomic write; the suffix determines the format.
 
     Raises
     ------
@@ -107,5 +107,5 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def points(pixels: float) -> float:
-    """Return a length on a page in the unit that matplotlib has for letters and lines."""
+    """Convert a length in pixels to matplotlib's unit of text and lines (points)."""
     return pixels * 72 / RESOLUTION

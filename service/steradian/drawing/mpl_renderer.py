@@ -1,4 +1,4 @@
-"""Render plot specifications with matplotlib."""
+"""Matplotlib renderer of plot specifications."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def save(page: Page, path: Path) -> None:
-    """Write a page into a file, under a temporary name first; the ending of its name decides the format.
+    """Write a page specification into a file by an atomic write; the suffix determines the format.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def save(page: Page, path: Path) -> None:
 
 
 def to_figure(page: Page) -> Figure:
-    """Draw a page as a figure that is not saved."""
+    """Return a matplotlib figure of a page specification, without saving."""
     figure = pages.page(page.width, page.shape)
     grid = figure.add_gridspec(1, len(page.columns), width_ratios=page.shares)
     for number, column in enumerate(page.columns):
@@ -60,7 +60,7 @@ def to_figure(page: Page) -> Figure:
 
 
 def draw_into_axes(plot: Plot, axes: Axes) -> None:
-    """Draw a plot into axes."""
+    """Draw a plot specification into matplotlib axes."""
     if isinstance(plot.up, Axis):
         axes.set_yscale("log" if isinstance(plot.up, LogAxis) else "linear")
         axes.set_ylim(plot.up.last, plot.up.first)

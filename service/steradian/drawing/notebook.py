@@ -19,7 +19,7 @@ WIDTH = 640
 
 
 def html_card(text: str, draw: Callable[[Path], object]) -> str:
-    """Return a piece of HTML with an object's line and its picture, which ``draw`` writes into a PNG."""
+    """Return an HTML card with an object's summary line and a picture, which ``draw`` writes as PNG."""
     with TemporaryDirectory(prefix="steradian-") as folder:
         path = Path(folder) / "picture.png"
         draw(path)
@@ -29,14 +29,14 @@ def html_card(text: str, draw: Callable[[Path], object]) -> str:
 
 
 def html_plot(text: str, plot: Callable[[Axes], object]) -> str:
-    """Return the same with a picture of one plot, drawn into the axes that ``plot`` is given."""
+    """Return an HTML card with an object's summary line and a picture of one plot, which ``plot`` draws into axes."""
     figure = page(WIDTH, 0.8)
     plot(figure.add_subplot())
     return html_card(text, lambda path: save(figure, path))
 
 
 def resolve_axes(axes: Axes | None) -> Axes:
-    """Return the plot to draw into: the one given, or that of a new figure."""
+    """Return the given matplotlib axes, or those of a new figure."""
     if axes is not None:
         return axes
     from matplotlib import pyplot

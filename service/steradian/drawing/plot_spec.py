@@ -1,4 +1,4 @@
-"""Renderer-independent plot specifications.
+"""Data classes that specify plots independently of the renderer.
 
 Lengths of what is drawn are in pixels of the page; places are in the units of the plot's axes.
 """
@@ -21,7 +21,7 @@ Shape = Literal["+", "o", "s", ">"]
 
 @dataclass(frozen=True)
 class Colours:
-    """Colour scale: name of a colour map, values at its ends, and label."""
+    """Colour scale of a plot: name of a colour map, values at its ends, and label."""
 
     name: str
     low: float
@@ -30,7 +30,7 @@ class Colours:
 
     @classmethod
     def spanning(cls, values: Floats, name: str, label: str) -> Colours:
-        """Return the scale from minimum to maximum; a range of less than a thousandth counts as one colour."""
+        """Return the colour scale from minimum to maximum; a range below a thousandth counts as one colour."""
         low, high = float(values.min()), float(values.max())
         margin = 0.05 * high if high - low < 1e-3 * high else 0.0
         return cls(name, low - margin, high + margin, label)
@@ -47,7 +47,7 @@ class Heatmap:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Discs at places (n, 2), coloured by values (n,)."""
+    """Scatter plot: discs at positions (n, 2), coloured by values (n,)."""
 
     places: Floats
     values: Floats
@@ -57,7 +57,7 @@ class Scatter:
 
 @dataclass(frozen=True)
 class ColouredPath:
-    """Straight pieces between places (n, 2), coloured by values (n - 1,)."""
+    """Polyline through positions (n, 2), whose segments are coloured by values (n - 1,)."""
 
     places: Floats
     values: Floats
@@ -67,7 +67,7 @@ class ColouredPath:
 
 @dataclass(frozen=True)
 class Curve:
-    """Straight lines through places (n, 2)."""
+    """Polyline through positions (n, 2) in one colour."""
 
     places: Floats
     colour: str
@@ -76,7 +76,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class VerticalLine:
-    """A dotted line from bottom to top."""
+    """Dotted vertical line over the full height of a plot."""
 
     x: float
     colour: str = FOREGROUND
@@ -84,7 +84,7 @@ class VerticalLine:
 
 @dataclass(frozen=True)
 class Marker:
-    """A sign of some size at a place."""
+    """Marker symbol of some size at a position."""
 
     x: float
     y: float
@@ -105,7 +105,7 @@ class Histogram:
 
 @dataclass(frozen=True)
 class Bars:
-    """A bar from zero to a value in each row, with a text at its end."""
+    """Horizontal bar chart: a bar from zero to a value in each row, with a text at its end."""
 
     values: Sequence[float]
     texts: Sequence[str]
@@ -114,7 +114,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class Annotation:
-    """A text whose middle lies at a place; of a colour, with another one around it so that it shows on any ground."""
+    """Text centred at a position, with an outline of another colour so that it is legible on any background."""
 
     x: float
     y: float
@@ -128,7 +128,7 @@ Part: TypeAlias = Heatmap | Scatter | ColouredPath | Curve | VerticalLine | Mark
 
 @dataclass(frozen=True)
 class Plot:
-    """Plot: axes and layers, first ones below; the first value of ``up`` is at the top. ``equal``: equal scales."""
+    """Plot: axes and layers, first ones lowest; the first value of ``up`` is at the top. ``equal``: equal scales."""
 
     title: str
     across: Axis
@@ -144,7 +144,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Page:
-    """Columns of plots of some shares of the width; the page is ``width`` pixels wide and ``shape`` times as high."""
+    """Page layout: columns of plots with relative widths; ``width`` pixels wide and ``shape`` times as high."""
 
     title: str
     columns: Sequence[Sequence[Plot]]
@@ -159,12 +159,12 @@ class Page:
 
 
 def poi_marker(x: float, y: float, around: str) -> tuple[Marker, Marker]:
-    """Return the sign of a point of interest, which shows on any ground."""
+    """Return the marker of a point of interest, which is visible on any background."""
     return Marker(x, y, "+", 22, around, 5), Marker(x, y, "+", 20, ACCENT)
 
 
 def histogram(values: Floats, bins: int, margin: float) -> Histogram:
-    """Count values in ``bins`` equal steps from the least less the margin to the greatest with it."""
+    """Return the histogram of values in ``bins`` equal bins from minimum − margin to maximum + margin."""
     low, high = float(values.min()) - margin, float(values.max()) + margin
     counts, edges = np.histogram(values, np.linspace(low, high, bins + 1))
     return Histogram(edges, counts.astype(float))

@@ -1,4 +1,4 @@
-"""Fast raster renderer of plots.
+"""Fast raster renderer of plot specifications.
 
 What lies inside of a plot's frame is drawn larger than it is and shrunk, which smooths its edges.
 """
@@ -54,26 +54,26 @@ COLUMN_GAP = 84
 
 @dataclass(frozen=True)
 class RasterPage:
-    """A page's pixels, and text and box of each label on it."""
+    """Rendered page: its pixels, and the text and box of each label."""
 
     image: Image.Image
     labels: tuple[tuple[str, Box], ...]
 
     def png(self) -> bytes:
-        """Return it as a PNG."""
+        """Return the page encoded as PNG."""
         written = io.BytesIO()
         self.image.save(written, format="png", compress_level=1)
         return written.getvalue()
 
     def save(self, path: Path) -> None:
-        """Write it into a PNG, under a temporary name first."""
+        """Write the page as a PNG file by an atomic write."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
             file.write_bytes(self.png())
 
 
 def render_page(page: Page) -> RasterPage:
-    """Draw a page."""
+    """Render a page specification into pixels."""
     wide = max(page.width, LEAST)
     pen = Canvas(wide, round(page.shape * wide))
     head = 2 * GAP + line_height(TITLE + 2)
@@ -92,7 +92,7 @@ def render_page(page: Page) -> RasterPage:
 
 
 def _put(pen: Canvas, plot: Plot, cell: tuple[int, int, int, int]) -> None:
-    """Draw a plot as large as its labels leave room for in a cell."""
+    """Draw a plot into a cell of the page, as large as its labels permit."""
     top = cell[1] + 2 * GAP + line_height(TITLE)
     height = cell[3] - top - (MARK + GAP + line_height(TICK) + line_height(LABEL) + 2 * GAP)
     before, share, label = max(COLUMN_GAP, left_margin(plot.up, height)), 1.0, list[str]()
@@ -121,7 +121,7 @@ def _put(pen: Canvas, plot: Plot, cell: tuple[int, int, int, int]) -> None:
 
 
 class PlotArea:
-    """Plot area of a given size in pixels; texts are returned for the caller to place."""
+    """Renderer of one plot area of a given size in pixels; texts are returned for the caller to draw."""
 
     def __init__(self, plot: Plot, width: int, height: int) -> None:
         self._plot, self._size = plot, (SUPERSAMPLING * width, SUPERSAMPLING * height)
@@ -130,7 +130,7 @@ class PlotArea:
         self.texts: list[tuple[float, float, str, str, str | None, str]] = []
 
     def drawn(self) -> Image.Image:
-        """Draw one part after another."""
+        """Render the layers of a plot in order; return pixels and texts."""
         for part in self._plot.parts:
             self._draw(part)
         return self._image.reduce(SUPERSAMPLING)
@@ -142,7 +142,7 @@ class PlotArea:
         return self._plot.up.share(value) * self._size[1]
 
     def _places(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the pixels (n, 2) of places (n, 2) on even axes."""
+        """Convert positions (n, 2) on linear axes to pixels (n, 2)."""
         assert isinstance(self._plot.up, Axis)  # noqa: S101 - rows have bars
         first = np.array([self._plot.across.first, self._plot.up.first])
         last = np.array([self._plot.across.last, self._plot.up.last])
@@ -225,7 +225,7 @@ class PlotArea:
 
 
 def apply_colour_map(values: NDArray[Any], scale: Colours) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of values."""
+    """Map values to colours (..., 3) by a colour map."""
     share = np.clip((values - scale.low) * (255 / (scale.high - scale.low)), 0, 255)
     found: NDArray[np.uint8] = colours(scale.name)[share.astype(np.uint8)]
     return found

@@ -1,4 +1,4 @@
-"""Colours, fonts and sizes of every picture."""
+"""Colours, fonts and sizes of all pictures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LIGHTNESS, CHROMA = 0.78, 0.15
 
 @cache
 def font(size: int) -> ImageFont.FreeTypeFont:
-    """Load the font of all pictures; matplotlib brings it along."""
+    """Return the font of all pictures in a size, from matplotlib's files (cached)."""
     from matplotlib import get_data_path
     from PIL import ImageFont
 
@@ -47,7 +47,7 @@ def font(size: int) -> ImageFont.FreeTypeFont:
 
 @cache
 def colours(name: ColourMap) -> NDArray[np.uint8]:
-    """(256, 3) colours from dark to bright."""
+    """Return the default colour map, (256, 3) from dark to bright (cached)."""
     from matplotlib import colormaps
 
     return np.array(255 * colormaps[name](np.arange(256))[:, :3] + 0.5, np.uint8)
@@ -55,7 +55,7 @@ def colours(name: ColourMap) -> NDArray[np.uint8]:
 
 @cache
 def depth_colours() -> NDArray[np.uint8]:
-    """(256, 3) equally light colours, near to far: warm ones come forward."""
+    """Return the colour map of depth: (256, 3) colours of equal lightness, from near (warm) to far (cached)."""
     hue = np.radians(np.linspace(NEAR_HUE, FAR_HUE, 256))
     a, b = CHROMA * np.cos(hue), CHROMA * np.sin(hue)
     # Oklab to linear sRGB (B. Ottosson, 2020), then the sRGB curve
@@ -82,5 +82,5 @@ def depth_colours() -> NDArray[np.uint8]:
 
 
 def format_number(value: float) -> str:
-    """Write a number as axes do, with a true minus."""
+    """Format a number as an axis label, with a typographic minus sign."""
     return f"{value:g}".replace("-", "−")

@@ -1,4 +1,4 @@
-"""Axes and the round numbers along them."""
+"""Plot axes and their tick positions at round numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MOST = 8
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: the values at its first and last edge, in the direction of drawing, and its name."""
+    """Linear axis: the values at its first and last edge, in drawing direction, and its label."""
 
     first: float
     last: float
@@ -20,19 +20,19 @@ class Axis:
 
     @property
     def length(self) -> float:
-        """Distance of its ends."""
+        """Distance between the axis' ends."""
         return abs(self.last - self.first)
 
     def share(self, value: float) -> float:
-        """Position of a value between the first edge, 0, and the last one, 1."""
+        """Return the relative position of a value between the first edge, 0, and the last one, 1."""
         return (value - self.first) / (self.last - self.first)
 
     def ticks(self, most: int) -> list[float]:
-        """Round numbers along it, at most about ``most``."""
+        """Return round numbers within the axis, at most about ``most``."""
         return ticks(min(self.first, self.last), max(self.first, self.last), most)
 
     def marks(self, pixels: int, room: int | None = None) -> list[tuple[float, str]]:
-        """Places in pixels and texts of the marks; as many as have room side by side, or of ``room`` pixels each."""
+        """Return tick positions in pixels and tick labels, as many as fit, or one for every ``room`` pixels."""
         for most in range(MOST, 0, -1):
             found = sorted((self.share(value) * pixels, format_number(value)) for value in self.ticks(most))
             sizes = [room or font(TICK).getlength(text) for _, text in found]
@@ -43,15 +43,15 @@ class Axis:
 
 
 class LogAxis(Axis):
-    """An axis of positive values on which equal ratios are equally long, marked at powers of ten."""
+    """Logarithmic axis of positive values, with ticks at powers of ten."""
 
     def share(self, value: float) -> float:
-        """Position of a value; values that are not positive lie far below the lower end."""
+        """Return the relative position of a value; values that are not positive lie far below the lower end."""
         first, last = log10(self.first), log10(self.last)
         return (log10(max(value, 1e-300)) - first) / (last - first)
 
     def ticks(self, most: int) -> list[float]:
-        """Powers of ten along it, at most about ``most``."""
+        """Return powers of ten within the axis, at most about ``most``."""
         low, high = sorted((log10(self.first), log10(self.last)))
         powers = range(ceil(low - 1e-6), floor(high + 1e-6) + 1)
         return [10.0**power for power in powers[:: ceil(len(powers) / most) or 1]]
@@ -59,22 +59,22 @@ class LogAxis(Axis):
 
 @dataclass(frozen=True)
 class NamedRows:
-    """An axis downward with a name for each of its rows."""
+    """Categorical vertical axis with a name for each row."""
 
     names: tuple[str, ...]
     name: str = ""
 
     def share(self, value: float) -> float:
-        """Position of the centre of a row with the given number."""
+        """Return the relative position of the centre of a row with the given number."""
         return (value + 0.5) / len(self.names)
 
     def marks(self, pixels: int, _room: int | None = None) -> list[tuple[float, str]]:
-        """Places in pixels and names of all rows."""
+        """Return positions in pixels and names of all rows."""
         return [(self.share(row) * pixels, name) for row, name in enumerate(self.names)]
 
 
 def ticks(first: float, last: float, most: int = MOST) -> list[float]:
-    """Round numbers from first to last, at most about ``most``; none where no round number lies between them."""
+    """Return round numbers from first to last, at most about ``most``; empty if none lies between them."""
     raw = (last - first) / most
     power = 10.0 ** floor(log10(raw))
     step = next(step for step in (power, 2 * power, 5 * power, 10 * power) if step >= raw * (1 - 1e-9))

@@ -1,4 +1,4 @@
-"""One-shot reconstruction."""
+"""The function :func:`reconstruct`: reconstruction in one call, without a separate plan."""
 
 from __future__ import annotations
 

@@ -26,15 +26,15 @@ MAX_GAIN = 10.0
 
 
 class FilmResponse(Protocol):
-    """Anything that knows its response."""
+    """Protocol of a film's transfer function."""
 
     def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """S, shape (F, S), at frequencies (F,) in Hz and sines (S,) of the angle; speed of sound outside in m/s."""
+        """Return the response S (F, S) at frequencies (F,) in Hz and sines (S,); sound speed outside in m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class ElasticFilm:
-    """A film between mirrors on a thick backing, both elastic, in a fluid (the model of Cox and Beard 2007).
+    """Elastic-layer model of a film between mirrors on a thick backing, in a fluid (Cox and Beard 2007).
 
     The signal is the change of the distance between the mirrors, in units of that of a slow wave at normal incidence.
     A plane wave of the fluid makes longitudinal and shear waves up and down the film and down the backing; seven
@@ -73,7 +73,7 @@ class ElasticFilm:
                 )
 
     def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.evaluate`."""
+        """Return the modelled complex response at given frequencies and angles."""
         frequencies, sines = np.asarray(frequencies, np.float64), np.asarray(sines, np.float64)
         still = frequencies.max(initial=1.0) * 1e-6
         omega = 2 * np.pi * np.maximum(frequencies, still)[:, None]
@@ -82,7 +82,7 @@ class ElasticFilm:
         return np.asarray(self._thinning(omega, np.minimum(sines, 1 - 1e-6)[None, :], sound_speed) / slow[0, 0])
 
     def _thinning(self, omega: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """Difference of the mirrors' displacements for unit pressure of the incoming wave."""
+        """Return the film's change of thickness (difference of the mirrors' displacements) for unit pressure."""
         shape = np.broadcast_shapes(omega.shape, sines.shape)
         omega, sines = np.broadcast_to(omega, shape), np.broadcast_to(sines, shape)
         h = self.thickness
@@ -147,7 +147,7 @@ def _plane_waves(omega: RealTable, kx: RealTable, shear: int, speeds: tuple[floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredFilm:
-    """A response given as a table, linear between its points and constant beyond them.
+    """Film response as a measured table, interpolated linearly, constant beyond its ends.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class MeasuredFilm:
             raise InvalidInput("gains", f"an array of shape {g.shape}", f"finite numbers of shape ({f.size}, {a.size})")
 
     def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.evaluate`."""
+        """Return the complex response interpolated from the table."""
         gains = np.asarray(self.gains, np.complex128)
         angles = np.arcsin(np.clip(sines, 0.0, 1.0))
         across = np.stack([np.interp(angles, np.asarray(self.angles, np.float64), row) for row in gains])
@@ -184,7 +184,7 @@ class MeasuredFilm:
 
 @dataclass(frozen=True, slots=True)
 class InverseFilter:
-    """The regularised inverse of a response: conj(S)/(|S|² + ε), ε = 1/(4·max_gain²).
+    """Regularised inverse of a film response: conj(S)/(|S|² + ε), ε = 1/(4·max_gain²).
 
     No wave is amplified more than ``max_gain`` times, and so is no noise; what the film passes with |S| ≥ 1.5/max_gain
     comes back to 90 % at least, and what it passes less of is not blown up.
@@ -204,7 +204,7 @@ class InverseFilter:
         object.__setattr__(self, "max_gain", GAIN.check("max_gain", self.max_gain))
 
     def evaluate(self, frequencies: RealTable, sines: RealTable, sound_speed: float) -> ComplexArray:
-        """As :meth:`FilmResponse.evaluate`, of the filter."""
+        """Return the complex gain of the inverse filter at given frequencies and angles."""
         s = self.response.evaluate(frequencies, sines, sound_speed)
         return np.asarray(np.conj(s) / (np.abs(s) ** 2 + 0.25 / self.max_gain**2))
 
@@ -212,7 +212,7 @@ class InverseFilter:
 def tabulate(
     response: FilmResponse | None, *, nyquist: float, bandwidth: float, sound_speed: float
 ) -> tuple[RealTable, RealTable]:
-    """Table for the kernels, (2, F, S), amplitude and phase in turns; and rows a unit of κ, columns a unit of sine.
+    """Return the kernels' table of a response (2, F, S), amplitude and phase in turns, and its rows per κ and sine.
 
     Parameters
     ----------

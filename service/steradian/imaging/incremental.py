@@ -28,7 +28,7 @@ WEIGHT_CHANGE_THRESHOLD = 0.05
 
 
 class IncrementalReconstruction:
-    """The image of the sensors measured so far, for a plan whose A-lines arrive one after another.
+    """Incremental reconstruction by a plan whose A-lines arrive one after another.
 
     Weights fitted to the sensors so far: each stands for its own area h of the whole plan; the area of a missing one is
     divided, in proportion to h, among those of its 8 nearest sensors of the plan that are measured; and none stands for
@@ -71,13 +71,13 @@ class IncrementalReconstruction:
 
     @property
     def covered_fraction(self) -> float:
-        """Σ h of the sensors so far over Σ h of all, the share of the aperture they stand for."""
+        """Fraction of the aperture covered so far: Σ h of the measured sensors over Σ h of all."""
         weights = self.plan.geometry.weights
         return float(weights[self.measured].sum() / weights.sum())
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """Weights of the image, (M,) in the unit of the plan's: 0 for sensors to come; their sum is the plan's."""
+        """Current weights of the sensors, (M,) in the plan's unit: 0 if not measured yet; the sum is the plan's."""
         weights = self.plan.geometry.weights
         fitted = weights * self._factors
         total = float(fitted.sum())
@@ -91,7 +91,7 @@ class IncrementalReconstruction:
         progress: Progress | None = None,
         cancelled: CancelCheck | None = None,
     ) -> None:
-        """Add the A-lines of some sensors to the sum.
+        """Add the A-lines of newly measured sensors to the lateral sum.
 
         Parameters
         ----------
@@ -125,13 +125,13 @@ class IncrementalReconstruction:
         self._factors[which] += difference[which]
 
     def clear(self) -> None:
-        """Forget every A-line."""
+        """Delete all A-lines: reset the lateral sum to zero."""
         self._sum = None
         self._factors[:] = 0
         self.measured[:] = False
 
     def volume(self, *, progress: Progress | None = None, cancelled: CancelCheck | None = None) -> Volume:
-        """Image of the sensors so far; the sum stays as it is.
+        """Return the image of the sensors measured so far; the lateral sum is unchanged.
 
         Returns
         -------
@@ -155,7 +155,7 @@ class IncrementalReconstruction:
         return plan.as_volume(values)
 
     def _wanted(self) -> NDArray[np.float64]:
-        """Factors of h, (M,), for the sensors so far."""
+        """Return weight factors (M,) that distribute the area of missing sensors to their neighbours."""
         found = self.measured.astype(np.float64)
         if self._neighbours is not None:
             weights = self.plan.geometry.weights
@@ -190,7 +190,7 @@ class IncrementalReconstruction:
 
 
 def _neighbours(positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Nearest sensors of each, itself (missing, then) included, (M, 9) or all."""
+    """Return the indices of each sensor's 8 nearest sensors and itself, (M, 9), or of all if fewer."""
     from scipy.spatial import KDTree
 
     count = min(_NEIGHBOURS + 1, len(positions))

@@ -1,4 +1,4 @@
-"""Iterative method: regularisation, stopping rules and the model's tolerance."""
+"""Options of iterative reconstruction: regularisation, stopping rules and the model's tolerance."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class IterativeOptions:
             raise InvalidInput("change", self.change, "a share from 0, below 1")
 
     def lambda_(self) -> float:
-        """λ in the units described under ``strength``."""
+        """Return the regularisation parameter λ in the units described under ``strength``."""
         if self.strength is not None:
             return float(self.strength)
         return {"total-variation": 0.01, "sparsity": 0.02, "tikhonov": 0.1, "none": 0.0, "thresholding": 3.0}[
@@ -84,7 +84,7 @@ class IterativeOptions:
 
 @dataclass(frozen=True, slots=True)
 class Iterative(IterativeOptions):
-    """Iterative reconstruction: the image that fits the A-lines best among those that a regulariser prefers.
+    """Iterative reconstruction method: regularised fit of the image to the A-lines.
 
     Weights play no part. Sound from outside ``ImageGrid.depth`` is not in the model, so the range must contain all
     sources. Algorithm: :mod:`steradian.imaging.iterative.solve`.

@@ -1,4 +1,4 @@
-"""Forward model and its adjoint: from a volume of initial pressure to the A-lines, and the transposed way.
+"""Forward operator and its adjoint: from a volume of initial pressure to A-lines, and back.
 
 The model, for a volume f[x, y, z] on the image's points (axes [x, z] in 2-D), period X and N modes a lateral axis
 with the lateral padding, L depth frequencies, and κ(j, l) = √(l² + Σ(L·Δz/X)²j²) as in the paper's equation 4:
@@ -53,7 +53,7 @@ else:
 
 
 class ForwardOperator(_LinearOperator):
-    """A-lines of a volume as a linear operator, shape (M·N_t, voxels).
+    """Linear forward operator from a volume to A-lines, shape (M·N_t, voxels).
 
     ``operator @ volume.ravel()`` and ``operator.T @ traces.ravel()`` as for any
     :class:`scipy.sparse.linalg.LinearOperator`; :meth:`forward` and :meth:`backward` take and give arrays, CuPy's where
@@ -120,7 +120,7 @@ class ForwardOperator(_LinearOperator):
 
     @property
     def engine(self) -> AnyEngine:
-        """Engine in use."""
+        """Compute engine in use (CPU or GPU)."""
         return self.chosen.engine
 
     @property
@@ -140,7 +140,7 @@ class ForwardOperator(_LinearOperator):
 
     @property
     def threads(self) -> int:
-        """Threads a product uses."""
+        """Number of threads of a product."""
         return self.engine.room.threads
 
     @property
@@ -151,7 +151,7 @@ class ForwardOperator(_LinearOperator):
     def forward(
         self, volume: ArrayLike, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
     ) -> RealArray:
-        """A-lines, shape (M, N_t), of initial pressure [x, y, z] ([x, z] in 2-D).
+        """Return the A-lines, shape (M, N_t), of initial pressure [x, y, z] ([x, z] in 2-D).
 
         Raises
         ------
@@ -191,7 +191,7 @@ class ForwardOperator(_LinearOperator):
 
 
 def _model_geometry(acquisition: AcquisitionGeometry, grid: ImageGrid) -> ReconstructionGeometry:
-    """Resolve the geometry with the paddings that keep copies of the volume out of the record."""
+    """Return the model's geometry, padded so that periodic copies of the volume do not reach the record."""
     positions, _, aperture = checks.resolve_sensors(acquisition.sensors, None, acquisition.aperture)
     positions = checks.check_positions(positions)
     aperture = checks.apertures(aperture, positions.shape[1])
@@ -224,7 +224,7 @@ def _model_geometry(acquisition: AcquisitionGeometry, grid: ImageGrid) -> Recons
 def artefact_free_padding(
     positions: ArrayLike, *, aperture: float | Sequence[float], duration: float, sound_speed: float, depth: float = 0.0
 ) -> float:
-    """Lateral padding with which no sensor hears a periodic copy of the volume within the record.
+    """Return the lateral padding that excludes sound of the volume's periodic copies from the record.
 
     Parameters
     ----------

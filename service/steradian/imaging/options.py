@@ -125,7 +125,7 @@ class DirectMethod:
 
 
 class Nufft(DirectMethod):
-    """Non-uniform FFT in frequency and space (NEDNER) for sensors anywhere, with exact κ.
+    """NEDNER method: non-uniform FFT in frequency and space for arbitrary sensor positions, with exact κ.
 
     Sensors that are all on a grid, or on a part of one, are transformed without interpolation in space
     (:class:`Ner`). Parameters as in :class:`DirectMethod`.
@@ -135,7 +135,7 @@ class Nufft(DirectMethod):
 
 
 class Ner(DirectMethod):
-    """Non-uniform FFT in frequency (NER) for sensors on a grid, with exact κ.
+    """NER method: non-uniform FFT in frequency for sensors on a grid, with exact κ.
 
     Parameters as in :class:`DirectMethod`.
     """
@@ -144,7 +144,7 @@ class Ner(DirectMethod):
 
 
 class LinearKappa(DirectMethod):
-    """FFT with linear interpolation between frequencies, as in k-Wave; parameters as in :class:`DirectMethod`.
+    """FFT method with linear interpolation in frequency, as in k-Wave; parameters as in :class:`DirectMethod`.
 
     The record is doubled with zeros first.
     """
@@ -153,7 +153,7 @@ class LinearKappa(DirectMethod):
 
 
 class NearestKappa(DirectMethod):
-    """FFT with the nearest frequency instead of κ, as in k-Wave; parameters as in :class:`DirectMethod`.
+    """FFT method with the nearest frequency to κ, as in k-Wave; parameters as in :class:`DirectMethod`.
 
     The record is doubled with zeros first.
     """
@@ -162,7 +162,7 @@ class NearestKappa(DirectMethod):
 
 
 class Gridded(DirectMethod):
-    """NER of A-lines that were interpolated linearly to a grid; parameters as in :class:`DirectMethod`.
+    """NER method on A-lines interpolated linearly to a grid; parameters as in :class:`DirectMethod`.
 
     The grid is that of the sensors, or that of the modes. Weights are not used.
     """
@@ -178,7 +178,7 @@ DIRECT_METHODS: dict[str, type[DirectMethod]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Compute:
-    """Execution options; they do not change the image beyond the tolerance.
+    """Execution options (device, precision, threads, memory), which change the image only within the tolerance.
 
     Parameters
     ----------
@@ -228,26 +228,26 @@ class Compute:
 
 
 def require_direct(method: object, more: str) -> None:
-    """Raise :class:`InvalidInput` for anything but a direct method; ``more`` ends the allowed values."""
+    """Raise :class:`InvalidInput` for other than a direct method; ``more`` extends the message's allowed values."""
     if not isinstance(method, DirectMethod):
         allowed = ", ".join(kind.__name__ for kind in DIRECT_METHODS.values()) + more
         raise InvalidInput("method", type(method).__name__, allowed)
 
 
 def check_window(field: str, value: object) -> None:
-    """Raise :class:`InvalidInput` for anything but a shape or a :class:`Window`."""
+    """Raise :class:`InvalidInput` unless the value is a window shape or a :class:`Window`."""
     if not isinstance(value, Window):
         checks.check_choice(field, value, get_args(Shape), ", or a Window")
 
 
 def check_correction(value: object) -> None:
-    """Raise :class:`InvalidInput` for anything but an :class:`InverseFilter` or None."""
+    """Raise :class:`InvalidInput` unless the value is an :class:`InverseFilter` or None."""
     if not isinstance(value, InverseFilter | None):
         raise InvalidInput("correction", type(value).__name__, "an InverseFilter, or None")
 
 
 def check_max_frequency(value: Any) -> Any:
-    """Return an upper frequency in Hz, "signal" or None."""
+    """Return the validated upper frequency: Hz, "signal" or None."""
     allowed = 'a frequency above 0 Hz, "signal" or None'
     if isinstance(value, str | None):
         if value not in ("signal", None):

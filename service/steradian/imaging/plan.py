@@ -1,4 +1,4 @@
-"""The reconstruction plan: geometry once, many runs."""
+"""Reconstruction plan: tables for one geometry, reusable for many recordings."""
 
 from __future__ import annotations
 
@@ -69,27 +69,27 @@ class ReconstructionPlan:
 
     @property
     def engine(self) -> AnyEngine:
-        """Engine in use."""
+        """Compute engine in use (CPU or GPU)."""
         return self.chosen.engine
 
     @property
     def geometry(self) -> ReconstructionGeometry:
-        """Validated geometry, with ``shape``, ``spacing`` and ``axes()`` of the image to come."""
+        """Validated geometry, with ``shape``, ``spacing`` and ``axes()`` of the image."""
         return self.tables.geometry
 
     @property
     def method(self) -> str:
-        """Name of the method used: "ner" instead of "nedner" if the sensors are on a grid."""
+        """Name of the method in use: "ner" instead of "nedner" if the sensors are on a grid."""
         return self.tables.method
 
     @property
     def dtype(self) -> str:
-        """Working precision."""
+        """Working precision: "float32" or "float64"."""
         return self.tables.dtype
 
     @property
     def threads(self) -> int:
-        """Threads of a run; fewer than requested if their scratch space would exceed half of the image."""
+        """Number of threads of a run; fewer than requested if scratch memory would exceed half of the image."""
         return self.engine.room.threads
 
     @property
@@ -158,11 +158,11 @@ class ReconstructionPlan:
         return self._one(data, scale, watch, is_gpu_array(traces))
 
     def __call__(self, traces: ArrayLike) -> Volume | list[Volume]:
-        """Reconstruct as :meth:`run` with its defaults."""
+        """Reconstruct by :meth:`run` with its defaults."""
         return self.run(traces)
 
     def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
-        """Return A-lines (K, N_t) with the samples that the engine takes: fewer if ``max_frequency`` allows.
+        """Return A-lines (K, N_t) resampled for the engine: fewer samples if ``max_frequency`` permits.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class ReconstructionPlan:
         return self.as_volume(values)
 
     def as_volume(self, values: Any) -> Volume:
-        """Return an image [x, (y,) z] of this plan with its coordinates and the record of its computation."""
+        """Return an image [x, (y,) z] of this plan as :class:`Volume`, with coordinates and reconstruction info."""
         g, used = self.geometry, self.chosen
         info = ReconstructionInfo(
             self.method, used.device, tuple(used.notes), g.highest_frequency, memory_bytes=self.memory_bytes

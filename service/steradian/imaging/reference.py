@@ -32,7 +32,7 @@ def direct_spectrum(
     record: int | None = None,
     time_zero: float = 0.0,
 ) -> NDArray[np.complex128]:
-    """F at chosen (j, l).
+    """Return the image's spectrum F at chosen modes (j, l), by direct summation in float64 (reference).
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def direct_spectrum(
 
 
 def spectrum_of(values: ArrayLike, j: ArrayLike, l: ArrayLike) -> NDArray[np.complex128]:  # noqa: E741
-    """Read the same F(j, l) from a finished image [x, (y,) z] that has the modes' own sampling.
+    """Return the spectrum F(j, l) of a finished image [x, (y,) z] with the modes' own sampling.
 
     Valid for 1 ≤ l < N_t/2. The image's point N//2 along each lateral axis is x = 0.
     """

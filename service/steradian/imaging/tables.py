@@ -59,18 +59,18 @@ class TransformTables:
 
     @property
     def depths(self) -> int:
-        """Slices of the image."""
+        """Number of depth slices of the image."""
         return self.geometry.shape[-1]
 
     @property
     def image_modes(self) -> tuple[int, int]:
-        """Points of the padded image with its upsampling: those of the transform that makes it; (1, N) in 2-D."""
+        """Size of the image FFT, which is the padded image with its upsampling; (1, N) in 2-D."""
         up, (nx, ny) = self.geometry.upsampling, self.lateral.modes
         return nx * (up if nx > 1 else 1), ny * up
 
     @property
     def visible_region(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """First point and number of points along x and y that the image shows of the padded one; (0, 1) in 2-D."""
+        """First point and number of points along x and y of the image within the padded one; (0, 1) in 2-D."""
         g = self.geometry
         skipped = [(p // 2 - n // 2) * g.upsampling for p, n in zip(g.padded_modes, g.modes, strict=True)]
         pairs = list(zip(skipped, g.shape[:-1], strict=True))
@@ -78,7 +78,7 @@ class TransformTables:
 
 
 def inverse_tables(geometry: ReconstructionGeometry, options: DirectMethod, dtype: Precision) -> TransformTables:
-    """Tables of the inversion (paper, equation 7).
+    """Return the tables of the inversion (paper, equation 7).
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def forward_tables(
     max_frequency: float | None,
     response: FilmResponse | None,
 ) -> TransformTables:
-    """Tables of the wave equation's solution and its transpose (:mod:`steradian.imaging.operators`).
+    """Return the tables of the forward model and its adjoint (:mod:`steradian.imaging.operators`).
 
     Sensors' weights play no part, and the lateral spectrum is never one that repeats. Parameters as in
     :class:`steradian.ForwardOperator`.
@@ -154,7 +154,7 @@ def forward_tables(
 
 @dataclass(frozen=True, slots=True)
 class _Conjugated:
-    """The complex conjugate of a response, as its transpose has it."""
+    """Complex conjugate of a film response, for the adjoint."""
 
     response: FilmResponse
 
@@ -187,18 +187,18 @@ def _modes(g: ReconstructionGeometry) -> tuple[int, int]:
 
 
 def _places(g: ReconstructionGeometry) -> NDArray[np.float64]:
-    """Places (M, 2) in periods; 0 along the axis that 2-D does not have."""
+    """Return sensor positions (M, 2) in periods; 0 along the missing axis in 2-D."""
     places = g.normalised_positions()
     return places if places.shape[1] == 2 else np.concatenate([np.zeros_like(places), places], axis=1)
 
 
 def _rounding(g: ReconstructionGeometry) -> float:
-    """Find the rounding of positions, in periods, if all are float32 numbers: a grid stored so still is one."""
+    """Return the rounding error of float32 positions in periods, as tolerance of grid detection; 0 for float64."""
     if not np.array_equal(g.positions, g.positions.astype(np.float32)):
         return 0.0
     return checks.ROUNDING * float(np.max(np.abs(g.positions) / np.array(g.period)))
 
 
 def _share(g: ReconstructionGeometry, tolerance: float) -> float:
-    """Error that each of the lateral axes and time may have."""
+    """Return the error permitted for each of the lateral axes and time."""
     return 0.4 * tolerance / sqrt(len(g.modes) + 1)

@@ -35,11 +35,11 @@ class Sensors(Protocol):
 
     @property
     def positions(self) -> Any:
-        """(M, 2) or (M, 1) metres."""
+        """Sensor positions, (M, 2) or (M, 1) in metres."""
 
     @property
     def weights(self) -> Any:
-        """(M,) areas in m², or lengths in m."""
+        """Weights of the sensors: (M,) areas in m², or lengths in m."""
 
     @property
     def aperture(self) -> Any:
@@ -61,7 +61,7 @@ def resolve_sensors(
 
 
 def check_integer(field: str, value: object, low: int, high: int | None = None) -> int:
-    """Return a whole number from ``low`` (to ``high``), in an integer or a float."""
+    """Return a whole number from ``low`` (to ``high``), given as integer or float."""
     allowed = f"a whole number from {low}" + ("" if high is None else f" to {high:,}")
     number = as_finite_float(field, value, allowed)
     if number != int(number) or number < low or (high is not None and number > high):
@@ -70,14 +70,14 @@ def check_integer(field: str, value: object, low: int, high: int | None = None) 
 
 
 def check_choice(field: str, value: object, allowed: Iterable[str], more: str = "") -> None:
-    """Refuse anything but one of the names."""
+    """Raise ``InvalidInput`` unless the value is one of the names."""
     names = tuple(allowed)
     if not (isinstance(value, str) and value in names):
         raise InvalidInput(field, value, ", ".join(names) + more)
 
 
 def per_axis(field: str, value: Any, count: int) -> tuple[object, ...]:
-    """Return one value a lateral axis."""
+    """Return one value for each lateral axis; a single value applies to both."""
     if isinstance(value, str | bytes) or np.ndim(value) == 0:
         return (value,) * count
     values = tuple(value)
@@ -87,7 +87,7 @@ def per_axis(field: str, value: Any, count: int) -> tuple[object, ...]:
 
 
 def depth_pair(depth: Any, allowed: str = "two depths in metres, rising, from 0") -> tuple[float, float]:
-    """Return first and last depth in metres, two rising numbers."""
+    """Return first and last depth in metres, validated as two rising numbers."""
     if np.shape(depth) != (2,):
         raise InvalidInput("depth", depth, allowed)
     low, high = (as_finite_float("depth", each, allowed) for each in depth)
@@ -97,7 +97,7 @@ def depth_pair(depth: Any, allowed: str = "two depths in metres, rising, from 0"
 
 
 def depths(depth: tuple[float, float], end: float) -> tuple[float, float]:
-    """Return first and last depth in metres, two rising numbers from 0 to ``end``."""
+    """Return first and last depth in metres, validated as two rising numbers from 0 to ``end``."""
     allowed = f"two depths in metres, rising, within 0 … {end:.6g}"
     low, high = depth_pair(depth, allowed)
     if not -1e-9 * end <= low <= high <= end * (1 + 1e-9):
@@ -106,7 +106,7 @@ def depths(depth: tuple[float, float], end: float) -> tuple[float, float]:
 
 
 def apertures(value: object, axes: int) -> tuple[float, ...]:
-    """Return the side lengths in metres."""
+    """Return the aperture's side lengths in metres, one for each lateral axis."""
     sides = tuple(LENGTH.check("aperture", side) for side in per_axis("aperture", value, axes))
     if min(sides) < MIN_APERTURE:
         raise InvalidInput("aperture", min(sides), f"{MIN_APERTURE:g} to {LENGTH.high:g} m")
@@ -137,12 +137,12 @@ def working_precision(dtype: DTypeLike | None, tolerance: float) -> Literal["flo
 
 
 def thread_count(threads: object) -> int:
-    """Return how many threads to use at most."""
+    """Return the maximum number of threads."""
     return workers.available_threads() if threads is None else THREADS.check_integer("threads", threads)
 
 
 def check_positions(positions: ArrayLike) -> Floats:
-    """Return positions (M, d−1) in metres, finite and no further from the middle than an aperture reaches."""
+    """Return positions (M, d−1) in metres, validated as finite and near the aperture."""
     x = as_float64("sensors", positions, "shape (M, 2), or (M,) in 2-D, in metres; M ≥ 1")
     shape = x.shape
     x = x[:, None] if x.ndim == 1 else x
@@ -179,7 +179,7 @@ def check_weights(h: Floats, x: Floats, aperture: tuple[float, ...]) -> Floats:
 
 
 def as_float64(field: str, values: ArrayLike, allowed: str) -> Floats:
-    """Return a new float64 array."""
+    """Return a new float64 copy of an array."""
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "iuf":

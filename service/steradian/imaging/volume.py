@@ -1,4 +1,4 @@
-"""The image: a block of initial pressure with its coordinates."""
+"""Volume: reconstructed image of initial pressure with its coordinates."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class VoxelAxes:
 
 @dataclass(frozen=True, slots=True)
 class ReconstructionInfo:
-    """Record of a finished reconstruction: method, device, band and, for an iterative one, its convergence.
+    """Metadata of a finished reconstruction: method, device, band and, if iterative, convergence.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class ReconstructionInfo:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Volume:
-    """A reconstructed image of initial pressure.
+    """Reconstructed image of initial pressure with coordinates and metadata.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Volume:
 
     @property
     def dimensions(self) -> int:
-        """2 or 3."""
+        """Number of dimensions: 2 or 3."""
         return self.values.ndim
 
     @property
@@ -118,7 +118,7 @@ class Volume:
         return tuple(float(self.coordinates(name)[0]) for name in self.names)
 
     def coordinates(self, name: str) -> NDArray[np.float64]:
-        """Coordinates in metres along one axis, by its name.
+        """Return the voxel coordinates in metres along a named axis.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Volume:
         return found
 
     def mip(self, axis: Literal["x", "y", "z"] = "z") -> RealArray:
-        """Maximum intensity projection along one axis.
+        """Return the maximum-intensity projection along one axis.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Volume:
         return display.to_html(self)
 
     def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
-        """Show the maximum-intensity projection along one axis; of an image from a line of sensors, the image.
+        """Plot the maximum-intensity projection along one axis; a 2-D image as it is.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class Volume:
         return display.plot(self, axes, axis=axis)
 
     def to_xarray(self) -> xarray.DataArray:
-        """Return the image as an array with names: dimensions x, y and z, or x and z, with their places in metres.
+        """Return the image as xarray DataArray: dimensions x, y and z, or x and z, coordinates in metres.
 
         The values are shared, not copied. ``units`` and ``long_name`` are where xarray's plots look for them; the
         speed of sound is the attribute ``sound_speed_m_s``, if it is known.
@@ -210,7 +210,7 @@ class Volume:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the volume into a file, whole or not at all, as the ending of its name says.
+        """Write the volume into a file by an atomic write; the suffix determines the format.
 
         ``.h5`` (docs/volume-file.md), which :func:`steradian.open` reads; ``.nii``, ``.nii.gz``, ``.nrrd``,
         ``.vtkhdf``, ``.tif`` and ``.zarr`` for other programs; ``.png``: the z-projection.

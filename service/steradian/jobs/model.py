@@ -25,23 +25,23 @@ DEFAULT_PRIORITY, LOWEST_PRIORITY = 100, 1000
 
 
 class QueueUnavailable(SteradianError):
-    """The job queue cannot be reached; trying again may help."""
+    """Error: the database of the job queue cannot be reached; a retry may succeed."""
 
     code = "queue-unavailable"
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """Requirements of a job on its worker.
+    """Memory, cores and GPU that a job requires of its worker.
 
     Attributes
     ----------
     memory
-        Bytes.
+        Bytes of memory.
     cores
         Threads that a job of the worker may use.
     gpu
-        Whether it has to be done on a GPU.
+        Whether the job requires a GPU.
     """
 
     memory: int = 0
@@ -54,35 +54,35 @@ class Requirements:
 
 
 def requirements_of(row: JobRow) -> Requirements:
-    """Parse the requirements in a job's row."""
+    """Return the worker requirements that are stored in a job's database row."""
     return Requirements(row.requires_memory, row.requires_cores, row.requires_gpu)
 
 
 @dataclass(frozen=True)
 class JobRequest:
-    """A job to queue.
+    """Specification of a job to queue: kind, payload, priority, time limit, owner and requirements.
 
     Parameters
     ----------
     id
         Identifier; submitting the same one twice queues it once.
     kind
-        Which program runs it (see the worker's table of commands).
+        Job kind, which selects the command that runs the job.
     payload
-        What that program reads, plain JSON.
+        Request for the handler, as plain JSON.
     priority
-        0 to :data:`LOWEST_PRIORITY`; smaller ones run first, and among equal ones those who asked take turns
+        0 to :data:`LOWEST_PRIORITY`; smaller ones run first; among equal ones, owners share the workers fairly
         (:mod:`steradian.jobs.queue.fair_queueing`).
     timeout
-        Seconds after which it has failed; ``None``: the service's limit.
+        Seconds after which the job fails; ``None``: the service's limit.
     principal
-        Who asked for it.
+        Owner: the principal that requested the job.
     batch_id
-        The batch it belongs to.
+        Batch of the job, if any.
     promised
-        Bytes of the disk that it may write.
+        Bytes of disk space reserved for the job.
     requires
-        What its worker must have.
+        Requirements on the worker.
     """
 
     id: str
@@ -103,27 +103,27 @@ class JobStatus:
     Attributes
     ----------
     kind, payload
-        Which program runs it and what that was asked.
+        Job kind and the request for its handler.
     desired_state, reason
-        What a person wants of it and why.
+        State that a client requests, and the reason.
     revision
-        Grows with every change.
+        Row version; increases with every change.
     priority, turn
-        Smaller priorities run first, and among equal ones smaller turns.
+        Priority and fair-queueing start tag; smaller priorities run first, and among equal ones smaller tags.
     requires
-        What its worker must have.
+        Requirements on the worker.
     attempt
-        1 for the first start, 0 before it; a start that was put back does not count.
+        Number of attempts, 0 before the first; a requeued attempt does not count.
     attempts, history
-        Every start with its end, every change of state with who, when and why.
+        Every attempt with its end; every change of state with principal, time and reason.
     stage, done, total
-        What it works on and how far it is, in a unit of the stage's own.
+        Progress: name of the stage, and counts in a unit of the stage.
     error_code, error
-        Why it failed.
+        Code and text of the error of a failed job.
     request_id
-        The HTTP request that asked for it, if one did.
+        Identifier of the HTTP request that created the job, if any.
     result
-        What it left on its last line of output.
+        Report of the handler.
     """
 
     id: str
@@ -152,13 +152,13 @@ class JobStatus:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing will change any more."""
+        """Whether the job is in a terminal state (succeeded, failed or cancelled)."""
         return is_terminal(self.state)
 
 
 @dataclass(frozen=True)
 class Succeeded:
-    """Success of a job's process; ``announce`` commits its results in the transaction that records the success."""
+    """Outcome of a successful job; ``on_commit`` runs in the transaction that records the success."""
 
     result: dict[str, Any]
     on_commit: Callable[[Session], object] | None = None
@@ -166,7 +166,7 @@ class Succeeded:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job failed for a reason that another attempt would not change."""
+    """Outcome of a job that failed with a permanent error and is not retried."""
 
     code: str
     message: str
@@ -174,14 +174,14 @@ class Failed:
 
 @dataclass(frozen=True)
 class Crashed:
-    """A job's process ended without a word: killed, out of memory, crashed."""
+    """Outcome of a job whose process ended without reporting a result: killed, out of memory or crashed."""
 
     message: str
 
 
 @dataclass(frozen=True)
 class Requeued:
-    """Failure of a job's environment, not of the job: it is requeued, and the attempt does not count."""
+    """Outcome of a job whose environment failed: the job is queued again, and the attempt does not count."""
 
     message: str
 

@@ -20,5 +20,5 @@ VOLUME_KINDS: Final = tuple(name for name, kind in JOB_TYPES.items() if kind.res
 
 
 def resource_of(kind: str) -> str:
-    """Return the name of the resource that represents a job of this kind."""
+    """Return the API resource that represents jobs of a kind: reconstruction or job."""
     return JOB_TYPES[kind].resource if kind in JOB_TYPES else "job"

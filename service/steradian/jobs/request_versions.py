@@ -18,7 +18,7 @@ KEY: Final = "form"
 
 
 def _without_options_of_other_methods(request: Stored) -> Stored:
-    """Leave out options of the method iterative with other methods: form 0 stored all defaults of all methods."""
+    """Remove the options of the iterative method from a request with another method (migration from form 0)."""
     parameters = request.get("parameters")
     if not isinstance(parameters, dict) or parameters.get("method", "nedner") == "iterative":
         return request
@@ -32,17 +32,17 @@ FORM: Final = len(MIGRATIONS)
 
 
 def stored(request: Mapping[str, Any]) -> Stored:
-    """Return a request of today as it is stored, with the version of its form."""
+    """Return a current job request with its version number added, for storage in the database."""
     return {KEY: FORM, **request}
 
 
 def asked(request: Mapping[str, Any]) -> Stored:
-    """Return a stored request without its version, in the fields of that version."""
+    """Return a stored job request without its version number, unmigrated."""
     return {name: value for name, value in request.items() if name != KEY}
 
 
 def today(request: Mapping[str, Any]) -> Stored:
-    """Return a stored request of any version in the current form, unvalidated.
+    """Migrate a stored job request of any version to the current version, without validation.
 
     Raises
     ------

@@ -59,7 +59,7 @@ RECONSTRUCTION_EXAMPLES: list[Any] = [
 
 
 class Required(Value):
-    """Explicit requirements on a job's worker, beside those that follow from the job.
+    """Explicit requirements on a job's worker (memory, cores), in addition to those that follow from the job.
 
     Memory for its volume, and a GPU.
     """
@@ -69,7 +69,7 @@ class Required(Value):
 
 
 class JobRequestBase(Value):
-    """Fields common to all job requests: priority, limits and requirements."""
+    """Base class of job requests: priority, time limit and worker requirements."""
 
     priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
     timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
@@ -77,7 +77,7 @@ class JobRequestBase(Value):
 
 
 class Through(Value):
-    """A mask through which a scan is looked at as if no other points had been measured."""
+    """Mask for retrospective undersampling: the scan is reconstructed from the points of this mask alone."""
 
     mask_id: Identifier = Field(description="Identifier of the mask")
     points: Literal["nearest", "exact"] = Field(
@@ -86,7 +86,7 @@ class Through(Value):
 
 
 class OfFrames(JobRequestBase):
-    """Choice of a scan's frames."""
+    """Base class of job requests that select frames of a scan by number, wavelength or average."""
 
     frame: int | None = Field(
         default=None,
@@ -102,12 +102,12 @@ class OfFrames(JobRequestBase):
 
     @property
     def frames(self) -> FrameChoice:
-        """The frames that the image is made of."""
+        """Selection of the scan's frames that are reconstructed."""
         return FrameChoice(self.frame, self.wavelength, self.average)
 
 
 class ReconstructionRequest(OfFrames):
-    """Request of a reconstruction."""
+    """Request of a reconstruction: complete, live (following a running scan) or with another mask."""
 
     model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
 
@@ -135,12 +135,12 @@ class ReconstructionRequest(OfFrames):
 
     @property
     def kind(self) -> Literal["reconstruction", "live", "what-if"]:
-        """The kind of job that it takes."""
+        """Job kind that follows from the request: reconstruction, live or what-if."""
         return "live" if self.follow else "reconstruction" if self.through is None else "what-if"
 
 
 class SoundSpeedRequest(JobRequestBase):
-    """Find the speed of sound at which a scan's image is sharpest."""
+    """Request to find the speed of sound at which a scan's image is sharpest."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["sound-speed"]]})
 
@@ -159,7 +159,7 @@ class SoundSpeedRequest(JobRequestBase):
 
 
 class QualityRequest(JobRequestBase):
-    """Compare a reconstruction with another one."""
+    """Request to compare a reconstruction with a reference reconstruction."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["quality"]]})
 
@@ -178,7 +178,7 @@ Place: TypeAlias = Annotated[tuple[float, ...], Field(min_length=3, max_length=3
 
 
 class WidthRequest(OfFrames):
-    """Measure an object's width in a reconstruction, with the point spread at its place and a corrected diameter."""
+    """Request to measure an object's width in a reconstruction, corrected for the point spread."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["width"]]})
 
@@ -197,7 +197,7 @@ class WidthRequest(OfFrames):
 
 
 class ExportRequest(JobRequestBase):
-    """Write a reconstruction or scan for other programs."""
+    """Request to export a reconstruction or scan to a file format of other programs."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["export"]]})
 
@@ -220,7 +220,7 @@ class ExportRequest(JobRequestBase):
 
 
 class ImportRequest(JobRequestBase):
-    """Make a scan of an uploaded file."""
+    """Request to import an uploaded file as a scan."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["import"]]})
 
@@ -241,7 +241,7 @@ class ImportRequest(JobRequestBase):
 
 
 def check_described(description: dict[str, Any] | None) -> None:
-    """Reject a description that names a file, because the path would be one of the service's host."""
+    """Reject an import description whose positions are a file path, because paths refer to the service's host."""
     if isinstance((description or {}).get("positions"), str):
         raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
 
@@ -259,7 +259,7 @@ def to_job_request(
     promised: int = 0,
     memory: int = 0,
 ) -> JobRequest:
-    """Create a job from a request; ``memory`` is a lower bound of its needs in bytes."""
+    """Convert an API request to a job for the queue; ``memory`` is a lower bound of the required bytes."""
     payload = request.model_dump(mode="json")
     if request.requires == Required():
         del payload["requires"]  # workers of before do not know it

@@ -18,7 +18,7 @@ POINT_OF_INTEREST_FIELDS = {"depth", "offset"}
 
 
 class ArrangementBase(Value):
-    """An arrangement whose points do not depend on the point of interest that its mask is judged for."""
+    """Base class of mask arrangements whose points do not depend on the point of interest."""
 
     aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
     depth: float | None = quantity_field(
@@ -36,19 +36,19 @@ class ArrangementBase(Value):
         return self
 
     def _fields_of_mask(self) -> dict[str, Any]:
-        """Point of interest and parameters, as a mask keeps them."""
+        """Return the fields point of interest and parameters of the arrangement's mask."""
         arrangement = self.model_dump(mode="json", exclude=POINT_OF_INTEREST_FIELDS, exclude_none=True)
         return {"depth": self.depth, "offset": self.offset, "arrangement": arrangement}
 
 
 def check_offset(offset: tuple[float, float], aperture: float) -> None:
-    """Refuse a point of interest that is not over the aperture."""
+    """Raise ``InvalidInput`` for a point of interest that is not over the aperture."""
     if max(abs(offset[0]), abs(offset[1])) > aperture / 2:
         raise InvalidInput("offset", offset, f"over the aperture, ±{aperture / 2:g} (m) on each axis")
 
 
 def require_exactly_one(**given: object) -> None:
-    """Refuse both or neither of two fields."""
+    """Raise ``InvalidInput`` unless exactly one of two fields is given."""
     (first, one), (second, other) = given.items()
     if (one is None) == (other is None):
         raise InvalidInput(first, f"both or neither of {first} and {second}", "one of them")
@@ -60,5 +60,5 @@ def count_along_side(aperture: float, spacing: float) -> float:
 
 
 def closeness_key(found: int, wanted: int) -> tuple[int, int]:
-    """Order numbers of points: the nearest first, of two equally near the larger."""
+    """Return a sort key of point counts: nearest to the target first, the larger of two equally near."""
     return abs(found - wanted), -found

@@ -1,4 +1,4 @@
-"""A mask as several interrogation beams in a fixed pattern can measure it: places of the pattern, and the points there.
+"""Multi-beam masks: points that a fixed pattern of several interrogation beams can measure.
 
 The pattern is moved as a whole, so a mask's points cannot be met one by one with few shots. What a mask is for is its
 density: the points are taken where beams really are, as many shots as points over beams, at places that leave the
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 
 
 def check_beams(beams: ArrayLike) -> Array:
-    """Return a pattern (B, 2) in m beside its first beam, in whole nanometres; InvalidInput when it is none."""
+    """Return a validated beam pattern (B, 2) in m relative to its first beam, in whole nanometres."""
     pattern = np.asarray(beams, dtype=np.float64)
     if pattern.ndim != 2 or pattern.shape[1] != 2 or not 1 <= len(pattern) <= MOST_BEAMS:
         raise InvalidInput("beams", f"an array of shape {pattern.shape}", f"(B, 2) in m, B from 1 to {MOST_BEAMS}")
@@ -56,7 +56,7 @@ def check_beams(beams: ArrayLike) -> Array:
 
 
 def read_beams(text: str, spacing: float) -> tuple[tuple[float, float], ...]:
-    """Return a pattern in m from words: ``16`` in a row, ``4x4`` in a rectangle, ``spacing`` m apart; or a .csv file.
+    """Parse a beam pattern: ``16`` in a row, ``4x4`` in a rectangle, ``spacing`` m apart; or a .csv file.
 
     The file has columns ``x_mm`` and ``y_mm``; places count beside the first one. Raises InvalidInput, NotFound.
     """
@@ -81,7 +81,7 @@ def _read_csv(path: Path) -> tuple[tuple[float, float], ...]:
 
 
 def multi_beam_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) -> Mask:
-    """Return the mask measured by a pattern of interrogation beams in place of another mask.
+    """Return the mask that a pattern of interrogation beams measures in place of another mask.
 
     Its points are those that beams really sense: point n is that of beam n mod B at place ⌊n / B⌋. Their density is
     the mask's as nearly as the pattern lets it be; their weights are the areas of their own cells.
@@ -138,20 +138,20 @@ def multi_beam_mask(mask: Mask, beams: ArrayLike, *, places: int | None = None) 
 
 
 def _points(places: Array, pattern: Array) -> Array:
-    """Return (S·B, 2) where the beams are at places (S, 2) of the first one."""
+    """Return the points (S·B, 2) of all beams for positions (S, 2) of the first one."""
     points: Array = (places[:, None] + pattern).reshape(-1, 2)
     return points
 
 
 def _distance(of: Array, to: Array) -> Array:
-    """Return (M,) how far each of (M, 2) is from the nearest of ``to``."""
+    """Return the distance (M,) of each of (M, 2) points to the nearest of ``to``."""
     from scipy.spatial import KDTree
 
     return np.asarray(KDTree(to).query(of)[0])
 
 
 def _within(outline: Outline, pattern: Array, aperture: float) -> tuple[Array, Array]:
-    """Return half-planes n·x ≤ limit of places at which all beams are within a convex outline and the aperture.
+    """Return half-planes n·x ≤ limit of first-beam positions with all beams within outline and aperture.
 
     Cells of a grid's outermost points reach beyond the aperture.
     """
@@ -165,7 +165,7 @@ def _within(outline: Outline, pattern: Array, aperture: float) -> tuple[Array, A
 
 
 def _target_density(mask: Mask, outline: Outline) -> tuple[Array, Array]:
-    """Return samples of the plane (G, 2) within the outline, and the square of the mask's density there (G,)."""
+    """Return sample points (G, 2) within the outline, and the square of the mask's density there (G,)."""
     from scipy.spatial import KDTree
 
     low, high = outline.min(axis=0), outline.max(axis=0)
@@ -180,7 +180,7 @@ def _target_density(mask: Mask, outline: Outline) -> tuple[Array, Array]:
 def _relax(
     mask: Mask, pattern: Array, count: int, normals: Array, limits: Array, plane: Array, weights: Array
 ) -> Array:
-    """Return the places (S, 2) of the evenest cover met."""
+    """Return the first-beam positions (S, 2) of the most uniform coverage found by relaxation."""
     from scipy.spatial import KDTree
 
     random = np.random.default_rng(0)
@@ -204,7 +204,7 @@ def _relax(
 
 
 def _project_to_constraints(places: Array, normals: Array, limits: Array) -> Array:
-    """Move places (S, 2) to where they satisfy all half-planes, the one that is broken most first."""
+    """Move positions (S, 2) into the intersection of all half-planes, the most violated one first."""
     for _ in range(64):
         beyond = places @ normals.T - limits
         worst = beyond.argmax(axis=1)

@@ -1,4 +1,4 @@
-"""Build any arrangement from a target number of points.
+"""Construction of any mask arrangement from a target number of points.
 
 Not every arrangement can have every number of points; each function here finds the nearest that it can have.
 """
@@ -29,7 +29,7 @@ def mask_by_count(
     offset: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,
 ) -> Mask:
-    """Arrange about ``count`` points over the aperture, the nearest number that the arrangement can have.
+    """Return a mask of about ``count`` points over the aperture, the nearest number possible.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def mask_by_count(
 
 
 def with_point_of_interest(mask: Mask, depth: float, offset: tuple[float, float] = (0.0, 0.0)) -> Mask:
-    """Give a mask a point of interest, for which its promises are worked out; its points stay where they are.
+    """Return a mask with a point of interest for its metrics; the points are unchanged.
 
     Raises
     ------
@@ -88,6 +88,6 @@ def with_point_of_interest(mask: Mask, depth: float, offset: tuple[float, float]
 
 
 def nearest_square(count: int) -> int:
-    """Side n of the grid of n × n points nearest to ``count``."""
+    """Return the side n of the grid of n × n points nearest to ``count``."""
     side = max(1, floor(sqrt(count)))
     return side + 1 if (side + 1) ** 2 - count <= count - side**2 else side

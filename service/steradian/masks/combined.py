@@ -1,4 +1,4 @@
-"""Several points of interest in one mask."""
+"""Masks that combine equi-steradian patterns for several points of interest."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIN_SPACING_RATIO = 0.6
 
 
 class PointOfInterest(Value):
-    """Point of interest of a mask, and the number of points for it."""
+    """Point of interest of a combined mask, and its number of points."""
 
     depth: float = quantity_field("m", "Distance r0 from the sensor plane", **LENGTH.limits)
     count: int = quantity_field(
@@ -52,7 +52,7 @@ class Combined(Value):
         return sum(point.count for point in self.points_of_interest)
 
     def build(self) -> Mask:
-        """Place the points.
+        """Build the combined mask.
 
         Raises
         ------
@@ -88,13 +88,13 @@ class Combined(Value):
 
 
 def _spacing(positions: NDArray[np.float64], patterns: Sequence[EquiSteradianPattern]) -> NDArray[np.float64]:
-    """Return the expected distance between neighbours: that of the densest pattern at each place."""
+    """Return the expected distance between neighbours: that of the densest pattern at each position."""
     found: NDArray[np.float64] = np.min([pattern.spacing(positions) for pattern in patterns], axis=0)
     return found
 
 
 def _dominant_region(patterns: Sequence[EquiSteradianPattern], index: int) -> NDArray[np.float64]:
-    """Return the points of one pattern where it is the densest."""
+    """Return the points of one pattern at which it is the densest."""
     positions = patterns[index].positions
     spacings = [pattern.spacing(positions) for pattern in patterns]
     own: NDArray[np.float64] = positions[np.argmin(spacings, axis=0) == index]
@@ -104,7 +104,7 @@ def _dominant_region(patterns: Sequence[EquiSteradianPattern], index: int) -> ND
 def _remove_close_points(
     positions: NDArray[np.float64], patterns: Sequence[EquiSteradianPattern]
 ) -> NDArray[np.float64]:
-    """Drop the later of any two points that are too close; within one pattern there are none."""
+    """Remove the later of any two points that are too close; within one pattern there are none."""
     from scipy.spatial import KDTree
 
     if len(patterns) == 1:
@@ -127,7 +127,7 @@ def combined_mask(
     grid: ScannerGrid | None = None,
     weighting: Weighting = "voronoi",
 ) -> Mask:
-    """Arrange points that are equi-steradian around several points of interest.
+    """Return a mask that is equi-steradian around several points of interest.
 
     Parameters
     ----------

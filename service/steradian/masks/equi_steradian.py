@@ -44,11 +44,11 @@ class EquiSteradian(Value):
 
     @property
     def expected_count(self) -> int:
-        """About how many points the mask will have."""
+        """Approximate number of points of the mask."""
         return self.count
 
     def build(self) -> Mask:
-        """Place the points.
+        """Build the equi-steradian mask.
 
         Raises
         ------
@@ -71,14 +71,14 @@ class EquiSteradian(Value):
         )
 
     def pattern(self) -> EquiSteradianPattern:
-        """Points before they are snapped: the convenient pattern whose number is nearest to ``count``."""
+        """Return the pattern of points before snapping: the convenient count nearest to ``count``."""
         above, below = self._at_least(), self._below()
         if below is not None and self.count - self._kept(below) < self._kept(above) - self.count:
             return self._pattern(below)
         return self._pattern(above)
 
     def _at_least(self) -> Slices:
-        """Find the smallest convenient pattern of at least ``count`` points."""
+        """Return the smallest convenient pattern of at least ``count`` points."""
         slices = convenient_slices(self._rim, self.count)
         while (kept := self._kept(slices)) < self.count:  # part of the cap lies beyond the aperture
             lacking = (self.count - kept) * slices.total / max(kept, 1)
@@ -91,18 +91,18 @@ class EquiSteradian(Value):
         return slices
 
     def outline(self) -> Outline:
-        """Outline of the sensed area: the disc around the foot of the point of interest, clipped to the aperture."""
+        """Return the outline of the sensed area: a disc below the point of interest, clipped to the aperture."""
         half = np.full(2, self.aperture / 2)
         disc = outlines.disc(self.offset, self.depth * tan(self._rim))
         return outlines.intersection(disc, outlines.rectangle(-half, half))
 
     def neighbouring_counts(self) -> tuple[int | None, int]:
-        """Numbers of points around ``count``: the largest below it, if there is one, and the next."""
+        """Return the convenient counts below (None if there is none) and above ``count``."""
         below = self._below()
         return None if below is None else self._kept(below), self._kept(self._at_least())
 
     def _below(self) -> Slices | None:
-        """Find the largest convenient pattern of fewer than ``count`` points."""
+        """Return the largest convenient pattern of fewer than ``count`` points."""
         slices = self._at_least()
         while (smaller := convenient_below(self._rim, slices.total)) is not None:
             if self._kept(smaller) < self.count:
@@ -116,7 +116,7 @@ class EquiSteradian(Value):
 
     @property
     def _rim(self) -> float:
-        """Polar angle of the rim: the foot's distance from the aperture's farthest edge decides (X/2 at the centre)."""
+        """Polar angle of the pattern's rim, from the foot's distance to the aperture's farthest edge."""
         return atan((self.aperture / 2 + max(abs(self.offset[0]), abs(self.offset[1]))) / self.depth)
 
     def _kept(self, slices: Slices) -> int:
@@ -159,17 +159,17 @@ class EquiSteradianPattern:
 
     @property
     def distances(self) -> NDArray[np.float64]:
-        """(M,) distances r from the point of interest in metres."""
+        """Distances r (M,) from the point of interest in metres."""
         return self.distances_of(self.positions)
 
     def distances_of(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances r of any positions (M, 2) from the point of interest in metres."""
+        """Return the distances r of positions (M, 2) from the point of interest in metres."""
         across = ((positions - self.point_of_interest[:2]) ** 2).sum(axis=1)
         found: NDArray[np.float64] = np.sqrt(across + self.point_of_interest[2] ** 2)
         return found
 
     def spacing(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the expected distance in metres between neighbours: the root of a point's area in the plane."""
+        """Return the expected distance in metres between neighbours: the square root of a point's area."""
         share = self.unit * self.distances_of(positions) ** 3 / self.point_of_interest[2]
         found: NDArray[np.float64] = np.sqrt(share)
         return found
@@ -184,7 +184,7 @@ def equi_steradian_mask(
     grid: ScannerGrid | None = None,
     weighting: Weighting = "voronoi",
 ) -> Mask:
-    """Arrange points so that each covers the same solid angle seen from the point of interest.
+    """Return a mask whose points each cover the same solid angle seen from the point of interest.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def equi_steradian_mask(
 def convenient_counts(
     aperture: float, depth: float, count: int, offset: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[int | None, int]:
-    """Nearest convenient counts around ``count``: the largest below it (``None`` if there is none) and the next.
+    """Return the convenient counts around ``count``: the largest below (``None`` if there is none) and the next.
 
     The second is ``count`` itself where that is convenient.
     """

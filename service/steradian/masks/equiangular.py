@@ -1,4 +1,4 @@
-"""Equiangular lines: the 2-D counterpart, each sensor at the same angle from the next (paper, section 4.1)."""
+"""Equiangular lines: sensors at equal angles seen from the point of interest, for 2-D (paper, section 4.1)."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Equiangular(Value):
 
     @property
     def expected_count(self) -> int:
-        """About how many points the mask will have."""
+        """Approximate number of sensors of the mask."""
         return self.count
 
     def build(self) -> Mask:
-        """Place the sensors; fewer than ``count`` where several snap to the same place.
+        """Build the line of sensors; fewer than ``count`` if several snap to the same position.
 
         Raises
         ------
@@ -70,7 +70,7 @@ def equiangular_mask(
     grid: ScannerGrid | None = None,
     weighting: Weighting = "voronoi",
 ) -> Mask:
-    """Arrange sensors on a line so that neighbours enclose the same angle seen from the point of interest.
+    """Return a line of sensors whose neighbours enclose the same angle seen from the point of interest.
 
     Parameters
     ----------

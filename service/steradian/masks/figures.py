@@ -44,7 +44,7 @@ TILTS = (15, 30, 45, 60, 75)
 def draw_mask(
     mask: Mask, path: Path, *, deepest: float | None = None, with_point_spread: bool = True, width: int = WIDTH
 ) -> None:
-    """Draw a mask into a picture file; the ending of its name decides the format.
+    """Draw a mask's summary figure into a picture file; the suffix determines the format.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def draw_mask(
 def mask_figure(
     mask: Mask, *, deepest: float | None = None, with_point_spread: bool = True, width: int = WIDTH
 ) -> Page:
-    """Describe the same as :func:`draw_mask` draws."""
+    """Return the page specification of a mask's summary figure, as drawn by :func:`draw_mask`."""
     simulated = with_point_spread and len(mask.points_of_interest) > 0
     last = _spread_plot(point_spread(mask)) if simulated else _shares_plot(mask)
     columns = [[points_plot(mask), _view_plot(mask, deepest)], [_spacing_plot(mask), last]]
@@ -95,7 +95,7 @@ def _save_mask(mask: Mask, path: Path) -> None:
 
 
 def points_plot(mask: Mask) -> Plot:
-    """Show the sensors, coloured by the area each stands for."""
+    """Return a scatter plot of the sensors, coloured by weight (area)."""
     cells = mask.weights * MM ** mask.positions.shape[1]
     colours = Colours.spanning(cells, PLACE, f"cell of a sensor ({'mm' if mask.is_line else 'mm²'})")
     diameter = float(np.clip(183 / np.sqrt(mask.count), 0.9, 9))
@@ -127,7 +127,7 @@ def _spacing_plot(mask: Mask) -> Plot:
 
 
 def _view_plot(mask: Mask, deepest: float | None = None) -> Plot:
-    """Show which share of edges is visible in the plane through the point of interest."""
+    """Return a plot of the visible fraction of edges in the plane through the point of interest."""
     depth = deepest or (2 * float(mask.points_of_interest[:, 2].max()) if mask.depth else mask.aperture / 2)
     half = MM * mask.aperture / 2
     view = limited_view(mask, depth)
@@ -143,14 +143,14 @@ def _view_plot(mask: Mask, deepest: float | None = None) -> Plot:
 
 
 def _visibility_limits(first: float, last: float) -> list[Curve]:
-    """Down to where edges of each tilt are seen from both sides: under the normals to the outermost sensors."""
+    """Return depth limits of the visibility of edges by tilt, from the normals to the outermost sensors."""
     middle, half = (first + last) / 2, (last - first) / 2
     tents = [[[first, 0.0], [middle, half / np.tan(np.radians(tilt))], [last, 0.0]] for tilt in TILTS]
     return [Curve(np.array(tent), BACKGROUND) for tent in tents]
 
 
 def _label_angles(first: float, last: float, deepest: float, taken: list[float]) -> list[Annotation]:
-    """Name the tents' tilts below the aperture's centre, at depths apart from each other and from those ``taken``."""
+    """Return text labels of the viewing angles, placed on the depth axis without overlap."""
     found = []
     for tilt in TILTS:
         depth = min(-first, last) / np.tan(np.radians(tilt))
@@ -161,7 +161,7 @@ def _label_angles(first: float, last: float, deepest: float, taken: list[float])
 
 
 def _spread_plot(spread: PointSpread) -> Plot:
-    """Show the image of a tiny ball."""
+    """Return a plot of the point-spread function: the image of a tiny ball."""
     field = Heatmap(spread.section.T, Colours(PRESSURE, -0.2, 1, "relative pressure"), smooth=True)
     sizes = f"{1e6 * spread.lateral:.0f} µm wide, {1e6 * spread.axial:.0f} µm deep"
     across = Axis(MM * float(spread.x[0]), MM * float(spread.x[-1]), X_LABEL)
@@ -170,7 +170,7 @@ def _spread_plot(spread: PointSpread) -> Plot:
 
 
 def _shares_plot(mask: Mask) -> Plot:
-    """Plot the uniformity of the sensors: in solid angle, or in spacing without a point of interest."""
+    """Return a plot of the uniformity of the sensors: in solid angle, or in spacing without a point of interest."""
     seen = evaluate_mask(mask)
     if seen.solid_angles is not None:
         values, name = 100 * seen.solid_angles / seen.solid_angles.mean(), "solid angle over its mean (%)"

@@ -1,4 +1,4 @@
-"""Rectangular grids, the arrangement that scanners use today."""
+"""Rectangular grids, the usual arrangement of scanners."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Grid(ArrangementBase):
         return self.count**2
 
     def build(self) -> Mask:
-        """Place the points.
+        """Build the grid mask.
 
         Raises
         ------
@@ -69,7 +69,7 @@ def grid_mask(
     centred: bool = False,
     weighting: Weighting = "analytic",
 ) -> Mask:
-    """Arrange ``count`` × ``count`` points at equal distance.
+    """Return a mask of ``count`` × ``count`` points on a square grid.
 
     Parameters
     ----------

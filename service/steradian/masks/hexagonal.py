@@ -24,7 +24,7 @@ MOST_BUILT = 4096**2
 
 
 class Hexagonal(ArrangementBase):
-    """Parameters of a lattice of equilateral triangles that fills the aperture, with a point at the centre."""
+    """Parameters of a hexagonal lattice that fills the aperture, with a point at the centre."""
 
     arrangement: Literal["hexagonal"] = "hexagonal"
     interval: float | None = quantity_field("m", "Distance between neighbours", default=None, **LENGTH.limits)
@@ -43,16 +43,16 @@ class Hexagonal(ArrangementBase):
 
     @property
     def expected_count(self) -> int:
-        """About how many points the mask will have."""
+        """Approximate number of points of the mask."""
         return self.count or round(count_along_side(self.aperture, self.lattice) ** 2 * 2 / sqrt(3)) + 1
 
     @property
     def lattice(self) -> float:
-        """Distance between neighbours in metres, found for the wanted number of points if it is not given."""
+        """Distance between neighbours in metres, derived from the number of points if not given."""
         return self.interval or hexagonal_interval(self.aperture, self.count or 1)
 
     def build(self) -> Mask:
-        """Place the points."""
+        """Build the hexagonal mask."""
         if self.interval is None:
             return self.replace(interval=self.lattice, count=None).build()
         least = self.aperture * sqrt(2 / sqrt(3) / MOST_BUILT)
@@ -76,7 +76,7 @@ class Hexagonal(ArrangementBase):
         )
 
     def _outline(self, positions: NDArray[np.float64], rise: float) -> Outline:
-        """Rectangle of all cells: rows half a rise beyond the outermost, as wide as they are on average."""
+        """Return the rectangle of all lattice cells, as wide as the rows on average."""
         half = np.full(2, self.aperture / 2)
         if len(positions) == 1:
             return outlines.rectangle(-half, half)
@@ -94,7 +94,7 @@ def hexagonal_mask(
     offset: tuple[float, float] = (0.0, 0.0),
     weighting: Weighting = "analytic",
 ) -> Mask:
-    """Fill the aperture with a hexagonal lattice.
+    """Return a mask of a hexagonal lattice that fills the aperture.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def hexagonal_mask(
 
 
 def hexagonal_interval(aperture: float, count: int) -> float:
-    """Interval in metres of the hexagonal lattice whose number of points is nearest to ``count``.
+    """Return the interval in metres of the hexagonal lattice with the number of points nearest to ``count``.
 
     The number changes only where a row or a column more fits, so one interval between any two such places is tried;
     of two equally near numbers the larger is taken, and of the intervals that give it the widest.
@@ -140,7 +140,7 @@ def hexagonal_interval(aperture: float, count: int) -> float:
 
 
 def _lattice_count(aperture: float, interval: float) -> int:
-    """Points of :func:`steradian.masks.hexagonal_mask`: rows through the centre and between its columns by turns."""
+    """Return the number of points of :func:`steradian.masks.hexagonal_mask`, without building the mask."""
     rows, half = floor(aperture / (interval * sqrt(3))), aperture / (2 * interval)
     even = 1 + 2 * (rows // 2)
     return even * (1 + 2 * floor(half)) + (2 * rows + 1 - even) * 2 * floor(half + 0.5)

@@ -1,4 +1,4 @@
-"""Read and write mask files (JSON, CSV, npy)."""
+"""Readers and writers of mask files (JSON, CSV, npy)."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _read_json(path: Path) -> Mask:
 
 
 def _read_csv(path: Path) -> Points:
-    """Positions and weights of a CSV file."""
+    """Read positions and weights from a CSV file."""
     try:
         rows = [row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if row]
     except UnicodeDecodeError as error:
@@ -120,7 +120,7 @@ def _is_number(text: str) -> bool:
 
 
 def write_mask(mask: Mask, path: Path) -> None:
-    """Write a mask as its name's ending says: ``.json``, ``.csv`` or ``.npy``.
+    """Write a mask into a ``.json``, ``.csv`` or ``.npy`` file, according to the suffix.
 
     A CSV has the columns ``x_m, y_m, weight_m2`` (``x_m, weight_m`` for a line), an npy the same as an array
     (M, 3) or (M, 2). The file appears under its name only when it is whole.

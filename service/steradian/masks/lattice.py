@@ -1,4 +1,4 @@
-"""Lattice pitch of a mask: the voxels an axis that an unusually fine or coarse lattice of sensors suggests."""
+"""Lattice detection of a mask: number of voxels an axis suggested by the sensors' lattice pitch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WHOLE = 1e-3
 
 
 def lattice_modes(positions: NDArray[np.float64], aperture: float) -> int | None:
-    """Return how many voxels of a lattice's pitch the side of the aperture has; ``None`` for sensors on no lattice.
+    """Return the number of voxels an axis at the sensors' lattice pitch; ``None`` without a lattice.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def lattice_modes(positions: NDArray[np.float64], aperture: float) -> int | None
 
 
 def imported_modes(positions: NDArray[np.float64], aperture: float, arrangement: Mapping[str, Any]) -> int | None:
-    """Return the same of a mask that an import made; ``None`` of others, whose arrangement names no ``source``.
+    """Return the number of voxels an axis of an imported mask's lattice; ``None`` for other masks.
 
     A scan of a mask of our own is imaged at voxels of one size whatever its arrangement, so that arrangements can be
     compared.

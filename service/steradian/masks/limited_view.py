@@ -53,7 +53,7 @@ class LimitedView:
 
 
 def limited_view(mask: Mask, deepest: float, *, y: float | None = None, pixels: int = 96) -> LimitedView:
-    """Map the visible edges over depth, for the area that the sensors cover.
+    """Compute the map of visible edges over depth, for the area covered by the sensors.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def visible_fraction(mask: Mask, point: tuple[float, float, float]) -> float:
 
 
 def _chord(outline: Outline, y: float) -> tuple[float, float]:
-    """Interval in which a line at ``y`` crosses a convex polygon; (∞, −∞) if it does not."""
+    """Return the interval in which a line at ``y`` crosses a convex polygon; (∞, −∞) if there is none."""
     if (upper := outline[outline[:, 1] == y, 0]).size > 1:  # along an edge
         return float(upper.min()), float(upper.max())
     after = np.roll(outline, -1, axis=0)
@@ -112,7 +112,7 @@ def _chord(outline: Outline, y: float) -> tuple[float, float]:
 
 
 def _solid_angle(outline: Outline, x: NDArray[np.float64], y: float, z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solid angle of a polygon in the plane z = 0 seen from (x, y, z).
+    """Return the solid angle of a polygon in the plane z = 0 seen from (x, y, z).
 
     The sum over its triangles (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983).
     """

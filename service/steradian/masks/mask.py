@@ -1,4 +1,4 @@
-"""A mask: where on the sensor plane to sense, and which share of the plane each point stands for."""
+"""Mask: sensor positions on the sensor plane, with the area that each represents."""
 
 from __future__ import annotations
 
@@ -127,12 +127,12 @@ class Mask(DisplayableValue):
     @computed_field  # type: ignore[prop-decorator]
     @property
     def sensed_area(self) -> float:
-        """Area in m² that the points stand for together, the sum of their weights; for a line a length in m."""
+        """Area in m² represented by all points, the sum of their weights; for a line a length in m."""
         return float(self.weights.sum())
 
     @property
     def weight_ratio(self) -> float:
-        """Largest over smallest weight.
+        """Ratio of the largest to the smallest weight.
 
         Of the paper's yarn mask 9.4 with the paper's weights, which states 9.7, and 8.2 with the default ones, which
         give the last slice only what lies within the disc.
@@ -149,7 +149,7 @@ class Mask(DisplayableValue):
 
     @cached_property
     def film_positions(self) -> NDArray[np.float64]:
-        """(M, 2) positions x, y in metres for a scanner; a line lies at y = 0."""
+        """Positions x, y (M, 2) in metres for a scanner; a line lies at y = 0."""
         if not self.is_line:
             return self.positions
         found = np.column_stack([self.positions[:, 0], np.zeros(self.count)])
@@ -158,7 +158,7 @@ class Mask(DisplayableValue):
 
     @property
     def points_of_interest(self) -> NDArray[np.float64]:
-        """(P, 3) points of interest x, y, z in metres; P is 0 for an arrangement without one."""
+        """Points of interest x, y, z (P, 3) in metres; P is 0 for an arrangement without one."""
         several = self.arrangement.get("points_of_interest")
         if several:
             return np.array([[*point["offset"], point["depth"]] for point in several], dtype=np.float64)
@@ -166,7 +166,7 @@ class Mask(DisplayableValue):
 
     @property
     def title(self) -> str:
-        """Arrangement, number of points, aperture and point of interest in a line."""
+        """Summary line: arrangement, number of points, aperture and point of interest."""
         name = str(self.arrangement.get("arrangement", "mask")).capitalize()
         parts = [f"{name} mask, {self.count:,} points over {1e3 * self.aperture:.4g} mm"]
         points = self.points_of_interest

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MaskMetrics:
-    """Figures of a mask for one point of interest.
+    """Figures of merit of a mask for one point of interest.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def evaluate_mask(mask: Mask, point_of_interest: tuple[float, float, float] | No
 
 
 def nearest_neighbour_spacing(mask: Mask) -> NDArray[np.float64]:
-    """(M,) distance in metres from each sensor to its nearest neighbour; the aperture of a single one."""
+    """Return the distance (M,) in metres of each sensor's nearest neighbour; the aperture for a single sensor."""
     from scipy.spatial import KDTree
 
     if mask.count == 1:
@@ -106,7 +106,7 @@ def nearest_neighbour_spacing(mask: Mask) -> NDArray[np.float64]:
 
 
 def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
-    """Map of the sensor density over the aperture.
+    """Return a map of the sensor density over the aperture.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
 
 
 def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
-    """Map of the spacing over the aperture: at each place that of the nearest sensor (:attr:`MaskMetrics.spacing`).
+    """Return a map over the aperture of the spacing at the nearest sensor (:attr:`MaskMetrics.spacing`).
 
     Returns
     -------
@@ -147,7 +147,7 @@ def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
 
 
 def _nearest(mask: Mask, pixels: int) -> NDArray[np.int64]:
-    """Find the number (pixels, pixels) [x, y] of the sensor nearest to each place of the aperture."""
+    """Return the index (pixels, pixels) [x, y] of the sensor nearest to each pixel of the aperture."""
     from scipy.spatial import KDTree
 
     if mask.is_line:
@@ -159,7 +159,7 @@ def _nearest(mask: Mask, pixels: int) -> NDArray[np.int64]:
 
 
 def _opening_angle(across: NDArray[np.float64], depth: float) -> float:
-    """Widest of the full angles in 36 planes through the point of interest, perpendicular to the film."""
+    """Return the largest opening angle in 36 planes through the point of interest, perpendicular to the film."""
     turn = np.arange(36) * (np.pi / 36)
     along = across @ np.vstack([np.cos(turn), np.sin(turn)])
     angles = np.arctan(along.max(axis=0) / depth) - np.arctan(along.min(axis=0) / depth)

@@ -1,4 +1,4 @@
-"""Point-spread function at the point of interest, by simulation."""
+"""Simulated point-spread function at the point of interest."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_MODES = 256
 
 @dataclass(frozen=True)
 class PointSpread:
-    """The image of a Gaussian ball.
+    """Simulated point-spread function: image of a Gaussian ball and its widths.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def point_spread(
     sampling_interval: float | None = None,
     noise: float | None = None,
 ) -> PointSpread:
-    """Simulate and reconstruct a Gaussian ball.
+    """Simulate and reconstruct a Gaussian ball at the point of interest.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def point_spread(
 
 
 def _pressure(distance: NDArray[np.float64], sigma: float, way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pressure (M, N_t) of a Gaussian ball of peak 1 at distances R, when the sound has gone ``way`` = c·t."""
+    """Return the pressure (M, N_t) of a Gaussian ball of peak 1 at distances R, at ``way`` = c·t."""
     out, back = distance[:, None] - way, distance[:, None] + way
     found: NDArray[np.float64] = (
         out * np.exp(-((out / sigma) ** 2) / 2) + back * np.exp(-((back / sigma) ** 2) / 2)
@@ -122,7 +122,7 @@ def _image(
     sound_speed: float,
     sampling_interval: float,
 ) -> _Image:
-    """Reconstruct ten widths around the ball and cut through it."""
+    """Reconstruct the surroundings of the ball, ten widths wide, and return sections through its centre."""
     from steradian.imaging import Acquisition, Compute, ImageGrid, Nufft, reconstruct
 
     modes = max(16, min(MOST_MODES, round(3 * mask.aperture / width)))
@@ -162,7 +162,7 @@ def _measure(mask: Mask, point: tuple[float, float, float], width: float, image:
 
 
 def _half_width(axis: NDArray[np.float64], profile: NDArray[np.float64], top: int) -> float:
-    """Full width of a peak at half its height, between samples by straight lines."""
+    """Return the full width at half maximum of a peak, by linear interpolation."""
     half = profile[top] / 2
     ends = []
     for step in (-1, 1):

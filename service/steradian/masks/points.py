@@ -1,4 +1,4 @@
-"""Explicit points: a mask from anywhere else."""
+"""Masks of explicit points, such as those of another program."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from steradian.masks.weights import Weighting, weights_for
 
 
 class Points(Value):
-    """Explicit positions, with weights, with the areas of their Voronoi cells, or equally weighted.
+    """Parameters of explicit positions with given, Voronoi or equal weights.
 
     ``sensed_area`` is for weights that are given.
     """
@@ -44,7 +44,7 @@ class Points(Value):
         return len(self.positions)
 
     def build(self) -> Mask:
-        """Normalise the weights and check the points.
+        """Build the mask: validate the points and normalise the weights.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class Points(Value):
 
 
 def area_of_weights(total: float | None, aperture: float, axes: int) -> float | None:
-    """Return the sum of weights in m² (m for one axis) if that can be an area, else ``None``: they are relative."""
+    """Return the weights' sum in m² (m for one axis) if plausible as an area, else ``None`` (relative weights)."""
     return total if total is not None and 0 < total <= MAX_AREA_RATIO * aperture**axes else None
 
 
@@ -84,7 +84,7 @@ def custom_mask(
     weighting: Weighting = "analytic",
     sensed_area: float | None = None,
 ) -> Mask:
-    """Make a mask of explicit points.
+    """Return a mask of explicit points.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Bridson's Poisson-disc sampling."""
+"""Poisson-disc sampling by Bridson's algorithm: random points with a minimum spacing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRIES = 30
 
 
 def sample_poisson_disc(spacing: float, seed: int) -> NDArray[np.float64]:
-    """Fill the unit square with points at least ``spacing`` apart.
+    """Return random points in the unit square at least ``spacing`` apart, that leave no gap.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def sample_poisson_disc(spacing: float, seed: int) -> NDArray[np.float64]:
 
 @exact
 def _uniform(state: NDArray[np.uint64]) -> float:
-    """Draw the next number in [0, 1) of a xorshift* generator, which is the same on every machine."""
+    """Return the next random number in [0, 1) of a xorshift* generator, identical on every machine."""
     value = state[0]
     value ^= value >> np.uint64(12)
     value ^= value << np.uint64(25)

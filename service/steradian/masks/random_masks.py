@@ -42,7 +42,7 @@ class Random(ArrangementBase):
         return self.count
 
     def build(self) -> Mask:
-        """Place the points."""
+        """Build the random mask."""
         positions = (np.random.default_rng(self.seed).random((self.count, 2)) - 0.5) * self.aperture
         return Mask.create(
             aperture=self.aperture,
@@ -54,7 +54,7 @@ class Random(ArrangementBase):
 
 
 class PoissonDisc(ArrangementBase):
-    """Parameters of points by chance of which no two are closer than ``spacing`` and no gap takes another."""
+    """Parameters of Poisson-disc points: random, at least ``spacing`` apart, without gaps for another."""
 
     arrangement: Literal["poisson-disc"] = "poisson-disc"
     spacing: float | None = quantity_field("m", "Least distance between two points", default=None, **LENGTH.limits)
@@ -74,11 +74,11 @@ class PoissonDisc(ArrangementBase):
 
     @property
     def expected_count(self) -> int:
-        """About how many points the mask will have: discs of the spacing's diameter cover 55 % of the plane."""
+        """Approximate number of points: discs of the spacing's diameter cover 55 % of the plane."""
         return self.count or round(0.7 * count_along_side(self.aperture, self.spacing or self.aperture) ** 2) + 1
 
     def build(self) -> Mask:
-        """Place the points.
+        """Build the Poisson-disc mask.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class PoissonDisc(ArrangementBase):
 
 
 def _square(aperture: float) -> Outline:
-    """Outline of the aperture, all of which is sensed."""
+    """Return the outline of the aperture, all of which is sensed."""
     return outlines.rectangle((-aperture / 2, -aperture / 2), (aperture / 2, aperture / 2))
 
 
@@ -117,7 +117,7 @@ def random_mask(
     seed: int = 0,
     weighting: Weighting = "voronoi",
 ) -> Mask:
-    """Scatter ``count`` points over the aperture independently; the same seed gives the same points.
+    """Return a mask of ``count`` independent, uniformly distributed points; determined by the seed.
 
     The mask senses the whole aperture; each point stands for its Voronoi cell, or for X²/M if ``weighting`` is
     ``analytic`` or ``uniform``.
@@ -142,7 +142,7 @@ def poisson_disc_mask(
     seed: int = 0,
     weighting: Weighting = "voronoi",
 ) -> Mask:
-    """Scatter points over the aperture, none closer than ``spacing`` metres to another, until no more fit.
+    """Return a mask of Poisson-disc points, at least ``spacing`` metres apart, that leave no gap.
 
     With ``count`` instead of ``spacing`` the spacing is searched for that gives about so many. ``depth`` and
     ``offset`` in metres are those of the point of interest that the mask is judged for.
@@ -161,7 +161,7 @@ def poisson_disc_mask(
 
 
 def poisson_spacing(aperture: float, count: int, seed: int = 0) -> float:
-    """Spacing in metres of Poisson-disc points of a seed whose number is as near to ``count`` as a search finds.
+    """Return the spacing in metres at which a seed's Poisson-disc points number about ``count``.
 
     Their number jumps by chance with the spacing; it is exact for most counts and off by a few at times.
     """

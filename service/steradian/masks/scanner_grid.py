@@ -1,4 +1,4 @@
-"""Snap a mask to the positions a scanner can reach."""
+"""Grid of the positions that a scanner can reach, to which masks are snapped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from steradian.core.validation import Value, quantity_field
 
 
 class ScannerGrid(Value):
-    """The places where a scanner can stop: a square grid on −n/2 … n/2−1 intervals (symmetric for odd n)."""
+    """Square grid of reachable scanner positions on −n/2 … n/2−1 intervals (symmetric for odd n)."""
 
     count: int = quantity_field("points", "Places on each axis", ge=1, le=65_536)
     interval: float = quantity_field("m", "Distance between neighbours", **LENGTH.limits)
@@ -18,7 +18,7 @@ class ScannerGrid(Value):
     def snap(
         self, positions: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Move each point to the nearest place; points that meet become one with the sum of their weights.
+        """Move each point to the nearest grid position; coinciding points merge and their weights are added.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Slices of a spherical cap with equal solid angle per point."""
+"""Division of a spherical cap into slices with equal solid angle per point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SPIRAL_OFFSET = 1.8
 
 @dataclass(frozen=True)
 class Slices:
-    """Slices of a spherical cap, from the pole to the rim.
+    """Slices (rings) of a spherical cap, from the pole to the rim.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class Slices:
 
     @property
     def total(self) -> int:
-        """Number of points."""
+        """Total number of points of all slices."""
         return sum(self.counts)
 
     def azimuths(self, slices: int | None = None) -> list[NDArray[np.float64]]:
-        """Azimuths of the (first) slices' points in radians: half a step on from the last point of the slice before."""
+        """Return the azimuths in radians of the (first) slices' points, each slice offset by half a step."""
         found, turn = [], 0.0
         for count in self.counts[:slices]:
             azimuth = 2 * pi * np.arange(count) / count + pi / count + turn
@@ -42,7 +42,7 @@ class Slices:
         return found
 
     def project(self, depth: float) -> NDArray[np.float64]:
-        """Positions (M, 2) in metres, relative to the pole's foot, where the points meet the sensor plane."""
+        """Return the projection of the points to the sensor plane, (M, 2) in metres from the pole's foot."""
         pieces = [
             depth * np.tan(angle) * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
             for angle, azimuth in zip(self.angles, self.azimuths(), strict=True)
@@ -51,7 +51,7 @@ class Slices:
 
 
 def slice_cap(rim: float, count: int) -> Slices:
-    """Slice a cap into units of 1/``count`` of its solid angle, from the pole until ``count`` units are used up.
+    """Divide a cap into slices of units of 1/``count`` of its solid angle, from the pole, until all are used.
 
     The outer polar angle of a slice follows from unit · j = 2π (cos θ_inner − cos θ_outer); its points sit at the
     mid angle. The last slice may end beyond the rim; where it ends on the rim the count is convenient.
@@ -82,7 +82,7 @@ def slice_cap(rim: float, count: int) -> Slices:
 
 
 def convenient_slices(rim: float, count: int) -> Slices:
-    """Slice a cap for the smallest convenient count of at least ``count``: the last slice ends on the rim."""
+    """Divide a cap into the smallest convenient count ≥ ``count``: the last slice ends on the rim."""
     while True:
         reached = slice_cap(rim, count).total
         found = _convenient_within(rim, range(count, reached + 1))
@@ -92,7 +92,7 @@ def convenient_slices(rim: float, count: int) -> Slices:
 
 
 def convenient_below(rim: float, count: int) -> Slices | None:
-    """Slice a cap for the largest convenient count below ``count``; ``None`` when there is none of at least 5."""
+    """Divide a cap into the largest convenient count below ``count``; ``None`` if there is none of at least 5."""
     stop = count
     while stop > 5:
         start = max(5, stop - slice_cap(rim, stop - 1).counts[-1])
@@ -104,7 +104,7 @@ def convenient_below(rim: float, count: int) -> Slices | None:
 
 
 def _convenient_within(rim: float, counts: range) -> Slices | None:
-    """Find the first convenient count of a range by halving it wherever its two ends are sliced differently."""
+    """Find the first convenient count in a range by bisection."""
     first, last = slice_cap(rim, counts[0]), slice_cap(rim, counts[-1])
     if first.total == counts[0]:
         return first
@@ -115,11 +115,11 @@ def _convenient_within(rim: float, counts: range) -> Slices | None:
 
 
 def _chord(angle: float, count: int) -> float:
-    """Distance between neighbours of a slice on the unit sphere."""
+    """Return the distance between neighbouring points of a slice on the unit sphere."""
     return 2 * sin(angle) * sin(pi / count)
 
 
 def _nearest(angle: float, inner: float, count: int) -> float:
-    """Distance on the unit sphere to the closest point of the slice before, which lies π/count off in azimuth."""
+    """Return the distance on the unit sphere to the closest point of the previous slice, π/count off in azimuth."""
     along = cos(angle) * cos(inner) + sin(angle) * sin(inner) * cos(pi / count)
     return sqrt(max(0.0, 2 - 2 * along))

@@ -1,4 +1,4 @@
-"""Newton iteration that makes the Voronoi cells of the slices equal in solid angle.
+"""Newton iteration that equalises the solid angles of the slices' Voronoi cells.
 
 Points at the middle of equal units are not yet alike: where a slice doubles its number of points, the border between
 its cells and those of the slice before lies off the border between the units. The few points near the pole feel
@@ -43,7 +43,7 @@ SAMPLES = 4
 
 
 def equalise_solid_angles(slices: Slices, rim: float) -> Slices:
-    """Move the slices until the cells within the rim cover equal solid angles.
+    """Adjust the slices' angles until the cells within the rim cover equal solid angles.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _jacobian(
     now: NDArray[np.float64],
     free: int,
 ) -> NDArray[np.float64]:
-    """Return the derivatives (free + 1, free) of the cells' unevenness by the angles of slices 1 … free."""
+    """Return the Jacobian (free + 1, free) of the cells' unevenness by the angles of slices 1 … free."""
     slope = np.zeros((free + 1, free))
     for first in range(1, min(2 * NEIGHBOUR_RADIUS + 1, free) + 1):
         moved = np.arange(first, free + 1, 2 * NEIGHBOUR_RADIUS + 1)
@@ -116,7 +116,7 @@ def _jacobian(
 
 
 def _moved(angles: NDArray[np.float64], move: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Angles after a step that lets no slice go farther than 0.3 of the way to the next."""
+    """Return the angles after a damped Newton step: at most 0.3 of the distance to the next slice."""
     gaps = np.diff(angles)
     room = 0.3 * np.minimum(gaps[: len(move)], gaps[1 : len(move) + 1])
     moved = angles.copy()
@@ -130,7 +130,7 @@ def unit_angle(counts: Sequence[int], rim: float) -> float:
 
 
 def _initial_slices(counts: Sequence[int], rim: float) -> NDArray[np.float64]:
-    """Cut equal units so that the last slice overhangs the rim; mid angles of the slices."""
+    """Return the initial mid angles of slices of equal units, the last of which overhangs the rim."""
     units = np.concatenate([[0], np.cumsum(counts)])
     border = np.arccos(np.maximum(1 - unit_angle(counts, rim) / (2 * pi) * units, -1.0))
     angles: NDArray[np.float64] = (border[:-1] + border[1:]) / 2
@@ -140,7 +140,7 @@ def _initial_slices(counts: Sequence[int], rim: float) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Spherical Voronoi cells of some points of each slice and which points may bound them.
+    """Spherical Voronoi cells of sample points of each slice, and their candidate neighbours.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class _Cells:
 
     @classmethod
     def around(cls, slices: Slices, size: int) -> _Cells:
-        """Collect the neighbours of cells of the first ``size`` slices."""
+        """Return the cells of the first ``size`` slices with their neighbours."""
         width = 2 * NEIGHBOUR_RADIUS + 1
         near = np.zeros((size, width, WINDOW), np.int64)
         turn = np.zeros((size, width, WINDOW, SAMPLES))
@@ -177,7 +177,7 @@ class _Cells:
         return cls(near.reshape(flat), turn.reshape(*flat, SAMPLES), known.reshape(flat))
 
     def areas(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean solid angle in steradians of the cells of each slice, shape (K,).
+        """Return the mean solid angle in steradians of the cells of each slice, shape (K,).
 
         Seen from its point p, along the tangent direction u, a cell ends at the tangent of ρ with
         1/ρ = max over neighbours q of (q·u) / (1 − p·q); its solid angle is ∮ (1 − 1/√(1 + ρ²)) du.

@@ -1,4 +1,4 @@
-"""Subset of an existing mask by point index."""
+"""Subset of an existing mask by point indices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from steradian.masks.weights import Weighting, resolve_outline, weights_for
 
 
 class Subset(Value):
-    """Points of a mask by their numbers."""
+    """Parameters of a subset of a mask: the mask and the indices of its points."""
 
     arrangement: Literal["subset"] = "subset"
     mask: Mask
@@ -30,7 +30,7 @@ class Subset(Value):
         return len(self.indices)
 
     def build(self) -> Mask:
-        """Pick the points.
+        """Build the mask of the selected points.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class Subset(Value):
 
 
 def subset_mask(mask: Mask, indices: Sequence[int], *, weighting: Weighting = "voronoi") -> Mask:
-    """Keep some points of a mask.
+    """Return a mask of selected points of another mask.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def subset_mask(mask: Mask, indices: Sequence[int], *, weighting: Weighting = "v
 
 
 def nearest_points(existing: Mask, wanted: Mask) -> tuple[int, ...]:
-    """Numbers of the existing points nearest to the wanted ones, each once, in the order wanted.
+    """Return the indices of the existing points nearest to requested ones, each once, in their order.
 
     With :func:`subset_mask` this answers what a sparse mask would have seen in a scan that was dense.
 

@@ -1,4 +1,4 @@
-"""Weights: the area of the plane that each point stands for."""
+"""Weights of a mask: the area of the plane that each point represents."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ arrangement was made with; ``uniform``: equal shares. All sum to the sensed area
 
 
 def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np.float64]:
-    """Areas of the Voronoi cells within the whole aperture.
+    """Return the areas of the points' Voronoi cells within the whole aperture.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def expand_outline(outline: Outline, positions: NDArray[np.float64]) -> Outline:
 def weights_for(
     weighting: Weighting, positions: NDArray[np.float64], outline: Outline, analytic: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Weights of points.
+    """Return the weights of points by a given method.
 
     Parameters
     ----------
@@ -79,12 +79,12 @@ def weights_for(
 
 
 def resolve_outline(mask: Mask) -> Outline:
-    """Outline of the sensed area of a mask, computed from its points if the mask has none."""
+    """Return the outline of the sensed area of a mask, computed from its points if not given."""
     return sensed_region(mask.positions, mask.aperture) if mask.outline is None else mask.outline
 
 
 def with_weights(mask: Mask, weighting: Literal["voronoi", "uniform"]) -> Mask:
-    """Make the same points' mask with other weights.
+    """Return a mask of the same points with other weights.
 
     Examples
     --------

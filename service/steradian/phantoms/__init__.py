@@ -1,4 +1,4 @@
-"""Objects with known initial pressure, and the A-lines that they cause.
+"""Phantoms (test objects with known initial pressure) and their simulated A-lines.
 
 In three dimensions everything is a set of Gaussian :class:`Balls`, whose pressure has a closed form; in two, an image
 whose waves :func:`propagate_2d` propagates exactly in wavenumbers. Neither shares code with the reconstruction.

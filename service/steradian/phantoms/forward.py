@@ -1,4 +1,4 @@
-"""The pressure of many balls at many sensors, compiled: the closed form of the driver's phantoms, but fast.
+"""Forward simulation: analytic pressure of Gaussian balls at the sensors (compiled).
 
 A chart of fifty thousand balls seen by twenty thousand sensors takes some ten seconds this way.
 """
@@ -31,7 +31,7 @@ def pressure(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float32]:
-    """Return the A-lines that balls cause at sensors on the plane z = 0.
+    """Return the simulated A-lines of Gaussian balls at sensors on the plane z = 0.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def pressure(
 
 
 def rasterise(balls: Balls, like: Volume) -> Volume:
-    """Return the initial pressure of Gaussian balls at the voxels of a reconstruction: its ground truth.
+    """Return the initial pressure of Gaussian balls at the voxels of a reconstruction, as its ground truth.
 
     Raises
     ------

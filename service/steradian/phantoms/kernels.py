@@ -1,4 +1,4 @@
-"""The compiled inner loops of :mod:`steradian.phantoms.forward` and :mod:`steradian.phantoms.waves_2d`."""
+"""Compiled kernels of :mod:`steradian.phantoms.forward` and :mod:`steradian.phantoms.waves_2d`."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ add_balls: Any = jit(_add_balls)
 
 
 def _oscillate(turns: Array, real: Array, imaginary: Array, state: Array, sums: NDArray[np.complex128]) -> None:
-    """Add up plane waves, sums[n, x] = Σ_k (real + i·imaginary)[x, k]·cos((m + n)·angle[x, k]).
+    """Add plane waves to sums: sums[n, x] = Σ_k (real + i·imaginary)[x, k]·cos((m + n)·angle[x, k]).
 
     ``turns`` holds 2·cos(angle) and ``state`` (2, X, K) the cosines at steps m and m − 1; it is left at the next ones.
     """

@@ -1,4 +1,4 @@
-"""Noise by a stated convention, since "30 dB" alone says little."""
+"""White noise at a signal-to-noise ratio with an explicit definition (peak or RMS)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SnrConvention = Literal["peak", "rms"]
 def add_noise(
     traces: ArrayLike, decibels: float, *, convention: SnrConvention = "peak", seed: int = 0
 ) -> NDArray[np.float32]:
-    """Add white Gaussian noise to A-lines.
+    """Add white Gaussian noise of a given signal-to-noise ratio to A-lines.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Uniform and Gaussian cylinders and spheres, as sums of Gaussian balls: vessels and absorbers of a stated width."""
+"""Phantoms of cylinders and spheres with uniform or Gaussian profile, approximated by sums of Gaussian balls."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FWHM = float(np.sqrt(8 * np.log(2)))
 
 
 def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
-    """Return a straight uniform cylinder of initial pressure 1.
+    """Return a phantom of a straight uniform cylinder of initial pressure 1.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_lengt
 
 
 def sphere(diameter: float, place: ArrayLike, step: float) -> Balls:
-    """Return a uniform sphere of initial pressure 1; parameters as of :func:`cylinder`."""
+    """Return a phantom of a uniform sphere of initial pressure 1; parameters as of :func:`cylinder`."""
     s = max(diameter / _FINE, _FINEST * step)
     grid, share = _covered(diameter, s, 3)
     return _balls(np.asarray(place, np.float64) + grid, s, share)
 
 
 def gaussian_cylinder(fwhm: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
-    """Return a straight cylinder with a Gaussian profile of peak 1; parameters as of :func:`cylinder`."""
+    """Return a phantom of a straight cylinder with Gaussian profile of peak 1; parameters as of :func:`cylinder`."""
     s = max(fwhm / _FWHM, _FINEST * step)
     along = np.asarray(direction, np.float64) / np.linalg.norm(direction)
     count = int(np.ceil(half_length / (_PITCH * s)))
@@ -67,7 +67,7 @@ def gaussian_cylinder(fwhm: float, place: ArrayLike, direction: ArrayLike, half_
 
 
 def gaussian_sphere(fwhm: float, place: ArrayLike, step: float) -> Balls:
-    """Return one Gaussian ball of peak 1; parameters as of :func:`cylinder`."""
+    """Return a phantom of one Gaussian ball of peak 1; parameters as of :func:`cylinder`."""
     return Balls(np.asarray([place], np.float64), np.array([max(fwhm / _FWHM, _FINEST * step)]), np.ones(1))
 
 
@@ -77,7 +77,7 @@ def _balls(centres: Array, s: float, amplitudes: Array) -> Balls:
 
 
 def _covered(diameter: float, s: float, axes: int) -> tuple[Array, Array]:
-    """Return points (K, axes) in m, and how much of the cell of each lies in the disc or sphere."""
+    """Return grid points (K, axes) in m and the fraction of each point's cell that lies in the disc or sphere."""
     pitch = _PITCH * s
     radius = 0.5 * np.sqrt(max(diameter**2 - _EDGE * s**2, 0.0))
     if radius < pitch / 2:

@@ -1,4 +1,4 @@
-"""Flat test targets parallel to the sensor plane, as balls on a fine square grid weighted by how much is covered.
+"""Flat resolution targets parallel to the sensor plane, sampled by Gaussian balls on a fine square grid.
 
 A chrome pattern is far thinner than any wavelength, and the film's band limits what can be seen of its edges: balls of
 s = 9 µm fall to −3 dB at 22 MHz, as the simulated film does, so they stand for an ideal pattern behind such a film.
@@ -31,7 +31,7 @@ def star(
     depth: float = 4e-3,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Balls:
-    """Return a star target; the paper's has these dimensions (section 3).
+    """Return a phantom of a star target (Siemens star) with the paper's dimensions (section 3).
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def star(
 
 
 def chart(*, depth: float = 4e-3, groups: int = 6, size: float = 3e-3, largest: float = 300e-6) -> Balls:
-    """Return triple bars as on the USAF 1951 chart, upright and lying, each pair 2^(−1/3) narrower than the last.
+    """Return a phantom of USAF 1951 triple bars, upright and lying, each group 2^(−1/3) narrower than the last.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def chart(*, depth: float = 4e-3, groups: int = 6, size: float = 3e-3, largest: 
 
 
 def chart_bars(*, groups: int = 6, size: float = 3e-3, largest: float = 300e-6) -> list[Bar]:
-    """Return the bars of :func:`chart`, three upright and three lying ones a group."""
+    """Return the rectangles of :func:`chart`'s bars, three upright and three lying ones a group."""
     bars: list[Bar] = []
     x, y, row = -size, -size, 0.0
     for k in range(groups):
@@ -95,7 +95,7 @@ def chart_bars(*, groups: int = 6, size: float = 3e-3, largest: float = 300e-6) 
 def _covered(
     pattern: Callable[[Array, Array], NDArray[np.bool_]], half: float, depth: float, centre: tuple[float, float]
 ) -> Balls:
-    """Put balls where the pattern is, each as strong as the part of its cell that the pattern covers.
+    """Return Gaussian balls on a grid, weighted by the fraction of their cell that the pattern covers.
 
     The sum of balls of amplitude a at distance d is that of a sheet: a·2π·s²/d² of one ball's peak; the amplitudes are
     chosen so that a wide covered area has the initial pressure 1 in its middle.

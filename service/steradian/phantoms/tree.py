@@ -1,4 +1,4 @@
-"""A tree in two dimensions, drawn by its own rule: the phantom of the paper's section 5 in kind."""
+"""Two-dimensional phantom of a bare tree, after the paper's section 5."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def tree(
     shape: tuple[int, int] = (1024, 256),
     spacing: float = 60e-6,
 ) -> Volume:
-    """Return a bare tree on a line of ground, the crown towards the sensors.
+    """Return a 2-D image of a bare tree on a line of ground, the crown towards the sensors.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def _grow(
     levels: int,
     thinnest: float,
 ) -> None:
-    """Add a fork of two branches, and their forks."""
+    """Add two branches and, recursively, their sub-branches."""
     for side in (-1, 1):
         towards = heading + side * random.uniform(0.2, 0.7) + random.normal(0, 0.1)
         reach = length * random.uniform(0.7, 1.05)
@@ -81,7 +81,7 @@ def _grow(
 
 
 def _draw(image: NDArray[np.float32], x: Array, z: Array, start: Array, end: Array, width: float, unit: float) -> None:
-    """Brighten the pixels within half a width of a segment, with an edge that is two pixels wide."""
+    """Draw a segment of a given width into the image, with an antialiased edge of two pixels."""
     reach = width / 2 + 2 / unit
     some = np.ix_(
         np.flatnonzero((x >= min(start[0], end[0]) - reach) & (x <= max(start[0], end[0]) + reach)),

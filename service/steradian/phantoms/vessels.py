@@ -1,4 +1,4 @@
-"""A tree of vessels in three dimensions, as closed-form balls."""
+"""Three-dimensional phantom of a branching tree of vessels, composed of Gaussian balls."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def vessels(
     generations: int = 6,
     thickest: float = 110e-6,
 ) -> Balls:
-    """Return a vessel that branches in two, again and again, on its way through a flat region.
+    """Return a phantom of a vessel that branches repeatedly within a flat region.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def vessels(
 def _curved_path(
     random: np.random.Generator, origin: Array, direction: Array, length: float, s: float
 ) -> tuple[Array, Array]:
-    """Return a gently curved path of points one s apart, and the direction at its end."""
+    """Return the points of a gently curved path at a spacing of one s, and the direction at its end."""
     count = max(2, int(length / (_STEP * s)))
     bend = random.normal(size=3) * np.array([0.5, 0.5, 0.3]) / length
     points, at, heading = [], origin, direction
@@ -77,7 +77,7 @@ def _curved_path(
 
 
 def _rotated(random: np.random.Generator, direction: Array, angle: float) -> Array:
-    """Return the direction turned about the depth axis, with some tilt."""
+    """Return the direction rotated about the depth axis, with a random tilt."""
     c, s = np.cos(angle), np.sin(angle)
     turned = np.array(
         [c * direction[0] - s * direction[1], s * direction[0] + c * direction[1], direction[2] + random.normal(0, 0.2)]

@@ -1,4 +1,4 @@
-"""2-D wave propagation (k-space method).
+"""Simulation of 2-D wave propagation by a k-space method.
 
 In a homogeneous medium each plane wave of the initial pressure oscillates as cos(c·|k|·t), which has no error of time
 steps. Instead of an absorbing layer, the periodic domain is made so large that no wave comes round within the record.
@@ -27,7 +27,7 @@ def propagate_2d(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float32]:
-    """Return the pressure on the line z = 0 at the columns of an image.
+    """Return the simulated pressure on the line z = 0 at the columns of a 2-D initial-pressure image.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Orders along a fixed curve: strips and the Hilbert curve."""
+"""Visit orders along a fixed curve: strips and the Hilbert curve."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def boustrophedon(positions: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def hilbert(positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Visit points (M, 2) along a Hilbert curve over their bounding square."""
+    """Return the order of points (M, 2) along a Hilbert curve over their bounding square."""
     low = positions.min(axis=0)
     side = max(float(np.ptp(positions, axis=0).max()), 1e-30)
     cells = np.minimum((positions - low) / side * 2**HILBERT_LEVELS, 2**HILBERT_LEVELS - 1).astype(np.int64)
@@ -31,7 +31,7 @@ def hilbert(positions: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _hilbert_index(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Distance along the curve; from the coarsest level down, each quadrant is turned into the standard one."""
+    """Return the distance of points along the Hilbert curve, level by level from the coarsest quadrants."""
     x, y = x.copy(), y.copy()
     index = np.zeros_like(x)
     for level in range(HILBERT_LEVELS - 1, -1, -1):

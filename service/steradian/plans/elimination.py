@@ -1,4 +1,4 @@
-"""Sample elimination: take away the most crowded point until few enough are left."""
+"""Sample elimination: repeated removal of the most crowded point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ exact = partial(jit, fast=False)
 def eliminate_samples(
     starts: NDArray[np.int64], neighbours: NDArray[np.int64], crowding: NDArray[np.float64], wanted: int
 ) -> NDArray[np.bool_]:
-    """Eliminate points until ``count`` are left (weighted sample elimination).
+    """Remove the most crowded points until ``count`` remain (weighted sample elimination).
 
     Parameters
     ----------

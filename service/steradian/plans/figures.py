@@ -1,4 +1,4 @@
-"""Summary figure of a plan."""
+"""Summary figure of a scan plan."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _save_plan(plan: ScanPlan, path: Path) -> None:
 
 
 def draw_plan(plan: ScanPlan, path: Path, cost: PlanCost | None = None, *, width: int = WIDTH) -> None:
-    """Draw a plan into a picture file; the ending of its name decides the format.
+    """Draw a plan's summary figure into a picture file; the suffix determines the format.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def draw_plan(plan: ScanPlan, path: Path, cost: PlanCost | None = None, *, width
 
 
 def plan_figure(plan: ScanPlan, cost: PlanCost | None = None, *, width: int = WIDTH) -> Page:
-    """Describe the same as :func:`draw_plan` draws."""
+    """Return the page specification of a plan's summary figure, as drawn by :func:`draw_plan`."""
     cost = cost or preview(plan)
     order = str(plan.order).replace("_", " ")
     title = f"Plan of {plan.mask.count:,} points at {plan.pulse_rate:g} Hz in the order {order!r}"
@@ -87,7 +87,7 @@ def plan_figure(plan: ScanPlan, cost: PlanCost | None = None, *, width: int = WI
 
 
 def path_plot(plan: ScanPlan, cost: PlanCost | None = None) -> Plot:
-    """Show the way of the beam, coloured by the time at which it passes."""
+    """Return a plot of the beam's path, coloured by time."""
     cost = cost or preview(plan)
     points = MM * plan.path
     when = np.linspace(0, cost.total_seconds, len(points))

@@ -1,4 +1,4 @@
-"""Masks and plans as JSON files, written whole or not at all."""
+"""Readers and writers of masks and plans as JSON files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def read_json(kind: type[ModelT], path: Path) -> ModelT:
 
 
 def write_json(value: Value, path: Path) -> None:
-    """Write a mask or a plan under a temporary name and rename it."""
+    """Write a mask or a plan into a JSON file by an atomic write."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
         file.write_text(value.model_dump_json() + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The film's fringe: how much sensitivity a bias wavelength beside the best one loses."""
+"""Interferometer fringe of the FP sensor: loss of sensitivity by a non-optimal bias wavelength."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 
 
 class Fringe(Value):
-    r"""Fringe of the FP sensor: reflected level over wavelength; it is read on its flank, where it is steepest.
+    r"""Fringe of the FP sensor: reflected level over wavelength, whose steepest point is the optimum bias.
 
     A Lorentzian, :math:`1 - V/(1 + u^2)` with :math:`u = 2(λ - λ_0)/w`, is what a high finesse makes of the Airy
     function :math:`1 - V/(1 + F \sin^2(π(λ - λ_0)/λ_\mathrm{FSR}))`, which a free spectral range asks for.
@@ -49,7 +49,7 @@ class Fringe(Value):
 
     @cached_property
     def steepest(self) -> float:
-        """Distance of the steepest place from the resonance in m; w/√12 of a Lorentzian."""
+        """Distance of the steepest point from the resonance in m; w/√12 for a Lorentzian."""
         if self.free_spectral_range is None:
             return float(self.linewidth / np.sqrt(12))
         from scipy.optimize import minimize_scalar
@@ -63,7 +63,7 @@ class Fringe(Value):
         return float(found.x)
 
     def sensitivity_loss(self, detuning: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the share of the sensitivity that is lost at ``detuning`` (m) above the best wavelength.
+        """Return the fraction of sensitivity lost at ``detuning`` (m) above the optimum wavelength.
 
         0 at the best wavelength, 1 on top of the resonance, more than 1 beyond it, where the signal's sign turns.
         """
@@ -72,13 +72,13 @@ class Fringe(Value):
         return lost
 
     def expected_loss(self, detuning: NDArray[np.float64], uncertainty: float) -> NDArray[np.float64]:
-        """Return the mean loss where the best wavelength is known to ± ``uncertainty`` (one standard deviation, m)."""
+        """Return the mean loss if the optimum wavelength has a standard deviation of ``uncertainty`` (m)."""
         lost = self.sensitivity_loss(np.asarray(detuning)[..., None] + uncertainty * NODES)
         mean: NDArray[np.float64] = lost @ WEIGHTS / WEIGHTS.sum()
         return mean
 
     def wavelength_tolerance(self, loss: float) -> tuple[float, float]:
-        """Return how far below and above the best wavelength (m, both ≥ 0) no more than ``loss`` of it is lost."""
+        """Return the wavelength range below and above the optimum (m, both ≥ 0) with at most ``loss``."""
         from scipy.optimize import brentq
 
         def beyond(away: float) -> float:

@@ -1,4 +1,4 @@
-"""2-opt and Or-opt moves on an array tour.
+"""Local search for short tours by 2-opt and Or-opt moves on an array.
 
 The tour has one node more than there are points. It is near to all, so that a closed tour through it is a way with two
 open ends. Everything is done by turning parts round, noted in a log, so that it can be undone.
@@ -19,13 +19,13 @@ exact = partial(jit, fast=False)
 
 @exact
 def distance(positions: NDArray[np.float64], a: int, b: int) -> float:
-    """Return the distance of two points."""
+    """Return the Euclidean distance of two points."""
     return float(np.hypot(positions[a, 0] - positions[b, 0], positions[a, 1] - positions[b, 1]))
 
 
 @exact
 def length(positions: NDArray[np.float64], a: int, b: int) -> float:
-    """Return the distance of two nodes; the helper node after the last point is close to all."""
+    """Return the distance of two nodes; the auxiliary node of open tours has distance 0 to all."""
     if a == len(positions) or b == len(positions):
         return 0.0
     return float(distance(positions, a, b))
@@ -33,7 +33,7 @@ def length(positions: NDArray[np.float64], a: int, b: int) -> float:
 
 @exact
 def reverse(tour: NDArray[np.int64], place: NDArray[np.int64], log: NDArray[np.int64], first: int, last: int) -> int:
-    """Turn round the part of a closed tour from place ``first`` to ``last``; return its length.
+    """Reverse the segment of a closed tour from index ``first`` to ``last``; return its length.
 
     The log's first row counts, the others are what was turned round, so that it can be undone.
     """
@@ -65,7 +65,7 @@ def two_opt(
     a: int,
     longest: int,
 ) -> int:
-    """Try to replace an edge at ``a`` and another by two shorter ones; return the steps taken, 0 for no gain."""
+    """Try a 2-opt move: replace the edge at ``a`` and another by two shorter ones; return the steps, 0 if no gain."""
     size = len(tour)
     for direction in (1, -1):
         b = tour[(place[a] + direction) % size]
@@ -98,7 +98,7 @@ def or_opt(
     a: int,
     longest: int,
 ) -> int:
-    """Try to move a piece of up to three points, ending with ``a``, between ``a``'s neighbour c and one beside it."""
+    """Try an Or-opt move: move a segment of up to three points ending with ``a`` between neighbour c and the next."""
     size = len(tour)
     for direction in (1, -1):
         for points in range(1, 4):
@@ -145,7 +145,7 @@ def move_segment(
     side: int,
     longest: int,
 ) -> int:
-    """Move z…a between c and e by turning parts round; return the steps, 0 if that would be too many.
+    """Move segment z…a between c and e by reversals; return the steps, 0 if that would be too many.
 
     Seen in ``direction``: p z…a n … (c e | e c) becomes p n … c a…z e or p n … e z…a c.
     """
@@ -174,7 +174,7 @@ def move_segment(
 def reverse_segment(
     tour: NDArray[np.int64], place: NDArray[np.int64], log: NDArray[np.int64], first: int, last: int, direction: int
 ) -> None:
-    """Turn round the part from point ``first`` to point ``last``, as seen in ``direction``."""
+    """Reverse the segment from point ``first`` to point ``last``, as seen in ``direction``."""
     if direction == 1:
         reverse(tour, place, log, place[first], place[last])
     else:

@@ -1,4 +1,4 @@
-"""The order in which a scanner visits a mask's points."""
+"""Visit order of a mask's points by a scanner."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian.plans.progressive import progressive
 
 
 class VisitOrder(StrEnum):
-    """Order in which the points are visited."""
+    """Names of the visit orders of a mask's points."""
 
     GIVEN = "given"
     """As the mask lists them."""
@@ -40,7 +40,7 @@ def visit_order(
     wavelengths: NDArray[np.float64] | None = None,
     wavelength_step: float = 0.0,
 ) -> NDArray[np.int64]:
-    """Order points for a visit.
+    """Return the visit order of points by a named method.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def visit_order(
 
 
 def by_wavelength(positions: NDArray[np.float64], wavelengths: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Visit all points of one wavelength before the next, upwards; ``step`` is the width of a group in metres."""
+    """Return the order by ascending groups of bias wavelength; ``step`` is the width of a group in metres."""
     from steradian.plans.tour import tour_by_group
 
     group = np.unique(wavelengths, return_inverse=True)[1].reshape(-1)

@@ -1,4 +1,4 @@
-"""A plan: a mask with the order and pace of its interrogation."""
+"""Scan plan: a mask with the order and timing of its interrogation."""
 
 from __future__ import annotations
 
@@ -119,12 +119,12 @@ class ScanPlan(DisplayableValue):
 
     @property
     def frame_count(self) -> int:
-        """Number of frames F: A-lines of the whole mask, one after the other."""
+        """Number of frames F: sets of A-lines of the whole mask."""
         return self.frames * max(1, len(self.excitation))
 
     @property
     def frame_excitation(self) -> tuple[float, ...]:
-        """(F,) excitation wavelength of each frame in m, 0 where the laser stays as it stands.
+        """Excitation wavelength of each frame (F,) in m, 0 if unchanged.
 
         All frames of one wavelength follow each other: tuning the laser takes longer than a frame.
         """
@@ -142,22 +142,22 @@ class ScanPlan(DisplayableValue):
 
     @property
     def beam_positions(self) -> NDArray[np.float64]:
-        """(M/B, 2) where the first beam goes, in m: the mask's points, with one beam."""
+        """Positions of the first beam (M/B, 2) in m: the mask's points if there is one beam."""
         return self.mask.film_positions[:: self.beam_count]
 
     @property
     def path(self) -> NDArray[np.float64]:
-        """(M/B, 2) positions in the order of interrogation, in m."""
+        """Positions (M/B, 2) in the order of interrogation, in m."""
         return self.mask.film_positions[self.visit[:: self.beam_count]]
 
     @cached_property
     def visit(self) -> NDArray[np.int64]:
-        """(M,) indices into the mask's positions, in the order of interrogation; a place's beams in theirs."""
+        """Indices (M,) of the mask's positions in the order of interrogation; beams of a place in their order."""
         return self.tuned_order.visit
 
     @property
     def bias(self) -> NDArray[np.float64] | None:
-        """(M,) bias wavelength in m that is set at each point of the mask; ``None``: the scanner's own.
+        """Bias wavelength (M,) in m set at each point of the mask; ``None``: the scanner's default.
 
         It is the point's best one, or one near enough that was set before: as near as the tuning's tolerance says, or
         as :attr:`max_sensitivity_loss` allows.
@@ -166,14 +166,14 @@ class ScanPlan(DisplayableValue):
 
     @cached_property
     def tuned_order(self) -> TunedOrder:
-        """The order of interrogation together with the wavelengths that are set."""
+        """Order of interrogation together with the bias wavelengths."""
         if len(self.beams) > 1:
             return self._tuned_together()
         points, optima = self.mask.film_positions, self.wavelengths
         return self._tuned(points, optima)
 
     def _tuned_together(self) -> TunedOrder:
-        """All beams of a place are read at one wavelength, the mean of their best ones."""
+        """Return the order for several beams, each place at the mean of its beams' optimum wavelengths."""
         count = self.beam_count
         optima = None if self.wavelengths is None else self.wavelengths.reshape(-1, count).mean(axis=1)
         found = self._tuned(self.beam_positions, optima)
@@ -196,12 +196,12 @@ class ScanPlan(DisplayableValue):
 
     @property
     def pace(self) -> MotionTiming:
-        """Time until the next point can be measured."""
+        """Timing from each point to the next: motion, tuning, laser and link."""
         return MotionTiming(self.motion, self.tuning, self.pulse_rate, self.samples * self.sampling_interval)
 
     @property
     def recording_depth(self) -> float:
-        """Farthest distance from a sensor that its A-line covers, in metres."""
+        """Maximum distance from a sensor covered by its A-line, in metres."""
         return (self.samples - 1) * self.sampling_interval * self.sound_speed
 
     @cached_property
@@ -212,7 +212,7 @@ class ScanPlan(DisplayableValue):
         return progressive(self.mask.film_positions, self.mask).ends
 
     def truncated_mask(self, points: int, weighting: Literal["analytic", "voronoi", "uniform"] = "analytic") -> Mask:
-        """Make the mask of the first ``points`` points visited, with weights of its own.
+        """Return the mask of the first ``points`` visited points, with new weights.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Cost of a plan, and the objections to it, before the scan."""
+"""Preview of a plan before the scan: cost and validation findings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["PlanCost", "PlanIssue", "preview"]
 
 @dataclass(frozen=True)
 class PlanCost:
-    """Preview of a plan: its cost and remarks.
+    """Preview of a plan: its duration, size and findings.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class PlanCost:
 
     @property
     def has_errors(self) -> bool:
-        """Whether a finding is an error."""
+        """Whether any finding is an error."""
         return any(finding.severity == "error" for finding in self.findings)
 
 
@@ -86,7 +86,7 @@ def preview(
     resolution: float | None = None,
     disk_rate: float = DISK_RATE,
 ) -> PlanCost:
-    """Estimate the cost of a plan and check it against scanner, link, record lengths and disk.
+    """Estimate the cost of a plan and validate it against scanner, link, record lengths and disk.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def preview(
 
 
 def _frame_seconds(plan: ScanPlan, each: NDArray[np.float64]) -> float:
-    """Return the duration of a frame whose points take ``each`` (M,) s; gated points start at a trigger edge."""
+    """Return the duration of a frame whose points take ``each`` (M,) s; gated points wait for a trigger edge."""
     if plan.gate == "none":
         return float(each.sum())
     waiting = each.sum(keepdims=True) if plan.gate == "frame" else each
@@ -148,7 +148,7 @@ def _frame_seconds(plan: ScanPlan, each: NDArray[np.float64]) -> float:
 
 
 def _loss(plan: ScanPlan) -> dict[str, float]:
-    """Return the sensitivity lost by the planned wavelengths, according to the film's fringe."""
+    """Return the sensitivity loss by the planned wavelengths, according to the film's fringe."""
     if plan.bias is None or plan.wavelengths is None:
         return {}
     detuning = plan.bias - plan.wavelengths

@@ -1,4 +1,4 @@
-"""Progressive visit order: after each pass, the points measured so far are a sparse mask of their own.
+"""Progressive visit order: the points after each pass form a sparse, uniform mask.
 
 Points are eliminated from the mask one by one, always the one most crowded by those that are left (C. Yuksel, "Sample
 elimination for generating Poisson disk sample sets", 2015), until half are left, then a quarter and so on. Crowding
@@ -26,7 +26,7 @@ MIN_POINTS = 16
 
 @dataclass(frozen=True)
 class Progressive:
-    """An order with its passes.
+    """Progressive visit order and the ends of its passes.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Progressive:
 
 
 def progressive(positions: NDArray[np.float64], mask: Mask | None = None) -> Progressive:
-    """Order points in passes that double in size, each prefix of passes even by itself, each pass on a short way.
+    """Return an order in passes that double in size, each prefix uniform and each pass on a short tour.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def progressive(positions: NDArray[np.float64], mask: Mask | None = None) -> Pro
 
 
 def _density_coordinates(positions: NDArray[np.float64], mask: Mask | None) -> NDArray[np.float64]:
-    """Coordinates (M, 2 … 4) in which the mask is even and a point has about the area 1 to itself."""
+    """Return coordinates (M, 2 … 4) in which the mask has uniform density of 1."""
     if mask is not None and mask.is_line:
         place = np.argsort(np.argsort(positions[:, 0], kind="stable"), kind="stable")
         return np.column_stack([place, np.zeros(len(place))]).astype(np.float64)

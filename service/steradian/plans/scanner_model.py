@@ -1,4 +1,4 @@
-"""Scanner limits, motion, tuning and link throughput."""
+"""Model of a scanner: limits, motion, tuning and link throughput."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Motion(Value):
 
 
 class Tuning(Value):
-    """Tuning of the interrogation laser from one bias wavelength to the next."""
+    """Tuning speed and tolerance of the interrogation laser's bias wavelength."""
 
     settling: float = quantity_field("s", "Time until the wavelength is stable", ge=0, le=60, default=10e-3)
     speed: float = quantity_field("m/s", "Wavelength swept per second", gt=0, le=1, default=100e-9)
@@ -54,7 +54,7 @@ class Tuning(Value):
 
 
 class Link(Value):
-    """Capacity of the line from the scanner."""
+    """Data rate, frame size and buffer of the scanner's link."""
 
     byte_rate: float | None = quantity_field(
         "B/s", "Bytes per second on the line; none: not limiting", gt=0, default=1_200_000.0
@@ -68,19 +68,19 @@ class Link(Value):
 
     @classmethod
     def serial(cls, baud: float) -> Self:
-        """Make the link of a UART: ten bits a byte."""
+        """Return the link of a UART: ten bits a byte."""
         if not baud > 0:
             raise InvalidInput("baud", baud, "> 0 (Bd)")
         return cls.create(byte_rate=baud / 10)
 
     @property
     def baudrate(self) -> int | None:
-        """Baud rate of the UART that the link is; none for one that never limits, and for the default, which is USB."""
+        """Baud rate of the UART; None for an unlimited link and for the default (USB)."""
         usual = type(self).model_fields["byte_rate"].default
         return None if self.byte_rate in (None, usual) else round(10 * self.byte_rate)
 
     def bytes_of(self, samples: int) -> int:
-        """Bytes on the line for one A-line of ``samples`` 16-bit samples, framing included.
+        """Return the bytes on the line of one A-line of ``samples`` 16-bit samples, framing included.
 
         44 bytes about the shot and the samples go in fragments; each has a head of 16 bytes and lies in a frame with
         10 bytes of header, 4 of checksum, 2 delimiters and one byte of stuffing in 254.
@@ -92,7 +92,7 @@ class Link(Value):
         return body + frames * 3 + body // 254
 
     def seconds_of(self, alines: int, samples: int) -> float:
-        """Time in seconds that the line needs for A-lines when nothing else waits.
+        """Return the transmission time in seconds of A-lines on an otherwise idle link.
 
         Status reports share the line. Once the scanner holds all it can, it stops firing before each A-line and goes
         on after it, and reports both.
@@ -105,10 +105,10 @@ class Link(Value):
         return held * each / regular + (alines - held) * stop_and_go / self.byte_rate
 
     def alines_per_second(self, samples: int) -> float:
-        """A-lines per second that the line carries at its allowed load; infinite when it does not limit."""
+        """Return the A-line rate of the link at its allowed load; infinite if unlimited."""
         return float("inf") if self.byte_rate is None else self.load * self.byte_rate / self.bytes_of(samples)
 
     def required_baud(self, alines_per_second: float, samples: int) -> int:
-        """Return the smallest standard baud rate that carries ``rate`` A-lines a second; beyond them the exact rate."""
+        """Return the smallest standard baud rate for ``rate`` A-lines a second; the exact rate if none suffices."""
         need = alines_per_second * self.bytes_of(samples) * 10 / self.load
         return next((baud for baud in STANDARD_BAUD if baud >= need), ceil(need / 1e6) * 1_000_000)

@@ -1,4 +1,4 @@
-"""Tuning maps as text matrices, as LabVIEW-controlled scanners leave them (``… array_data_wavelength.txt``).
+"""Reader of tuning maps as text matrices of LabVIEW-controlled scanners (``… array_data_wavelength.txt``).
 
 The layout is assumed, for no description of it is public: a row of numbers for each line of the scan along y, a column
 for each point along x, wavelengths in nm, the middle of the matrix at the origin (point j of n at (j − n//2)·pitch).
@@ -22,7 +22,7 @@ WAVELENGTHS = (300.0, 3000.0)
 
 
 def read_text_map(path: Path, pitch: float | None) -> tuple[Array, Array]:
-    """Read a matrix of bias wavelengths.
+    """Read a text matrix of bias wavelengths.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def read_text_map(path: Path, pitch: float | None) -> tuple[Array, Array]:
 
 
 def is_text_matrix(path: Path) -> bool:
-    """Whether a text is a matrix rather than a table with named columns: its first line contains numbers."""
+    """Return whether a text is a matrix, not a table with named columns: its first line contains numbers."""
     with path.open("rb") as file:
         start = file.read(4096).removeprefix(b"\xef\xbb\xbf")
     lines = [line for line in start.splitlines() if line.strip() and not line.lstrip().startswith((b"#", b"%"))]
@@ -87,7 +87,7 @@ def _matrix(path: Path) -> Array:
 
 
 def _row(line: str) -> list[float] | None:
-    """Return the numbers of a line between tabs, semicolons, commas or spaces, decimal commas among the first two."""
+    """Parse the numbers of a line, separated by tabs, semicolons, commas or spaces; decimal commas if unambiguous."""
     separator = next((each for each in ("\t", ";") if each in line.strip()), None)
     if separator is not None:
         fields = [field.strip().replace(",", ".") for field in line.strip().split(separator)]

@@ -33,17 +33,17 @@ class MotionTiming:
     record: float
 
     def move_times(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Time (M,) to move to each of the points (M, 2) in turn and settle there; the first is on the spot."""
+        """Return the time (M,) to move to and settle at each of the points (M, 2) in turn; the first is 0 away."""
         way = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
         return np.where(way > 0, way / self.motion.speed + self.motion.settling, 0.0)
 
     def retune_times(self, bias: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Time (M,) to tune to each of the wavelengths (M,) in turn; the first is tuned already."""
+        """Return the time (M,) to tune to each of the wavelengths (M,) in turn; the first is already tuned."""
         change = np.abs(np.diff(bias, prepend=bias[:1]))
         return np.where(change > 0, self.tuning.settling + change / self.tuning.speed, 0.0)
 
     def periods(self, points: NDArray[np.float64], bias: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        """Pulse periods (M,) that pass until the first shot at each of the points in turn."""
+        """Return the number of pulse periods (M,) until the first shot at each of the points in turn."""
         busy = self.move_times(points)
         if bias is not None:
             busy = np.maximum(busy, self.retune_times(bias))
@@ -51,5 +51,5 @@ class MotionTiming:
         return np.maximum(np.ceil(busy * self.pulse_rate - 1e-9), 1)
 
     def seconds(self, points: NDArray[np.float64], bias: NDArray[np.float64] | None) -> float:
-        """Time for one shot at each of the points in turn."""
+        """Return the time for one shot at each of the points in turn."""
         return float(self.periods(points, bias).sum()) / self.pulse_rate

@@ -1,4 +1,4 @@
-"""Short ways through points: nearest neighbour, then 2-opt and Or-opt, in bounded time and memory.
+"""Short tours through points: nearest neighbour, then 2-opt and Or-opt, in bounded time and memory.
 
 Each point knows only its few nearest neighbours, so memory grows with M and not with M². Time is bounded by a budget
 of elementary steps, not by a clock: the same points always give the same order.
@@ -49,7 +49,7 @@ def short_tour(positions: NDArray[np.float64], kicks: int = MAX_KICKS) -> NDArra
 
 
 def nearest_neighbour(positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Go to the nearest point not yet visited, again and again (where all near ones are visited: along a curve)."""
+    """Return the nearest-neighbour tour; without unvisited neighbours, the next point on a Hilbert curve."""
     if len(positions) < 4:
         return hilbert(positions)
     tour: NDArray[np.int64] = _nearest_neighbour(positions, nearest(positions, NEIGHBOURS), hilbert(positions))
@@ -57,7 +57,7 @@ def nearest_neighbour(positions: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def tour_by_group(positions: NDArray[np.float64], group: NDArray[Any]) -> NDArray[np.int64]:
-    """Visit points (M, 2) group (M,) by group, upwards, each on a short way; the groups share the kicks."""
+    """Return a tour of points (M, 2) by ascending group (M,), each on a short tour; the groups share the kicks."""
     ranked = np.argsort(group, kind="stable")
     pieces = np.split(ranked, np.flatnonzero(np.diff(group[ranked])) + 1)
     share = MAX_KICKS / len(positions)
@@ -65,7 +65,7 @@ def tour_by_group(positions: NDArray[np.float64], group: NDArray[Any]) -> NDArra
 
 
 def concatenate(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Put tours one after the other, turning those round that then start closer to where the last one ended."""
+    """Concatenate tours, reversing those that then start closer to the previous end."""
     joined = [pieces[0]]
     for piece in pieces[1:]:
         here = positions[joined[-1][-1]]
@@ -75,7 +75,7 @@ def concatenate(positions: NDArray[np.float64], pieces: Sequence[NDArray[np.int6
 
 
 def nearest(positions: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Nearest neighbours (M, K) of each point, closest first; K is at most ``count``."""
+    """Return the nearest neighbours (M, K) of each point, closest first; K is at most ``count``."""
     from scipy.spatial import KDTree
 
     count = min(count, len(positions) - 1)
@@ -146,7 +146,7 @@ def _local_search(
     budget: int,
     longest: int,
 ) -> None:
-    """Apply gaining moves at the ``filled`` points in ``waiting`` and where they lead, until there are none."""
+    """Apply improving moves at the ``filled`` points in ``waiting`` and their neighbours until none improves."""
     size, head = len(tour), 0
     while filled:
         a = waiting[head]
@@ -182,7 +182,7 @@ def _perturb(
     waiting: NDArray[np.int64],
     queued: NDArray[np.bool_],
 ) -> int:
-    """Exchange two neighbouring parts of up to 30 points at a place by chance; return how many ends are waiting."""
+    """Exchange two adjacent segments of up to 30 points at a random place; return the number of affected ends."""
     size = len(tour)
     span = min(30, (size - 2) // 2)
     first = np.random.randint(0, size)  # noqa: NPY002 - numba's own generator, seeded by the caller
@@ -214,7 +214,7 @@ def _improve(
     longest: int,
     kicks: int,
 ) -> NDArray[np.int64]:
-    """Apply gaining moves until there are none, then kick and mend."""
+    """Improve a tour by iterated local search: local optimum, then perturbation and repair."""
     count = len(start)
     size = count + 1
     tour, place = np.empty(size, np.int64), np.empty(size, np.int64)

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 class TuningMap(Value):
-    """Best bias wavelengths, measured by sweeps at places of the film (``fabry-perot tune``)."""
+    """Optimum bias wavelengths, measured by sweeps at positions of the film (``fabry-perot tune``)."""
 
     positions: FloatArray
     """(N, 2) places in m."""
@@ -46,7 +46,7 @@ class TuningMap(Value):
 
     @classmethod
     def read(cls, path: Path, *, pitch: float | None = None) -> Self:
-        """Read a map.
+        """Read a tuning map from a file.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class TuningMap(Value):
         return cls.create(positions=places, wavelengths=wavelengths)
 
     def at(self, positions: Array) -> tuple[Array, Array]:
-        """Return the best wavelengths at ``positions``, and how sure they are.
+        """Return the interpolated optimum wavelengths at ``positions``, and their uncertainty.
 
         A place that was measured has what was measured. Anywhere else it is a plane through the nearest places, and
         its uncertainty is how far the same rule, applied to each of these places without itself, is off (rms).
@@ -114,7 +114,7 @@ class TuningMap(Value):
         return found, np.maximum(uncertainty, self.repeatability)
 
     def as_plan_fields(self, mask: Mask) -> dict[str, Any]:
-        """Return the fields of a :class:`~steradian.plans.ScanPlan` of a mask that the map determines.
+        """Return the :class:`~steradian.plans.ScanPlan` fields of a mask that the map determines.
 
         The uncertainty is the root mean square over the mask's points.
         """
@@ -123,7 +123,7 @@ class TuningMap(Value):
         return {"wavelengths": wavelengths, "wavelength_uncertainty": rms}
 
     def _residuals(self, tree: object, count: int) -> Array:
-        """Return the deviation of each place from the prediction of the others (N,), in m."""
+        """Return each position's deviation from the prediction by the others (N,), in m."""
         if len(self.wavelengths) == 1:
             raise InvalidInput("tuning map", "one place", "one at every point, or several to interpolate between")
         others = tree.query(self.positions, k=min(count, len(self.wavelengths) - 1) + 1)[1]  # type: ignore[attr-defined]
@@ -133,7 +133,7 @@ class TuningMap(Value):
         return residuals
 
     def _plane(self, positions: Array, around: NDArray[np.intp]) -> Array:
-        """Fit a plane to the places ``around`` (M, K) each position, and read it there."""
+        """Fit a plane to the map positions ``around`` (M, K) each position, and evaluate there."""
         offsets = self.positions[around] - positions[:, None]
         reach = np.abs(offsets).max(axis=(1, 2), keepdims=True) + SAME_PLACE
         design = np.concatenate([np.ones((*around.shape, 1)), offsets / reach], axis=2)

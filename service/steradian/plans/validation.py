@@ -1,4 +1,4 @@
-"""Validate a plan against scanner, link, record length, sampling and disk."""
+"""Validation of a plan against scanner, link, record length, sampling and disk."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DISK_MARGIN = 1.2
 
 @dataclass(frozen=True)
 class PlanIssue:
-    """One remark about a plan: an error refuses the scan, a warning does not.
+    """Finding of a plan's validation: an error prevents the scan, a warning does not.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class PlanIssue:
 def validate_plan(
     plan: ScanPlan, *, alines_per_second: float, bytes_: int, free: int | None, resolution: float | None
 ) -> tuple[PlanIssue, ...]:
-    """Check a plan against scanner, link, records, lateral spacing and disk; errors first."""
+    """Validate a plan against scanner, link, records, lateral spacing and disk; errors first."""
     found = [
         *_limits(plan),
         *_link(plan, alines_per_second),
@@ -54,7 +54,7 @@ def validate_plan(
 
 
 def _limits(plan: ScanPlan) -> Iterator[PlanIssue]:
-    """Compare every figure with the scanner's range."""
+    """Check every parameter of the plan against the scanner's range."""
     limits = plan.scanner
     for axis, name in enumerate("xy"):
         places = plan.beam_positions[:, axis]
@@ -79,7 +79,7 @@ def _limits(plan: ScanPlan) -> Iterator[PlanIssue]:
 
 
 def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[PlanIssue]:
-    """Compare the rate of A-lines with the capacity of the link."""
+    """Check the rate of A-lines against the capacity of the link."""
     carried = plan.link.alines_per_second(plan.samples)
     if alines_per_second <= carried:
         return
@@ -95,7 +95,7 @@ def _link(plan: ScanPlan, alines_per_second: float) -> Iterator[PlanIssue]:
 
 
 def _check_record_length(plan: ScanPlan) -> Iterator[PlanIssue]:
-    """Check that the records last until the point of interest is heard, near and far."""
+    """Check that the records include the sound from the point of interest at all sensors."""
     reach = plan.recording_depth
     for x, y, depth in plan.mask.points_of_interest:
         if depth > reach:
@@ -119,7 +119,7 @@ def _samples_for(plan: ScanPlan, distance: float) -> int:
 
 
 def _spacing(plan: ScanPlan, resolution: float | None) -> Iterator[PlanIssue]:
-    """Compare the spacing where the mask is densest with half the wanted resolution (Nyquist)."""
+    """Check the mask's smallest spacing against half the desired resolution (Nyquist)."""
     if resolution is None:
         return
     spacing = float(plan.mask.weights.min()) ** (1 / plan.mask.positions.shape[1])
@@ -132,7 +132,7 @@ def _spacing(plan: ScanPlan, resolution: float | None) -> Iterator[PlanIssue]:
 
 
 def _disk(need: int, free: int | None) -> Iterator[PlanIssue]:
-    """Refuse below the hard need, warn below a margin."""
+    """Check the disk space: an error below the scan's size, a warning below a margin."""
     if free is None or free >= DISK_MARGIN * need:
         return
     severity: Literal["error", "warning"] = "error" if free < need else "warning"

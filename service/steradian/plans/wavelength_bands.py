@@ -1,4 +1,4 @@
-"""Partition bias wavelengths into bands to minimise retuning time.
+"""Partition of bias wavelengths into bands to minimise retuning time.
 
 Tuning the interrogation laser takes longer than moving the beam, and a point may be read a little beside its best
 wavelength for a little less signal. So points whose best wavelengths lie close together share one, within a loss of
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class TunedOrder:
-    """An order of interrogation with the wavelengths that are set.
+    """Order of interrogation with the bias wavelength of each point.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class TunedOrder:
 
 
 def partition_bands(optima: Array, reach: tuple[float, float], fringe: Fringe) -> Array:
-    """Choose the fewest bands, and among those choices one with a low loss.
+    """Partition wavelengths into the fewest bands, with a low loss of sensitivity.
 
     Dynamic programming over the sorted optima: the fewest bands first, then the least sum of squared distances from
     the bands' means, as a loss grows with the square of the detuning.
@@ -93,7 +93,7 @@ def partition_bands(optima: Array, reach: tuple[float, float], fringe: Fringe) -
 
 
 def _middle(optima: Array, reach: tuple[float, float], fringe: Fringe) -> float:
-    """Return the wavelength that suits a band best: the least mean loss, within every point's reach."""
+    """Return the wavelength of a band with the least mean loss, within every point's tolerance."""
     low, high = reach
     from_, to = optima.max() - low, optima.min() + high
     if from_ >= to:
@@ -105,7 +105,7 @@ def _middle(optima: Array, reach: tuple[float, float], fringe: Fringe) -> float:
 
 
 def hold_wavelength(optima: Array, reach: tuple[float, float]) -> Array:
-    """Return the wavelengths of points visited in turn, of which each keeps the last one where that is within reach.
+    """Return the wavelengths of points in visit order, unchanged while within the next point's tolerance.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def hold_wavelength(optima: Array, reach: tuple[float, float]) -> Array:
 
 
 def order_by_bands(positions: Array, optima: Array, fringe: Fringe, loss: float, pace: MotionTiming) -> TunedOrder:
-    """Order points so that moving and tuning together take little time.
+    """Return an order of points with a short total time of moving and tuning.
 
     Compared are bands of wavelength, each on a short way of its own; one short way through all points that retunes
     when a point would lose too much; and the same way tuned at every point, which costs nothing where the laser's

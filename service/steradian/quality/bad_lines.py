@@ -1,4 +1,4 @@
-"""Bad A-lines found by comparison with their nearest neighbours."""
+"""Detection of bad A-lines by comparison with their nearest neighbours."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MENDS: Final[dict[Kind, Mend]] = {
 
 @dataclass(frozen=True)
 class BadLine:
-    """A bad A-line: its index, its kind, why, and for a shifted one by how many seconds it is late."""
+    """Bad A-line: its index, kind of defect, reason, and for a time-shifted one its delay in seconds."""
 
     aline: int
     kind: Kind
@@ -40,7 +40,7 @@ class BadLine:
 
     @property
     def mend(self) -> Mend:
-        """Treatment that would mend the A-line."""
+        """Name of the repair for this kind of defect."""
         return MENDS[self.kind]
 
 
@@ -107,7 +107,7 @@ def find_bad_lines(
 
 
 def _outlying(like: Likeness, around: Neighbourhood, step: float) -> NDArray[np.bool_]:
-    """Return (n,) whether an A-line's lag to its neighbours is an outlier among theirs.
+    """Return (n,) whether an A-line's lag to its neighbours is an outlier among its neighbours' lags.
 
     The lag has to exceed five robust standard deviations (1.4826 times the median absolute deviation) of all, three of
     its neighbours, twice the scatter among its own neighbours, and three samples.
@@ -121,7 +121,7 @@ def _outlying(like: Likeness, around: Neighbourhood, step: float) -> NDArray[np.
 def _as_lines(
     found: dict[str, NDArray[np.bool_]], lag: NDArray[np.float64], details: dict[str, str]
 ) -> tuple[BadLine, ...]:
-    """List A-lines; of several kinds, the first in ``found`` counts."""
+    """Return the list of bad A-lines; an A-line with several defects gets the first kind in ``found``."""
     bad: dict[int, BadLine] = {}
     for kind, those in found.items():
         for aline in np.flatnonzero(those).tolist():

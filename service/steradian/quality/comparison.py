@@ -1,4 +1,4 @@
-"""All figures of one image against a reference at once."""
+"""Comparison of an image with a reference by all quality metrics."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def compare(
     threshold: float = 0.04,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, float]:
-    """Compare an image with a reference of the same voxels: projections and the volume itself.
+    """Compare an image with a reference on the same voxels, by metrics of the projections and of the volume.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _same_voxels(volume: Volume, reference: Volume) -> None:
 
 
 def _lateral_region(volume: Volume, diameter: float | None, centre: tuple[float, float]) -> NDArray[np.bool_]:
-    """Return the lateral region with an axis of length 1 for depth."""
+    """Return the lateral region with an added axis of length 1 for depth."""
     x, y = volume.axes.x, volume.axes.y
     if y is None:
         half = np.inf if diameter is None else diameter / 2
@@ -98,7 +98,7 @@ def _lateral_region(volume: Volume, diameter: float | None, centre: tuple[float,
 
 
 def _region(lateral: NDArray[np.bool_], model: NDArray[Any], threshold: float) -> NDArray[np.bool_]:
-    """Return the elements of interest within the lateral region."""
+    """Return the mask of reference elements above the threshold within the lateral region."""
     found: NDArray[np.bool_] = lateral & above_threshold(model, threshold)
     if found.sum() < 2:
         raise InvalidInput("diameter", "fewer than 2 voxels of interest inside", "a region that covers the object")
@@ -114,7 +114,7 @@ def _sharpness(name: str, image: NDArray[Any], model: NDArray[Any], region: NDAr
 
 
 def _scale(name: str, values: NDArray[Any], model: NDArray[Any], lateral: NDArray[np.bool_]) -> dict[str, float]:
-    """Return the l2 error after the best common factor, row by row in float64."""
+    """Return the relative l2 error after the best common scale factor, computed row by row in float64."""
     cross = own = other = 0.0
     for row, wanted, inside in zip(values, model, lateral, strict=True):
         u, v = (np.where(inside, part, 0).astype(np.float64) for part in (row, wanted))

@@ -10,7 +10,7 @@ from steradian.quality.regions import same_shape
 
 
 def contrast(image: ArrayLike, inside: ArrayLike, outside: ArrayLike | None = None) -> float:
-    """Michelson contrast of the means: (mean inside − mean outside)/(|mean inside| + |mean outside|).
+    """Return the Michelson contrast of the means: (mean inside − mean outside)/(|mean inside| + |mean outside|).
 
     Parameters
     ----------
@@ -38,13 +38,13 @@ def contrast(image: ArrayLike, inside: ArrayLike, outside: ArrayLike | None = No
 
 
 def contrast_to_noise(image: ArrayLike, inside: ArrayLike, outside: ArrayLike | None = None) -> float:
-    """(Mean inside − mean outside) over the background's standard deviation; parameters as in :func:`contrast`."""
+    """Return (mean inside − mean outside)/background's standard deviation; parameters as in :func:`contrast`."""
     object_, background = _parts(image, inside, outside)
     return _ratio(float(object_.mean() - background.mean()), float(background.std()))
 
 
 def peak_to_background(image: ArrayLike, inside: ArrayLike, outside: ArrayLike | None = None) -> float:
-    """Object's maximum over the background's root mean square; parameters as in :func:`contrast`.
+    """Return the object's maximum over the background's RMS; parameters as in :func:`contrast`.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def peak_to_background(image: ArrayLike, inside: ArrayLike, outside: ArrayLike |
 
 
 def modulation(profile: ArrayLike) -> float:
-    """Depth of line pairs along a profile: (bright − dark)/(bright + dark), of its 90th and 10th percentile.
+    """Return a profile's modulation depth: (bright − dark)/(bright + dark) of its 90th and 10th percentile.
 
     Percentiles instead of the extremes keep a single noisy sample from deciding. A sine keeps 95 % of its depth.
 
@@ -89,7 +89,7 @@ def _ratio(a: float, b: float) -> float:
 def _parts(
     image: ArrayLike, inside: ArrayLike, outside: ArrayLike | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the elements of object and background."""
+    """Return the values of object and background."""
     values = np.asarray(image)
     parts = []
     region = np.asarray(inside, dtype=bool)

@@ -1,4 +1,4 @@
-"""Likeness of A-lines to their nearest neighbours, by cross-correlation at every lag.
+"""Similarity of A-lines to their nearest neighbours, by the maximum of the cross-correlation.
 
 Sound reaches two sensors at times that differ by at most their distance over its speed: only lags up to this, plausible
 ones, are due to the object. Of each correlation the largest value within that lag around every lag is taken, and the
@@ -25,14 +25,14 @@ DRIFTS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """(n, k) indices of each sensor's nearest others, and (n, k) distances in metres."""
+    """Nearest neighbours of each sensor: (n, k) indices and (n, k) distances in metres."""
 
     index: NDArray[np.int64]
     distance: NDArray[np.float64]
 
     @classmethod
     def of(cls, positions: NDArray[np.float64], most: int) -> Neighbourhood:
-        """Find up to ``most`` neighbours of sensors at positions (n, d)."""
+        """Find up to ``most`` nearest neighbours of sensors at positions (n, d)."""
         from scipy.spatial import cKDTree
 
         near = min(most, len(positions) - 1)
@@ -43,13 +43,13 @@ class Neighbourhood:
         return cls(index[~own].reshape(len(index), near), distance[~own].reshape(len(index), near))
 
     def median(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return (n,) medians over each sensor's neighbours of values (n,)."""
+        """Return the median of values (n,) over each sensor's neighbours, shape (n,)."""
         return np.asarray(np.median(values[self.index], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Likeness:
-    """Means over neighbours of largest correlation coefficients, each (n,).
+    """Maximum cross-correlation coefficients of each A-line with its neighbours, averaged, each (n,).
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ def compare(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Likeness:
-    """Compare A-lines with their neighbours; arguments as in :func:`steradian.quality.bad_lines.find_bad_lines`.
+    """Cross-correlate A-lines with their neighbours; arguments as in :func:`.bad_lines.find_bad_lines`.
 
     A-lines are filtered to the band that holds signal: each frequency by the share of the mean power above its floor.
 
@@ -140,7 +140,7 @@ def compare(
 
 
 def _filtered(low: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.float32], float]:
-    """Return spectra filtered to the band that holds signal, scaled for unit correlation; power there; its floor."""
+    """Return band-passed spectra scaled for unit correlation, the signal power, and the noise floor."""
     mean: NDArray[np.float64] = np.asarray(np.mean(np.abs(low) ** 2, axis=0, dtype=np.float64))
     inner = np.sort(mean[DRIFTS:-1])
     noise = float(inner[: max(1, len(inner) // 8)].mean())
@@ -153,7 +153,7 @@ def _filtered(low: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArra
 
 
 def _middle(total: NDArray[np.float32], best: int, most: int) -> float:
-    """Return the middle of the lags within ``most`` of the ``best`` one at which a periodic function is about as large.
+    """Return the middle of the plateau around the ``best`` lag, within ``most`` lags, of a periodic function.
 
     Lags of the second half of the period are negative.
     """
@@ -164,7 +164,7 @@ def _middle(total: NDArray[np.float32], best: int, most: int) -> float:
 
 
 def _largest_within(across: NDArray[np.float32], most: int) -> NDArray[np.float32]:
-    """Return the largest value within ``most`` samples of each one, of rows (n, N) that are periodic."""
+    """Return the running maximum within ±``most`` samples, of periodic rows (n, N)."""
     size, wide = across.shape[1], 2 * most + 1
     found = np.concatenate([across[:, size - most :], across, across[:, :most]], axis=1)
     width = 1

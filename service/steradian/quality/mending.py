@@ -1,4 +1,4 @@
-"""Mending of bad A-lines: the sign of inverted ones is turned, and shifted ones are moved back in time."""
+"""Repair of bad A-lines: sign of inverted ones, delay of time-shifted ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def measure_shifts(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> NDArray[np.float64]:
-    """Measure the shifts of shifted A-lines with all samples: the lag of the correlation with the neighbours' sum.
+    """Measure the delays of time-shifted A-lines, by cross-correlation with their neighbours' sum.
 
     Neighbours that are bad themselves are left out of the sum; an A-line without any other keeps its shift. Between
     samples the largest correlation is found by a parabola through three.
@@ -93,13 +93,13 @@ def measure_shifts(
 
 
 def turn_sign(traces: NDArray[np.float32], rows: Sequence[int] | NDArray[np.int64]) -> None:
-    """Turn the sign of A-lines about their median, in place: the digitiser's offset stays."""
+    """Invert the sign of A-lines about their median, in place, so that the digitiser's offset is preserved."""
     some = traces[rows]
     traces[rows] = 2 * np.median(some, axis=1, keepdims=True) - some
 
 
 def _centred(traces: NDArray[np.number[Any]]) -> NDArray[np.float32]:
-    """Return A-lines (…, N_t) less their mean, of unit norm."""
+    """Return A-lines (…, N_t) with zero mean and unit norm."""
     some = traces.astype(np.float32)
     some -= some.mean(axis=-1, keepdims=True)
     norm = np.sqrt(np.sum(some**2, axis=-1, keepdims=True))
@@ -107,7 +107,7 @@ def _centred(traces: NDArray[np.number[Any]]) -> NDArray[np.float32]:
 
 
 def _peak_near(across: NDArray[np.floating[Any]], middle: float, reach: float) -> float:
-    """Return the lag in samples of the largest value of a circular correlation within ``reach`` of ``middle``."""
+    """Return the lag in samples of the maximum of a circular correlation within ``reach`` of ``middle``."""
     lags = np.arange(round(middle - reach), round(middle + reach) + 1)
     best = int(lags[across[lags % len(across)].argmax()])
     before, at, after = (float(across[lag % len(across)]) for lag in (best - 1, best, best + 1))

@@ -15,7 +15,7 @@ _BLOCK = 1 << 21
 
 
 def correlation(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
-    """Pearson correlation coefficient of two images or volumes.
+    """Return the Pearson correlation coefficient of two images or volumes.
 
     Sums run in float64 over blocks, so volumes of any size need no copies.
 
@@ -59,7 +59,7 @@ def correlation(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> fl
 def _blocks(
     a: NDArray[np.generic], b: NDArray[np.generic], region: NDArray[np.bool_] | None
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield the region's elements of both arrays as float64 vectors, some rows of the first axis at a time."""
+    """Yield the region's elements of both arrays as float64 vectors, in blocks of rows of the first axis."""
     a, b = np.atleast_1d(a), np.atleast_1d(b)
     rows = max(1, _BLOCK // max(1, a[0].size))
     for start in range(0, len(a), rows):

@@ -1,4 +1,4 @@
-"""Regions of interest: where two images are compared."""
+"""Regions of interest for image comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Region = NDArray[np.bool_]
 def disc(
     x: NDArray[np.float64], y: NDArray[np.float64], diameter: float, centre: tuple[float, float] = (0.0, 0.0)
 ) -> Region:
-    """Region of interest: a disc.
+    """Return the region of interest of a disc, as boolean array.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def disc(
 
 
 def above_threshold(reference: ArrayLike, threshold: float = 0.04) -> Region:
-    """Return the region of interest: elements of at least a share of the reference's maximum (paper, section 6).
+    """Return the region of elements above a fraction of the reference's maximum (paper, section 6).
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def above_threshold(reference: ArrayLike, threshold: float = 0.04) -> Region:
 
 
 def bounding_slices(region: ArrayLike) -> tuple[slice, ...]:
-    """Return the smallest rectangle (box) that contains all of a region, as a slice an axis.
+    """Return the bounding box of a region, as a slice an axis.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Line- and edge-spread fits.
+"""Resolution from line-spread and edge-spread fits.
 
 A Lorentzian fitted to the few samples around a maximum reads low on lines that are Gaussian or sinc-like, as images of
 a band-limited system are: it trades width for tails. So each fit carries the directly measured width.
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SpreadFit:
-    """A fitted line or edge.
+    """Result of a line-spread or edge-spread fit.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class SpreadFit:
 
 
 def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -> SpreadFit:
-    """Fit I(z) = 2·a₀·w/(π·(w² + 4·(z − z₀)²)) around the maximum (paper, section 3).
+    """Fit a line-spread function I(z) = 2·a₀·w/(π·(w² + 4·(z − z₀)²)) around the maximum (paper, section 3).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def line_spread(z: ArrayLike, intensity: ArrayLike, *, points: int | None = 8) -
 
 
 def edge_spread(x: ArrayLike, intensity: ArrayLike) -> SpreadFit:
-    """Fit I(x) = I₀ + a₀·(arctan((x − x₀)/(w/2))/π + ½) over an edge (paper, section 3).
+    """Fit an edge-spread function I(x) = I₀ + a₀·(arctan((x − x₀)/(w/2))/π + ½) over an edge (paper, section 3).
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def edge_spread(x: ArrayLike, intensity: ArrayLike) -> SpreadFit:
 
 
 def direct_fwhm(x: ArrayLike, intensity: ArrayLike, *, base: float | None = None) -> float:
-    """Full width at half maximum without a model, as :func:`steradian.quality.width` defines it.
+    """Return the full width at half maximum without a model, as :func:`steradian.quality.width` defines it.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def direct_fwhm(x: ArrayLike, intensity: ArrayLike, *, base: float | None = None
 
 
 def _around(values: Array, top: int, points: int) -> slice:
-    """Return the ``points`` samples that lie most evenly around the maximum."""
+    """Return the ``points`` samples centred best around the maximum."""
     if points < 4:
         raise InvalidInput("points", points, "at least 4 samples")
     later = top + 1 < len(values) and (top == 0 or values[top + 1] >= values[top - 1])
@@ -161,7 +161,7 @@ def _around(values: Array, top: int, points: int) -> slice:
 def _fit(
     model: Callable[..., Array], x: Array, values: Array, start: tuple[float, ...]
 ) -> tuple[tuple[float, ...], float, float]:
-    """Return the parameters, the first one being the width, its standard error and the relative residual.
+    """Return the fit parameters, of which the first is the width, its standard error and the relative residual.
 
     Coordinates and values are scaled to about 1 first, so that metres fit as well as pixels; the width is fitted by its
     logarithm, which keeps it positive.

@@ -1,4 +1,4 @@
-"""Detection of saturated A-lines: many samples equal an extreme value, and few lie just below it."""
+"""Detection of saturated A-lines: many samples equal an extreme value, and few lie just below."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEAST: Final = 5
 
 
 def flat_ends(block: NDArray[np.number[Any]]) -> NDArray[np.int64]:
-    """Return (n, 3): pairs of neighbouring samples at an extreme value, samples there, and samples just below.
+    """Count (n, 3) per A-line: neighbouring sample pairs at an extreme value, samples there, and just below.
 
     Both the least and the greatest value of each A-line count.
 
@@ -50,7 +50,7 @@ def flat_ends(block: NDArray[np.number[Any]]) -> NDArray[np.int64]:
 
 
 def is_saturated(ends: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether A-lines are saturated, from their flat ends (n, 3)."""
+    """Return whether A-lines are saturated, shape (n,), from the counts of :func:`flat_ends` (n, 3)."""
     pairs, equal, below = ends.T
     few = (pairs >= PAIRS) & (equal > 2 * below)
     return np.asarray(few | ((pairs > 0) & (equal >= MANY) & (equal > below)))

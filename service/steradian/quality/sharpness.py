@@ -10,7 +10,7 @@ from steradian.quality.regions import bounding_slices, same_shape
 
 
 def tenenbaum(image: ArrayLike, region: ArrayLike | None = None) -> float:
-    """Mean squared Sobel gradient of an image or volume: Tenenbaum's function over its number of elements.
+    """Return the sharpness: mean squared Sobel gradient of an image or volume (Tenenbaum's function by element).
 
     It grows with the square of the image's scale: to compare the sharpness of two images, first divide each by its
     maximum (:func:`steradian.quality.compare` does). Gradients need neighbours, so the outermost elements of the image
@@ -47,7 +47,7 @@ def tenenbaum(image: ArrayLike, region: ArrayLike | None = None) -> float:
 
 
 def sobel(image: ArrayLike, axis: int) -> NDArray[np.floating]:
-    """Sobel's operator along one axis, where all neighbours exist.
+    """Apply Sobel's gradient operator along one axis, without the borders.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Inspection of A-lines before any image: power, baseline, noise, arrival, and which A-lines are bad.
+"""Quality inspection of raw A-lines: power, baseline, noise, arrival time, and bad A-lines.
 
 Quiet part: the quietest of eight equal windows of an A-line, by variance. Bad A-lines are told by comparison with their
 nearest neighbours: by quiet variance, power, and the sign and lag of the largest cross-correlation.
@@ -27,7 +27,7 @@ LOW_BAND: Final = 256
 
 @dataclass(frozen=True, eq=False)
 class SignalReport:
-    """Report of an inspection of A-lines; values are in units of the traces.
+    """Result of an inspection of A-lines; values are in units of the traces.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class SignalReport:
 
     @property
     def noise(self) -> NDArray[np.float32]:
-        """(n,) standard deviation of each A-line's quiet part."""
+        """Standard deviation (n,) of each A-line's quiet part."""
         return np.sqrt(self.baseline_variance)
 
 
@@ -91,7 +91,7 @@ def inspect_signals(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> SignalReport:
-    """Inspect A-lines block by block, after their least and greatest value has been found.
+    """Inspect A-lines block by block, after a first pass for minimum and maximum.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def inspect_signals(
 
 
 class Histogram:
-    """Counts of samples that are added block by block."""
+    """Incremental histogram of samples."""
 
     def __init__(self, low: float, high: float, is_codes: bool) -> None:
         self.is_codes, self.low, self.high = is_codes, low, high
@@ -180,12 +180,12 @@ class Histogram:
 
     @classmethod
     def of(cls, traces: NDArray[np.number[Any]]) -> Histogram:
-        """Return one with room for all samples; integers of more than 16 bits are counted as values."""
+        """Return an empty histogram for given samples; integers of more than 16 bits are counted as floats."""
         low, high = float(traces.min()), float(traces.max())
         return cls(low, high, traces.dtype.kind in "iu" and high - low < 1 << 16)
 
     def add(self, block: NDArray[np.number[Any]]) -> None:
-        """Count a block of A-lines (n, N_t)."""
+        """Count the samples of a block of A-lines (n, N_t)."""
         if self.is_codes:
             self.counts += np.bincount((block.ravel().astype(np.int32) - int(self.low)), minlength=len(self.counts))
         else:
@@ -197,7 +197,7 @@ class Histogram:
         self.total, self.number = self.total + float(block.sum(dtype=np.float64)), self.number + block.size
 
     def figures(self) -> dict[str, Any]:
-        """Return its part of a :class:`SignalReport`; at most 512 bins."""
+        """Return the histogram's fields of a :class:`SignalReport`; at most 512 bins."""
         edges = np.linspace(self.low, self.high, len(self.counts) + 1)
         counts = self.counts
         if self.is_codes:
@@ -225,13 +225,13 @@ def _check(traces: NDArray[Any], interval: float, positions: NDArray[Any]) -> No
 
 
 def _quiet(block: NDArray[np.float32], window: int) -> NDArray[np.float32]:
-    """Return (n, window) samples of each A-line's quietest window."""
+    """Return the samples (n, window) of each A-line's window of least power."""
     parts = block[:, : WINDOWS * window].reshape(len(block), WINDOWS, window)
     return np.asarray(parts[np.arange(len(block)), parts.var(axis=2).argmin(axis=1)])
 
 
 def _arrivals(size: NDArray[np.float32], variance: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return (n,) numbers of the first samples that count as an arrival; nan without one."""
+    """Return the index (n,) of each A-line's first sample above the noise; nan without one."""
     least = np.maximum(6 * np.sqrt(variance), size.max(axis=1) / 4)
     over = size > least[:, None]
     return np.where(over.any(axis=1), over.argmax(axis=1), np.nan)

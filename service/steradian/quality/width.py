@@ -1,4 +1,4 @@
-"""Full width at half maximum of a profile: the one definition that library, page, command line and HTTP use.
+"""Full width at half maximum of a profile: the one definition for library, page, command line and HTTP.
 
 The width is the distance between the two places where the profile falls to half of the peak's height above the local
 base. The base is the median of the samples further than one width from the peak on either side; where fewer than 8
@@ -22,7 +22,7 @@ _TURNS = 3
 
 @dataclass(frozen=True, slots=True)
 class Width:
-    """A full width at half maximum; lengths in the unit of the coordinate, metres where a volume was measured.
+    """Measured full width at half maximum; lengths in the unit of the coordinate, metres for volumes.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def width(x: ArrayLike, values: ArrayLike, *, base: float | None = None) -> Widt
 
 
 def find_width(at: Array, values: Array, base: float | None = None) -> Width | None:
-    """Measure as :func:`width`; ``None`` where the profile does not fall to a half on both sides."""
+    """Measure the width as :func:`width`; return ``None`` if the profile has no half-maximum crossing on a side."""
     top, level = int(values.argmax()), 0.0 if base is None else base
     found = _crossings(at, values, top, level)
     beside: Array = np.empty(0)
@@ -123,7 +123,7 @@ def find_width(at: Array, values: Array, base: float | None = None) -> Width | N
 
 
 def _crossings(at: Array, values: Array, top: int, base: float) -> tuple[float, float, float, float] | None:
-    """Return where the profile falls to a half on either side, and its slopes there."""
+    """Return the coordinates at which the profile crosses half maximum on either side, and its slopes there."""
     if not values[top] > base:
         return None
     half = (values[top] + base) / 2
@@ -141,7 +141,7 @@ def _crossings(at: Array, values: Array, top: int, base: float) -> tuple[float, 
 
 
 def samples(name: str, x: ArrayLike, intensity: ArrayLike, least: int) -> tuple[Array, Array]:
-    """Check a profile: two finite vectors of one length ≥ ``least``, the first ascending; raises InvalidInput."""
+    """Validate a profile: two finite vectors of one length ≥ ``least``, the first ascending; raises InvalidInput."""
     at, values = np.asarray(x, dtype=np.float64), np.asarray(intensity, dtype=np.float64)
     if at.ndim != 1 or values.shape != at.shape or len(at) < least:
         raise InvalidInput(name, f"shapes {at.shape} and {values.shape}", f"two vectors of one length ≥ {least}")

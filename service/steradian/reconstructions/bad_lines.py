@@ -1,4 +1,4 @@
-"""Bad A-lines left out of an image or mended, on request."""
+"""Exclusion or correction of bad A-lines (dead, noisy, inverted, shifted) before a reconstruction."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_LISTED: Final = 500
 
 @dataclass
 class BadLinesFound:
-    """Bad A-lines of a recording, and their treatment.
+    """Bad A-lines of a recording, and their treatment: excluded or corrected.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class BadLinesFound:
     shifts_s: tuple[float, float] | None = None
 
     def note(self) -> str:
-        """Return the treatment as a sentence."""
+        """Return a note for the report on the excluded and corrected A-lines."""
         said = []
         if self.left_out:
             said.append(f"left out {_of(self.left_out, self.looked_at)}: {_listed(self.left_out)}")
@@ -74,7 +74,7 @@ def treat_bad_lines(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> tuple[Recording, BadLinesFound]:
-    """Find bad A-lines of a recording, frame by frame, and leave them out or mend them.
+    """Find bad A-lines of a recording, frame by frame, and exclude or correct them.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _inspect(
     progress: Progress | None,
     cancelled: CancelCheck | None,
 ) -> tuple[list[BadLine], bool]:
-    """Find bad ones among some A-lines of a recording; with ``measure`` their shifts are measured with all samples."""
+    """Find the bad A-lines among a subset of a recording; ``measure`` adds precise time shifts of shifted ones."""
     positions, interval = recording.positions[those], recording.sampling_interval
     traces = recording.traces if len(those) == len(recording.traces) else recording.traces[those]
     zeros = _zeros(recording)[those]
@@ -158,12 +158,12 @@ def _inspect(
 
 
 def _counted(lines: Sequence[BadLine]) -> dict[str, int]:
-    """Return the number of A-lines by kind."""
+    """Return the number of bad A-lines of each kind."""
     return dict(Counter(str(line.kind) for line in lines))
 
 
 def _mended(recording: Recording, bad: Sequence[BadLine]) -> Recording:
-    """Turn the sign of the inverted A-lines of a recording and move the shifted ones back."""
+    """Return the recording with inverted A-lines multiplied by -1 and shifted A-lines moved back in time."""
     inverted = [line.aline for line in bad if line.kind == "inverted"]
     shifts = {line.aline: line.shift for line in bad if line.kind == "shifted"}
     if not inverted and not shifts:
@@ -180,7 +180,7 @@ def _mended(recording: Recording, bad: Sequence[BadLine]) -> Recording:
 
 
 def _frames(recording: Recording, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return the indices of each frame's A-lines."""
+    """Return one array for each frame with the indices of its A-lines."""
     if recording.points is None:
         return [np.arange(len(rows))]
     frames = rows // recording.planned

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 @display.to_html.register(Volume)
 def render_html(volume: Volume) -> str:
-    """Return a line and the projection along z, for a notebook."""
+    """Return an HTML summary of a volume with its projection along z, for a notebook."""
     axis: Axis = "z" if volume.dimensions == 3 else "y"
     return html_card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
 
 
 @display.plot.register(Volume)
 def plot_volume(volume: Volume, axes: Axes | None = None, axis: Axis = "z") -> Axes:
-    """Draw a projection into a matplotlib plot; see :meth:`steradian.Volume.plot`."""
+    """Plot a projection of a volume with matplotlib; implements :meth:`steradian.Volume.plot`."""
     if volume.dimensions == 2:
         axis = "y"
     else:
@@ -58,7 +58,7 @@ def plot_volume(volume: Volume, axes: Axes | None = None, axis: Axis = "z") -> A
 
 @display.save.register(Volume)
 def save_volume(volume: Volume, path: Path) -> None:
-    """Write a volume as its name's ending says; see :meth:`steradian.Volume.save`."""
+    """Write a volume in the format of the file name's ending; implements :meth:`steradian.Volume.save`."""
     wanted = format_of(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     if wanted == "hdf5":

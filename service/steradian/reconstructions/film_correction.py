@@ -1,4 +1,4 @@
-"""Choice of the Fabry–Pérot film response to correct for."""
+"""Selection of the Fabry–Pérot film response that a reconstruction corrects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from steradian.masks.film_attenuation import HIGHEST, REFERENCE_ANGLE, REFERENCE
 
 
 class Film(Value):
-    """The film's response over frequency and angle, corrected for in the reconstruction."""
+    """Film response over frequency and angle that a reconstruction corrects; parameter of requests."""
 
     kind: Literal["ideal", "elastic", "rule", "simulated"] = Field(
         default="ideal",
@@ -73,7 +73,7 @@ class Film(Value):
                 return InverseFilter(film, self.max_gain)
 
     def notes(self, recorded: str = "") -> tuple[str, ...]:
-        """Return notes on differences between the scan's recorded film and this choice; ``recorded`` as above."""
+        """Return notes where this correction does not match the film ``recorded`` in the scan."""
         lost = [part for part in SIMULATED if part in recorded]
         match self.kind:
             case "simulated" if not recorded:
@@ -90,12 +90,12 @@ class Film(Value):
 
 
 class EmpiricalFilmResponse:
-    """The loss by :func:`steradian.masks.film_attenuation.attenuation_db`; above its range as much as at its end."""
+    """Film response by the empirical attenuation rule, constant above the rule's frequency range."""
 
     def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
+        """Return the complex response at frequencies and sines of the angle of incidence."""
         known = np.minimum(np.asarray(frequencies, np.float64), HIGHEST)[:, None]
         across = (np.asarray(sines, np.float64)[None, :] / np.sin(REFERENCE_ANGLE)) ** 2
         return np.asarray(10 ** (-REFERENCE_SLOPE * known * across / 20), np.complex128)
@@ -107,7 +107,7 @@ SIMULATED = ("bandwidth", "directivity")
 
 @dataclass(frozen=True)
 class SimulatedFilmResponse:
-    """Response of the simulated scanner's film: one pole in frequency, a loss at the side."""
+    """Film response of the simulated scanner: a one-pole low-pass in frequency and a loss at oblique angles."""
 
     bandwidth: bool = True
     directivity: bool = True
@@ -115,7 +115,7 @@ class SimulatedFilmResponse:
     def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
+        """Return the complex response at frequencies and sines of the angle of incidence."""
         from fabry_perot.simulator.film import BANDWIDTH, directivity
 
         sines, frequencies = np.asarray(sines, np.float64), np.asarray(frequencies, np.float64)

@@ -25,7 +25,7 @@ Weights = Literal["mask", "uniform", "voronoi"]
 
 
 def default_modes(lattice: int | None, aperture: float) -> int:
-    """Return the default of lateral modes an axis: at an unusual lattice's pitch, else at 60 µm; at most 4096.
+    """Return the default number of lateral modes per axis: from the sensor pitch if unusual, else for 60 µm voxels.
 
     ``lattice`` is :attr:`Recording.grid`, ``aperture`` in m.
     """
@@ -33,7 +33,7 @@ def default_modes(lattice: int | None, aperture: float) -> int:
 
 
 class ReconstructionParameters(Value):
-    """Parameters of one reconstruction; ``None`` means "as the scan says"."""
+    """Parameters of a reconstruction; ``None`` means the value recorded in the scan."""
 
     method: Method = Field(default="nedner", description="nedner uses NER by itself where the sensors allow it")
     modes: int | None = quantity_field(

@@ -1,4 +1,4 @@
-"""Plan and mask stored in a scan file."""
+"""Reader of the plan, mask and A-line counts in a scan file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from steradian.scans.importing.plan_reader import read_plan
 
 @dataclass(frozen=True)
 class StoredPlan:
-    """Plan of an imported scan.
+    """Plan, A-line counts and import notes read from a scan file.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class StoredPlan:
 
 
 def read_stored_plan(path: Path) -> StoredPlan:
-    """Read the plan, with its mask, from a scan file.
+    """Read plan, mask, A-line counts and import notes from a scan file.
 
     Raises
     ------

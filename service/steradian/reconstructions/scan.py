@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Scan:
-    """A scan file, finished or still growing; :func:`steradian.open` makes one.
+    """Scan file as an object with metadata, A-lines and reconstruction; returned by :func:`steradian.open`.
 
     Plan and counts are read when it is opened, A-lines when they are asked for.
 
@@ -50,7 +50,7 @@ class Scan:
 
     @property
     def plan(self) -> ScanPlan:
-        """The plan it was made for, with its mask."""
+        """Scan plan, with its mask."""
         return self._said.plan
 
     @property
@@ -65,21 +65,21 @@ class Scan:
 
     @property
     def planned(self) -> int:
-        """A-lines that the plan asks for, in all frames."""
+        """Number of A-lines in the plan, all frames together."""
         return int(self._said.summary["points"])
 
     @cached_property
     def stored(self) -> int:
-        """A-lines that were stored when the file was opened."""
+        """Number of stored A-lines at the time of opening."""
         return int(self._said.summary["stored"])
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """Frames of the scan (repetitions or wavelengths), each with its light, A-lines, first and last shot."""
+        """Frames of the scan (repetitions or wavelengths), with excitation wavelength and A-line counts."""
         return list_frames(self.path)
 
     def recording(self, frame: int | FrameChoice | None = None) -> Recording:
-        """Read the A-lines of a frame that are stored and intact, with their positions, weights and times.
+        """Read the stored, intact A-lines of a frame, with positions, weights and times.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ class Scan:
         return open_recording(self.path, frame) if isinstance(frame, FrameChoice) else read_scan(self.path, frame)
 
     def reconstruct(self, *, frame: int | FrameChoice | None = None, **parameters: Any) -> Volume:
-        """Reconstruct one frame, or the mean of several.
+        """Reconstruct one frame, or the mean of several frames.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Scan:
         return reconstruct_in_memory(self.recording(frame), ReconstructionParameters.create(**parameters))
 
     def plot(self, axes: Axes | None = None, *, frame: int | None = None) -> Axes:
-        """Show the A-lines of a frame, those nearest to the middle first.
+        """Plot the A-lines of a frame as an image, sorted by distance from the middle.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Scan:
         return axes
 
     def save(self, path: str | Path) -> None:
-        """Copy the file to ``.h5``, or draw its A-lines (``.png``, ``.pdf``, ``.svg``).
+        """Copy the scan file to ``.h5``, or plot its A-lines into ``.png``, ``.pdf`` or ``.svg``.
 
         ``steradian export`` writes it for other programs.
 

@@ -28,7 +28,7 @@ FLAG_BITS: dict[Flag, int] = {"saturated": 1, "mistuned": 2, "misfire": 4, "part
 
 
 class ShotTreatment(Value):
-    """Treatment of differences between shots."""
+    """Options of shot normalisation: time zero, pulse energy, film sensitivity, excluded flags and bad A-lines."""
 
     time_zero: Literal["each", "common"] = Field(
         default="each", description="each: every A-line at the time at which it began; common: all at the earliest"
@@ -51,7 +51,7 @@ class ShotTreatment(Value):
     )
 
     def select_shots(self, shots: ShotMetadata, known: bool | None = None) -> NDArray[np.bool_]:
-        """Return (M,) which A-lines are used: those without an excluded flag and, where energies matter, with light.
+        """Return the A-lines to use as a boolean mask (M,): not flagged, and with energy if energies are normalised.
 
         ``known``: whether the scan knows energies; None: these A-lines are all of it.
         """
@@ -62,20 +62,20 @@ class ShotTreatment(Value):
         return wanted
 
     def divisors(self, shots: ShotMetadata, known: bool | None = None) -> NDArray[np.float32]:
-        """Return (M,) the divisors of A-lines; ``known`` as in :meth:`select_shots`."""
+        """Return the divisor (M,) of each A-line: pulse energy times film sensitivity, as far as enabled."""
         found = shots.energy if self._divides(shots, known) else np.ones(len(shots.energy))
         if self.correct_sensitivity and shots.sensitivity is not None:
             found = found * shots.sensitivity
         return found.astype(np.float32)
 
     def _divides(self, shots: ShotMetadata, known: bool | None) -> bool:
-        """Whether energies matter; where none is known at all there is nothing to divide by."""
+        """Return whether A-lines are divided by pulse energy: if enabled and at least one energy is known."""
         return self.normalise_energy and bool(shots.energy.any() if known is None else known)
 
 
 @dataclass
 class ShotVariation:
-    """Variation between A-lines, as written to a reconstruction's report.
+    """Variation of energy, time zero and sensitivity between A-lines, for the reconstruction's report.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ def normalise_shots(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> tuple[Recording, ShotVariation]:
-    """Normalise the shots of a recording; returns the recording and the variation found.
+    """Normalise the A-lines of a recording; return the new recording and the variation between A-lines.
 
     A recording without :attr:`~steradian.scans.recording.Recording.shots` comes back as it is but for bad A-lines, and
     one that this returned comes back as it is. Of several frames the mean of each point's A-lines is returned.
@@ -149,7 +149,7 @@ def normalise_shots(
 
 
 def normalise_new_shots(new: AlineBatch, whole: Recording, treatment: ShotTreatment) -> AlineBatch:
-    """Normalise new A-lines of a running scan, on the time grid of ``whole``; samples outside of it are cut."""
+    """Normalise new A-lines of a running scan, resampled to the time grid of the recording ``whole``."""
     wanted, shots = treatment.select_shots(new.shots, new.energy_known), new.shots
     traces = new.traces
     if not wanted.all():

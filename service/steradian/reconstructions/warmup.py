@@ -1,4 +1,4 @@
-"""Warm up the JIT cache in background processes.
+"""JIT warm-up: compilation of numba kernels into the disk cache by background processes.
 
 ``python -m steradian.reconstructions.warmup``, at the other end of a pipe to its standard input, does once, with
 little data, what reconstructions of scans do, and ends at once where all that is on disk, or where another process is
@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def warmup_in_background(*half: str) -> Iterator[None]:
-    """Context manager that compiles kernels in other processes; unfinished ones are abandoned at its end.
+    """Context manager that compiles kernels in background processes and abandons unfinished ones at its end.
 
     For our own programs: where Python is part of another one, ``sys.executable`` may be anything.
     """
@@ -50,7 +50,7 @@ def warmup_in_background(*half: str) -> Iterator[None]:
 
 
 def warm_up() -> None:
-    """Compile kernels in other processes, until they finish or this process exits."""
+    """Compile kernels in background processes until they finish or this process exits."""
     with suppress(OSError), _started() as process:
         if code := process.wait():
             _log.warning("the kernels of the first reconstruction are not compiled in advance: exit code %d", code)
@@ -58,7 +58,7 @@ def warm_up() -> None:
 
 @contextmanager
 def warmup_second_half() -> Iterator[None]:
-    """Compile the second half of the kernels in another process while this one starts with the first half."""
+    """Context manager that compiles half of the kernels in a background process while this one compiles the rest."""
     with warmup_in_background(SECOND_HALF) if _is_wanted() else nullcontext():
         yield
 
@@ -103,14 +103,14 @@ def _functions() -> list[Any]:
 
 
 def needs_warmup() -> bool:
-    """Whether there is a place on disk for it, and something is not there, or not for this processor."""
+    """Return whether a JIT disk cache is available and lacks a kernel for this processor."""
     from steradian.core.jit import is_uncached
 
     return any(is_uncached(function) for function in _functions())
 
 
 def warm_up_all(half: str = "") -> None:
-    """Run each kernel of a scan's reconstruction once, in its precision; one half of the kernels first."""
+    """Compile the reconstruction kernels by running each once; ``half`` limits them to the second half."""
     import numpy as np
 
     from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid, ReconstructionPlan
@@ -131,7 +131,7 @@ def warm_up_all(half: str = "") -> None:
 
 
 def main(half: str = "") -> None:
-    """Entry point of a compiling process, which ends when it is done or its parent has exited."""
+    """Entry point of a background compiling process, which ends when done or when its parent has exited."""
     threading.Thread(target=exit_when_stdin_closes, args=(lambda: os._exit(0),), daemon=True).start()
     set_oom_score(OOM_SCORE)
     if not half:

@@ -1,4 +1,4 @@
-"""The acquisition process: ``python -m steradian.runtime.acquisition`` runs queued scans, one at a time.
+"""Acquisition process (``python -m steradian.runtime.acquisition``): runs queued scans, one at a time.
 
 It is the only one that talks to the scanner and, but for the queueing, the only one that changes a scan's state. After
 a restart every scan that was under way is ``interrupted``: the laser never starts by itself.
@@ -57,26 +57,26 @@ _log = logging.getLogger(__name__)
 
 
 class Acquisition:
-    """Takes queued scans and runs them.
+    """Main loop of the acquisition process, which runs and resumes queued scans.
 
     Parameters
     ----------
     scans, plans
-        What to run.
+        Repositories of scans and plans.
     data
-        Where the files go.
+        Data directory of the scan files.
     port
-        Where the scanner is.
+        Port of the scanner.
     stopping
-        Set when the service ends: the scan under way is made safe and left ``interrupted``.
+        Event set when the service ends: the running scan is made safe and left ``interrupted``.
     recovery
-        How soon after an interruption the laser may come back by itself.
+        Policy for resuming a scan without a person after an interruption.
     arrays
-        Where the A-lines of scans are that are over; by default in ``data``.
+        Blob store with the A-lines of ended scans; by default ``data``.
     listens
-        Whether the scanner's port is held and listened to between scans.
+        Whether the scanner's port stays open between scans, to receive status messages.
     shared
-        Whether other nodes know the scanner from the database.
+        Whether other nodes read the scanner's status from the database.
     """
 
     def __init__(
@@ -102,16 +102,16 @@ class Acquisition:
         self._faults = FaultClerk(Clearing(data.emergency), self._watch)
 
     def run(self, prepare: Callable[[], object] = lambda: None) -> None:
-        """Work until asked to stop; while the database does not answer, wait for it: the emergency stop needs none.
+        """Run scans until ``stopping`` is set, retrying while the database is unavailable.
 
-        ``prepare`` is done in the database before any scan.
+        The emergency stop works without the database. ``prepare`` is called before any scan.
         """
         with self.watching():
             self._work(prepare)
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Watch the scanner's port, the emergency stop and requests to clear a fault until the block ends."""
+        """Monitor the scanner's port, the emergency stop and fault-clearing requests until the block ends."""
         with self._watch.watching(), self._emergency.running(), self._faults.working():
             yield
 
@@ -136,7 +136,7 @@ class Acquisition:
         self._scanner.report("unknown", "idle")
 
     def run_once(self) -> None:
-        """Finish abandoned scans; resume a scan whose desired state is running, or run the oldest queued one."""
+        """End interrupted scans that are to stop, then resume or start at most one scan."""
         for row in self._scans.to_settle():
             self._settle(row)
         found, begin = self._scans.to_resume(), self._resume
@@ -147,9 +147,9 @@ class Acquisition:
                 begin(found)
 
     def _settle(self, row: ScanRow) -> None:
-        """Keep an interrupted scan as it is; where its file is lost, as the store has it.
+        """Change an interrupted scan to partial, with the A-lines stored so far.
 
-        What cannot be kept yet is tried again, and holds up no other scan.
+        If the local file is lost, the stored copy counts. Errors are logged and retried later.
         """
         try:
             figures = scan_summary(self._arrays, self._data.scan_file(row.id), row.id)
@@ -170,18 +170,18 @@ class Acquisition:
         self._run(row)
 
     def _refusal(self, row: ScanRow) -> str | None:
-        """Say why a scan must not fire, or ``None``."""
+        """Return the reason why a scan must not fire (emergency stop, other lease), or ``None``."""
         stopped = self._emergency.standing is not None
         return "the emergency stop is pressed" if stopped else self._scanner.refusal_reason(row)
 
     def _loss(self, row: ScanRow) -> str | None:
-        """Return the reason why an interrupted scan's stored part is missing, such as a new data folder."""
+        """Return an error text if the file of an interrupted scan is missing on this node, or ``None``."""
         if row.started is None or self._data.scan_file(row.id).exists():
             return None
         return "the file with its A-lines is not in this node's folder"
 
     def _disk_warning(self, row: ScanRow) -> str | None:
-        """Say that the disk will be nearly full; a scan that does not fit fails when its file is to be made."""
+        """Return a warning if the scan will nearly fill the disk, or ``None``."""
         try:
             return check_free_space(self._data.scan_file(row.id).parent, scan_file_bytes(self._plans.load(row.plan_id)))
         except DiskFull:
@@ -196,7 +196,7 @@ class Acquisition:
         self._run(row)
 
     def _run(self, row: ScanRow) -> None:
-        """Work on a scan that is ``arming``, until it is over or interrupted; the port is its own meanwhile."""
+        """Run an armed scan until it ends or is interrupted, with exclusive use of the scanner's port."""
         self._scanner.report(None, "scanning")
         with self._watch.lent():
             self._take(row)
@@ -238,7 +238,7 @@ class Acquisition:
         return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch, recovery=self._recovery)
 
     def _finish(self, identifier: str, end: SessionOutcome) -> None:
-        """Lead a scan that ended in good order to its last state."""
+        """Change a scan that ended without an error to its terminal state: complete, partial or aborted."""
         figures = self._figures(identifier)
         whole = bool(figures) and figures["stored"] == figures["points"]
         last = _S.COMPLETE if end is SessionOutcome.COMPLETE or whole else _LAST[end]
@@ -271,7 +271,7 @@ class Acquisition:
 
 
 def main() -> None:
-    """Entry point of the acquisition process; the environment contains its settings."""
+    """Run the acquisition process with settings from environment variables."""
     settings = Settings.create()
     configure_logging(settings, "acquisition")
     stopping = SignalSafeEvent()

@@ -1,4 +1,4 @@
-"""Compare data folder and database; register orphans and set damaged files aside."""
+"""Consistency check of data folder and database (fsck), with repair of damaged databases and unknown scans."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_ID_LENGTH = 40
 
 @dataclass(frozen=True)
 class Inconsistency:
-    """One thing that is not as it should be.
+    """Finding of the consistency check: kind, subject and description.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Inconsistency:
 
 
 def check_consistency(settings: Settings) -> list[Inconsistency]:
-    """Compare folder and database without changes; no other process may use them meanwhile."""
+    """Compare data folder and database without changes; no other process may use them meanwhile."""
     arrays: BlobStore = FolderBlobStore(data := DataDirectory(settings.data))
     found = [*_databases(settings, data), *_scans(settings, data, arrays), *_results(settings, data, arrays)]
     going = pending_removals(settings)
@@ -53,7 +53,7 @@ def check_consistency(settings: Settings) -> list[Inconsistency]:
 
 
 def repair(settings: Settings) -> Iterator[str]:
-    """Set damaged databases aside, register scans that are unknown and queue jobs that lost their queue.
+    """Rename damaged databases, create new ones and register scan files without a database row.
 
     Yields
     ------
@@ -132,7 +132,7 @@ def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iter
 
 
 def _set_aside(path: Path) -> Iterator[str]:
-    """Rename a database with its log; an empty one is used as it is."""
+    """Rename a damaged database file with its log, unless it is empty."""
     if is_missing(path):
         return
     number = 1

@@ -1,4 +1,4 @@
-"""Name of the usable CUDA device, detected in a subprocess."""
+"""Detection of a usable CUDA device in a subprocess."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PATIENCE = 60.0  # seconds; a driver may have to load first
 
 
 def detect_gpu() -> str | None:
-    """Name of the GPU; None where there is none, or the extra ``gpu`` is not installed.
+    """Return the name of the usable GPU; None without a GPU or the extra ``gpu``.
 
     A process of its own looks: CuPy is large, and who has looked keeps a part of the GPU's memory.
     """

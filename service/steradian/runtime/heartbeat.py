@@ -18,7 +18,7 @@ STALE_AFTER = 4.0
 
 
 class Heartbeat:
-    """Touches ``path`` in a thread until the block ends; the file is then removed."""
+    """Heartbeat of a process: a thread touches a file every second until the block ends."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._over, self._writing = path, threading.Event(), threading.Lock()
@@ -38,7 +38,7 @@ class Heartbeat:
         self._path.unlink(missing_ok=True)
 
     def set_gpu(self, name: str) -> None:
-        """Record which GPU the process uses."""
+        """Store the name of the process's GPU in the heartbeat file."""
         self._about["gpu"] = name
         self._write()
 
@@ -56,7 +56,7 @@ class Heartbeat:
 
 
 def gpu_of(path: Path) -> str | None:
-    """Name of the GPU that the process of a heartbeat file uses, if any."""
+    """Return the name of the GPU in a heartbeat file, or ``None``."""
     try:
         return str(json.loads(path.read_text())["gpu"])
     except (OSError, ValueError, LookupError, TypeError):
@@ -64,7 +64,7 @@ def gpu_of(path: Path) -> str | None:
 
 
 def is_alive(path: Path, now: float) -> bool:
-    """Whether the process of a heartbeat file has touched it lately; ``now`` is in seconds since the epoch."""
+    """Return whether a heartbeat file was touched recently; ``now`` is in seconds since the epoch."""
     try:
         return now - path.stat().st_mtime < STALE_AFTER
     except OSError:

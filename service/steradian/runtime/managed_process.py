@@ -1,4 +1,4 @@
-"""Processes of the service, restarted with exponential backoff by the supervisor."""
+"""Supervised child process, restarted with exponential backoff."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ManagedProcess:
     due: float = field(default=0.0)
 
     def start(self, now: float) -> None:
-        """Start it, in a process group of its own so that a terminal's Ctrl-C reaches only the supervisor."""
+        """Start the process in a session of its own, so that Ctrl-C reaches only the supervisor."""
         self.process = subprocess.Popen(
             self.command,
             stdin=subprocess.PIPE,
@@ -49,7 +49,7 @@ class ManagedProcess:
         self.started = now
 
     def tend(self, now: float) -> None:
-        """Start it again if it has ended, after a pause that doubles while it keeps ending."""
+        """Restart the process if it has ended, with exponential backoff; to be called periodically."""
         if self.process is None:
             if now >= self.due:
                 self.start(now)
@@ -64,20 +64,20 @@ class ManagedProcess:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it was started and has ended since."""
+        """Whether the process was started and has ended since."""
         return self.process is not None and self.process.poll() is not None
 
     def ended_at_once(self, now: float) -> bool:
-        """Whether it has ended soon after its start."""
+        """Return whether the process ended soon after its start."""
         return self.has_ended and now - self.started < STABLE_AFTER
 
     def ask_to_end(self) -> None:
-        """Send SIGTERM."""
+        """Send SIGTERM to the process."""
         if self.process is not None and self.process.poll() is None:
             self.process.terminate()
 
     def end(self, deadline: float) -> None:
-        """Wait until it has ended; past the deadline it is killed with all of its group."""
+        """Wait until the process has ended; after the deadline, kill its process group."""
         if self.process is None:
             return
         try:

@@ -1,4 +1,4 @@
-"""Port of the acquisition's scanner."""
+"""Port of the scanner: the configured port or that of a simulator."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from steradian.core.settings import Settings
 
 
 class ScannerConnection:
-    """Port of the scanner; a simulated scanner is started on first use and again after a failure."""
+    """Port of the scanner; a simulated scanner is started on first use and restarted after a failure."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self._stack, self._url = settings, ExitStack(), ""
 
     def present(self) -> str | None:
-        """Return the port; ``None`` while a simulated scanner has not been started."""
+        """Return the port's address; ``None`` while the simulated scanner is not started."""
         return (self._url or None) if self._settings.simulated else self._settings.scanner
 
     def url(self) -> str:
-        """Return the port to connect to."""
+        """Return the port's address, starting the simulated scanner if necessary."""
         if not self._settings.simulated:
             return self._settings.scanner
         if not self._url:
@@ -28,6 +28,6 @@ class ScannerConnection:
         return self._url
 
     def close(self) -> None:
-        """End a simulated scanner."""
+        """Stop the simulated scanner."""
         self._url = ""
         self._stack.close()

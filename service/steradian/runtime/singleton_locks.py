@@ -21,9 +21,9 @@ ACQUIRE_TIMEOUT = 10.0
 
 @contextmanager
 def hold_database_lock(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Hold the service lock of a PostgreSQL database; yields a check that raises :class:`Conflict` when it is lost.
+    """Hold the service's advisory lock on a PostgreSQL database; yields a function that raises if the lock is lost.
 
-    The nodes of one service share it.
+    In a service of several nodes the lock is shared.
     """
     if settings.database_url is None:
         yield lambda: None
@@ -37,7 +37,7 @@ def hold_database_lock(settings: Settings) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def hold_scanner_lock(settings: Settings) -> Iterator[Callable[[], None]]:
-    """Hold the node lock of a scanner, in a service of several nodes; yields a check as above."""
+    """Hold a scanner's advisory lock in a multi-node service; yields a function that raises if the lock is lost."""
     if settings.database_url is None or settings.role != "acquisition":
         yield lambda: None
         return
@@ -48,7 +48,7 @@ def hold_scanner_lock(settings: Settings) -> Iterator[Callable[[], None]]:
 
 
 def lock_of_scanner(database_url: str, name: str) -> AdvisoryLock:
-    """Return the lock that the node of a scanner holds as long as it lives."""
+    """Return the advisory lock that a scanner's node holds during its lifetime."""
     from steradian.storage.db.advisory_locks import AdvisoryLock
 
     return AdvisoryLock(database_url, f"scanner {name}")

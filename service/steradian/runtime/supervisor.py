@@ -1,4 +1,4 @@
-"""The supervisor: one process that owns a data directory and keeps the service's other processes running.
+"""Supervisor: locks the data directory, and starts and restarts the service's other processes.
 
 supervisor ─┬─ api            answers HTTP on a socket that the supervisor has bound
             ├─ acquisition    runs scans; starts the simulated scanner
@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 def run_service(
     settings: Settings, announce: Callable[[str], None], stop: threading.Event, *, on_ready: str = "steradian serves"
 ) -> None:
-    """Run the service until ``stop`` is set; then end every process within ten seconds.
+    """Run the service's processes until ``stop`` is set, then stop them.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def run_service(
 
 
 def run_workers(settings: Settings, announce: Callable[[str], None], stop: threading.Event) -> None:
-    """Keep ``settings.workers`` workers of a service elsewhere running until ``stop`` is set.
+    """Run ``settings.workers`` workers of a service on another host until ``stop`` is set.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def run_workers(settings: Settings, announce: Callable[[str], None], stop: threa
 
 
 def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
-    """Refuse a folder that cannot be written, or is another's, before anything in it is made or changed."""
+    """Raise an error if the data folder is not writable or is bound to another database, before any change."""
     require_writable(data)
     if metadata_url(settings).startswith("sqlite"):  # which refuses a path that SQLite cannot open
         if not is_database(data.metadata_file):
@@ -143,7 +143,7 @@ def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
 
 
 def _refuse_foreign_folder(settings: Settings) -> None:
-    """Reject a data folder of another database before workers start; an unavailable database is left to them."""
+    """Raise an error if the data folder is bound to another database; an unavailable database is only logged."""
     database = Database(metadata_url(settings))
     try:
         belonging.check_binding(settings, database)
@@ -157,7 +157,7 @@ def _refuse_foreign_folder(settings: Settings) -> None:
 
 @contextmanager
 def running_worker(settings: Settings) -> Iterator[None]:
-    """Own the data directory and keep one worker running, without the rest of the service, until the block ends.
+    """Hold the data directory's lock and run one worker without a service until the block ends.
 
     What the worker says is appended to ``run/worker.log`` in the data directory.
 
@@ -215,13 +215,13 @@ def _end_all(children: Sequence[ManagedProcess], grace: float) -> None:
 
 
 def _forget(data: DataDirectory, children: Sequence[ManagedProcess]) -> None:
-    """Remove the signs of life of the service's own processes, which have ended; those of other hosts are theirs."""
+    """Remove the heartbeat files of the service's own processes, which have ended."""
     for name in ("service", *(child.name for child in children)):
         data.heartbeat(name).unlink(missing_ok=True)
 
 
 def _check(settings: Settings) -> None:
-    """Refuse a folder whose database is damaged or another's; raises :class:`DamagedFile`."""
+    """Check database and data folder before the start, and log unknown scans; raises :class:`DamagedFile`."""
     if unknown := check_before_start(settings):
         names = ", ".join(unknown[:MAX_LISTED]) + (" …" if len(unknown) > MAX_LISTED else "")
         advice = f"`steradian check {settings.data}` lists what can be recovered"
@@ -240,7 +240,7 @@ def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
 
 
 def _require_node_settings(settings: Settings) -> None:
-    """Reject settings of a node that lack the database and store shared by several nodes."""
+    """Raise an error if the settings of a node lack database, store or secret that all nodes share."""
     if settings.role != "service":
         needed = {
             "database_url": "postgresql://…, the database that all nodes share",
@@ -253,7 +253,7 @@ def _require_node_settings(settings: Settings) -> None:
 
 
 def _with_public_address(settings: Settings, port: int) -> Settings:
-    """Set the address at which other nodes reach the API, unless the settings have one."""
+    """Return the settings with the API's address for other nodes, unless they have one."""
     if settings.address is not None or settings.node_secret is None:
         return settings
     everywhere = settings.host in {"0.0.0.0", "::"}  # noqa: S104 - compared, not bound
@@ -270,6 +270,6 @@ def _listen(settings: Settings) -> socket.socket:
 
 
 def _url(host: str, port: int) -> str:
-    """Address for a browser on this machine; a wildcard address is reached through the loopback."""
+    """Return the URL of the API for this machine; a wildcard address becomes the loopback address."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - compared, not bound
     return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"

@@ -1,4 +1,4 @@
-"""Watchdog: detects processes that run but no longer respond."""
+"""Watchdog: detects running processes that no longer respond."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _log = logging.getLogger(__name__)
 
 
 class Watchdog:
-    """Watchdog of the service's processes: polls the API and the heartbeats, and logs changes once.
+    """Watchdog of the service's processes: polls the API and the heartbeats, and logs changes.
 
     Parameters
     ----------
     data
-        Where the signs of life are.
+        Data directory with the heartbeat files.
     url
-        What the API answers without doing anything.
+        URL of the API's health check.
     stop
-        Set when the service ends.
+        Event set when the service ends.
     """
 
     def __init__(self, data: DataDirectory, url: str, stop: threading.Event) -> None:
@@ -45,7 +45,7 @@ class Watchdog:
         threading.Thread(target=self._ask, name="watch", daemon=True).start()
 
     def check(self, children: Sequence[ManagedProcess], now: float) -> None:
-        """Log processes that became silent or returned; kill an unresponsive API, so that it is restarted."""
+        """Log processes that became silent or recovered; kill an unresponsive API, so that it is restarted."""
         for child in children:
             if child.process is None or now - child.started < HUNG_TIMEOUT:
                 self._silent.discard(child.name)
@@ -77,7 +77,7 @@ class Watchdog:
 
 
 def responds(url: str, timeout: float = 1.0) -> bool:
-    """Whether a service answers at a URL, and well."""
+    """Return whether a URL answers with status 200."""
     try:
         with urllib.request.urlopen(url, timeout=timeout) as answer:  # noqa: S310 - our own address
             return bool(answer.status == 200)

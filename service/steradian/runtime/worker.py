@@ -1,4 +1,4 @@
-"""The worker process: ``python -m steradian.runtime.worker SLOT``."""
+"""Worker process (``python -m steradian.runtime.worker SLOT``): runs jobs of the queue."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHILD_COMMAND = (sys.executable, "-P", "-m", "steradian.jobs.worker.child")
 
 
 def main(slot: int) -> None:
-    """Entry point of worker number ``slot``; the environment contains its settings."""
+    """Run the worker with number ``slot``, with settings from environment variables."""
     limit_malloc_arenas()  # before any thread begins
     settings = Settings.create()
     configure_logging(settings, settings.worker_slot_name(slot))

@@ -1,1 +1,1 @@
-"""Scan acquisition and the HDF5 scan-file format."""
+"""Scans: acquisition from a scanner, HDF5 scan files, import and export."""

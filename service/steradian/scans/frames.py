@@ -1,4 +1,4 @@
-"""Frames of a scan, and the selection of those that an image is made of."""
+"""Frames of a scan (repetitions or wavelengths), and the selection of frames for an image."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SAME_LIGHT = 0.5e-9
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a scan: an A-line at every point of the mask.
+    """Frame of a scan: one A-line at every point of the mask, at one excitation wavelength.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Selection of the frames that an image is made of; without arguments the first frame, said in a note.
+    """Selection of the frames for an image: one frame or a mean; the first frame by default.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class FrameChoice:
             raise InvalidInput("frame", self.frame, "neither wavelength nor average with it")
 
     def pick(self, frames: Sequence[Frame]) -> tuple[list[int], tuple[str, ...]]:
-        """Return the numbers of the selected frames, and notes on defaults.
+        """Return the numbers of the selected frames, and a note if the first frame was selected by default.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class FrameChoice:
 
 
 def frame_number(frame: int | None, frames: int) -> int:
-    """Return the number of a frame; ``None`` stands for the only one.
+    """Return the given frame number after validation; for ``None``, 0 if the scan has a single frame.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def frame_number(frame: int | None, frames: int) -> int:
 
 
 def distinct_wavelengths(frames: Sequence[Frame]) -> list[float]:
-    """Return the excitation wavelengths of frames in m, in the order of measurement; 0: not stated.
+    """Return the distinct excitation wavelengths of frames in m, in the order of measurement; 0: not stated.
 
     Values closer than ``SAME_LIGHT`` are one: a file may have rounded them, or hold what the laser answered.
     """
@@ -116,12 +116,12 @@ def distinct_wavelengths(frames: Sequence[Frame]) -> list[float]:
 
 
 def lights_of(frames: Sequence[Frame]) -> str:
-    """Return the excitation wavelengths of frames as text, in the order of measurement."""
+    """Return the distinct excitation wavelengths of frames as text."""
     return ", ".join(f"{1e9 * each:g} nm" if each else "not stated" for each in distinct_wavelengths(frames))
 
 
 def _notes(among: Sequence[Frame], count: int) -> tuple[str, ...]:
-    """Say which of several frames was taken, and how to choose."""
+    """Return a note on the frame selected by default and the options for selecting others; empty for one frame."""
     if len(among) == 1:
         return ()
     light = f", {lights_of(among[:1])}" if among[0].excitation else ""

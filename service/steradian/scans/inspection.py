@@ -1,4 +1,4 @@
-"""Inspection of a scan's A-lines before any image is made of them."""
+"""Inspection of a scan's A-lines before reconstruction: noise, baseline and bad A-lines."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MOST_BAD: Final = 5_000
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Inspection of one frame of a scan.
+    """Result of the inspection of one frame of a scan.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Inspection:
         return dict(Counter(line.kind for line in self.signals.bad))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report as plain values in SI units, with null for unknown values."""
+        """Return the report as a JSON-compatible dictionary in SI units, with null for unknown values."""
         told, places = self.signals, self.recording.positions
         some = slice(None, None, -(-len(places) // MOST_MAPPED))
         y = places[:, 1] if places.shape[1] > 1 else np.zeros(len(places))
@@ -102,7 +102,7 @@ class Inspection:
         return dict(to_jsonable(answer))
 
     def statistics(self) -> dict[str, Any]:
-        """Return mean and standard deviation of power and baseline over the frame's A-lines, in plain values."""
+        """Return mean and standard deviation of power and baseline over the frame's A-lines, as a dictionary."""
         return dict(to_jsonable({"frame": self.frame, **self._statistics(slice(None))}))
 
     def _beams(self) -> list[dict[str, Any]]:
@@ -129,7 +129,7 @@ def inspect_scan(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Inspection:
-    """Inspect the A-lines that a frame of a scan, or of another known recording, has so far.
+    """Inspect the A-lines stored so far in a frame of a scan, or in a recording of another supported format.
 
     Raises
     ------

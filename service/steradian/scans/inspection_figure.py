@@ -1,4 +1,4 @@
-"""Picture of an inspection: histogram, noise spectrum, and maps of power, baseline and arrival with bad A-lines."""
+"""Figure of an inspection: histogram, noise spectrum, and maps of power, baseline and arrival time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MARKS: Final = {"dead": "x", "noisy": "+", "inverted": "v", "saturated": "^", "s
 
 
 def draw_inspection(found: Inspection, path: Path) -> None:
-    """Draw an inspection into a PNG, under a temporary name first."""
+    """Draw the figure of an inspection as a PNG (atomic write)."""
     from matplotlib.figure import Figure
 
     told = found.signals
@@ -47,7 +47,7 @@ def draw_inspection(found: Inspection, path: Path) -> None:
 
 
 def _map(found: Inspection, axes: Axes, values: NDArray[np.floating[Any]], title: str) -> None:
-    """Draw values at their sensors, colours from the 1st to the 99th percentile, and the bad A-lines over them."""
+    """Draw values at the sensor positions as a colour map, with bad A-lines marked."""
     places = 1e3 * found.recording.positions
     y = places[:, 1] if places.shape[1] > 1 else np.zeros(len(places))
     finite = values[np.isfinite(values)]

@@ -1,4 +1,4 @@
-"""Open a recording of any supported format."""
+"""Reader of recordings in any supported format."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIRST = FrameChoice()
 
 
 def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
-    """Read a recording from any supported kind of file, recognised by its content.
+    """Read a recording from a file of any supported format, detected from the content.
 
     A scan file, or anything :func:`steradian.scans.importing.import_scan` reads without a description.
 
@@ -53,7 +53,7 @@ def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
 
 
 def _frames_of(source: RecordingSource) -> list[Frame]:
-    """Return the frames of a foreign file, with as many at each excitation wavelength as come out even."""
+    """Return the frames of a file in another format, distributed evenly over its excitation wavelengths."""
     count, lights = source.table.frames, source.excitation or (0.0,)
     each = max(1, count // len(lights))
     return [Frame(n, lights[min(n // each, len(lights) - 1)], source.table.points) for n in range(count)]

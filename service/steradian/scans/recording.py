@@ -1,4 +1,4 @@
-"""Recording: traces with sensor geometry and per-shot metadata."""
+"""Recording: A-lines in memory with sensor geometry and per-A-line metadata."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class ShotMetadata:
 
     @classmethod
     def default(cls, time_zero: FloatArray) -> ShotMetadata:
-        """Return shots of which nothing but the time zero (M,) is known."""
+        """Return metadata with time zeros (M,) and default values for everything else."""
         count = len(time_zero)
         none, zeros = np.zeros(count, np.uint32), np.zeros(count)
         return cls(np.ones(count), time_zero, none, none + 1, zeros, zeros)
 
     def select(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> ShotMetadata:
-        """Return those of some A-lines."""
+        """Return the metadata of a subset of the A-lines."""
         values: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
         taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in values.items()}
         return ShotMetadata(**taken)
@@ -57,7 +57,7 @@ class ShotMetadata:
 
 @dataclass(frozen=True)
 class Recording:
-    """A-lines with their geometry.
+    """A-lines in memory with sensor positions, weights and times.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Recording:
     inspected: bool = False
 
     def select(self, wanted: NDArray[np.bool_]) -> Recording:
-        """Return the A-lines that are ``wanted`` (M,); their weights make up for the others' in proportion."""
+        """Return the recording of the A-lines in ``wanted`` (M,), with weights scaled to the same total."""
         weights, scale = self.weights, np.asarray(self.scale)
         if weights is not None:
             weights = weights[wanted] * (weights.sum() / weights[wanted].sum())
@@ -142,7 +142,7 @@ class Recording:
         )
 
     def averaged(self) -> Recording:
-        """Return the mean of the A-lines of each point, in the order of the points; one without ``points`` as it is.
+        """Return the recording with the mean of the A-lines of each point; unchanged without ``points``.
 
         Their times must be equal, and what else differs from shot to shot must have been evened out.
         """

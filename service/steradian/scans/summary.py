@@ -1,4 +1,4 @@
-"""Final A-line counts of a scan."""
+"""A-line counts of a scan that is no longer running."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from steradian.storage.blobs.interface import BlobStore, scan_name
 
 
 def scan_summary(arrays: BlobStore, own: Path, scan_id: str) -> dict[str, Any]:
-    """Count the A-lines of an abandoned scan.
+    """Return the A-line counts of an abandoned scan, from its local file or the object store.
 
     Where its file is lost with the host that wrote it, what was kept of it before counts from now on, for everybody;
     nothing is counted where that is lost or damaged too.
@@ -40,7 +40,7 @@ def scan_summary(arrays: BlobStore, own: Path, scan_id: str) -> dict[str, Any]:
 
 
 def count_alines(path: Path) -> dict[str, Any]:
-    """Count the rows of a scan file: ``points``, ``stored``, ``fired``; empty without a readable file."""
+    """Return the counts of a scan file (``points``, ``stored``, ``fired``); empty without a readable file."""
     try:
         with open_for_reading(path) as file:
             status = np.asarray(file["alines/status"])

@@ -1,4 +1,4 @@
-"""Resample A-lines with different start times to a common time grid."""
+"""Resampling of A-lines with different start times to a common time grid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ INTEGER_TOLERANCE = 1e-6
 
 
 def common_grid(time_zero: FloatArray, sampling_interval: float, samples: int) -> tuple[FloatArray, int]:
-    """Return where A-lines begin on a grid that begins with the earliest, in samples (M,), and the grid's length.
+    """Return the start of each A-line on a common time grid, in samples (M,), and the grid's length.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def common_grid(time_zero: FloatArray, sampling_interval: float, samples: int) -
 
 
 def align(traces: NDArray[np.float32], delays: FloatArray, samples: int) -> NDArray[np.float32]:
-    """Return A-lines on one grid: row m, whose column 0 lies at ``delays[m]`` samples of it, as (M, ``samples``).
+    """Resample A-lines to a common time grid, row m delayed by ``delays[m]`` samples; returns (M, ``samples``).
 
     Parts of a sample are shifted by a phase in the Fourier domain, which is exact for what the digitiser's band holds.
     What an A-line does not cover is 0; what lies outside the grid is left out.
@@ -61,7 +61,7 @@ def align(traces: NDArray[np.float32], delays: FloatArray, samples: int) -> NDAr
 
 
 def _later(traces: NDArray[np.float32], shares: FloatArray) -> NDArray[np.float32]:
-    """Return A-lines (M, N_t + 1), each later by its share (0 … 1) of a sample."""
+    """Delay each A-line by a fraction (0 … 1) of a sample in the Fourier domain; returns (M, N_t + 1)."""
     count, samples = traces.shape
     later = np.zeros((count, samples + 1), np.float32)
     later[:, :samples] = traces

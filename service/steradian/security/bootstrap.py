@@ -1,4 +1,4 @@
-"""Refuse to start without an API key where one is required."""
+"""Start-up check that an API key exists where one is required."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian.storage.db.database import Database
 
 
 def require_api_key(settings: Settings, database: Database) -> Path | None:
-    """Refuse to serve where a key is needed while there is none.
+    """Check that an API key exists if one is required; create the first key if a key file is configured.
 
     Returns
     -------

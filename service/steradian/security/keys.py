@@ -1,4 +1,4 @@
-"""API keys and tickets. Only hashes are kept: the secrets are random, so one round of SHA-256 is enough."""
+"""API keys and event-stream tickets, stored as SHA-256 hashes (one round, because the secrets are random)."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class Scope(StrEnum):
 
 
 class Unauthorized(SteradianError):
-    """The request has no valid credentials."""
+    """Error: the request has no valid credentials."""
 
     code = "unauthorized"
 
 
 class Forbidden(SteradianError):
-    """The caller's key does not allow this."""
+    """Error: the caller's key does not have the required scope."""
 
     code = "forbidden"
 
 
 @dataclass(frozen=True)
 class Principal:
-    """Caller of a request and their scopes."""
+    """Authenticated caller of a request, with their scopes."""
 
     name: str
     scopes: frozenset[Scope]
@@ -68,7 +68,7 @@ class Principal:
     """Of the key that proved it, directly or by a ticket."""
 
     def may(self, scope: Scope) -> bool:
-        """Whether something of a scope is allowed."""
+        """Return whether the principal has a scope."""
         return Scope.ADMIN in self.scopes or scope in self.scopes
 
 
@@ -76,12 +76,12 @@ _SETTINGS = Principal("settings", frozenset({Scope.ADMIN}))
 
 
 class KeyStore:
-    """Makes, checks and revokes keys and tickets.
+    """Store of API keys and event-stream tickets: create, check and revoke.
 
     Parameters
     ----------
     fixed
-        A key with every scope that the settings name; it is not kept in the database.
+        Admin key from the settings, which is not stored in the database.
     """
 
     def __init__(self, database: Database, clock: Clock = utc_now, fixed: str | None = None) -> None:
@@ -90,17 +90,17 @@ class KeyStore:
         self._fixed = None if fixed is None else _hash(fixed)
 
     def create(self, name: str, scopes: Iterable[Scope], lifetime: timedelta | None = None) -> str:
-        """Create a key and return its secret, which is not stored."""
+        """Create an API key and return it; only its hash is stored."""
         with self.database.write() as session:
             return self._create(session, name, scopes, lifetime)
 
     def create_first(self, name: str, scopes: Iterable[Scope], keep: Callable[[str], object]) -> bool:
-        """Create a key if there is none; of several nodes that call this at once, one creates it.
+        """Create an API key if none exists, atomically across nodes; return whether it was created.
 
         Parameters
         ----------
         keep
-            Called with the key before it is worth anything.
+            Callback that receives the key before the transaction commits.
         """
         with self.database.write() as session:
             advisory_xact_lock(session, FIRST_LOCK)
@@ -126,16 +126,16 @@ class KeyStore:
         return f"{PREFIX}_{identifier}_{secret}"
 
     def any_exists(self) -> bool:
-        """Whether any valid key exists."""
+        """Return whether any valid API key exists."""
         return self._fixed is not None or any(self._is_valid(row) for row in self.list())
 
     def list(self) -> list[ApiKeyRow]:
-        """Return all keys, oldest first, without their secrets."""
+        """Return the rows of all API keys, oldest first; they contain no secrets."""
         with self.database.read() as session:
             return list(session.scalars(select(ApiKeyRow).order_by(ApiKeyRow.sequence)))
 
     def revoke(self, identifier: str) -> None:
-        """Make a key worthless at once; raises :class:`NotFound`."""
+        """Revoke an API key at once; raises :class:`NotFound`."""
         with self.database.write() as session:
             row = session.scalars(select(ApiKeyRow).where(ApiKeyRow.id == identifier)).one_or_none()
             if row is None:
@@ -143,7 +143,7 @@ class KeyStore:
             row.revoked = row.revoked or self.clock()
 
     def check(self, key: str) -> Principal:
-        """Return the principal of a key.
+        """Authenticate an API key and return its principal.
 
         Raises
         ------
@@ -157,11 +157,11 @@ class KeyStore:
         return self._prove(key, row)
 
     def refresh_cache(self) -> None:
-        """Look at the keys in the database, for :meth:`check_cached`."""
+        """Reload the cache of API keys from the database, for :meth:`check_cached`."""
         self._remembered = {row.id: row for row in self.list()}
 
     def check_cached(self, key: str) -> Principal | None:
-        """Return the principal of a key from the cache; ``None`` if the cache does not contain it."""
+        """Authenticate an API key from the cache; return ``None`` if it is not cached or not valid."""
         if self._is_fixed(key):
             return _SETTINGS
         with suppress(Unauthorized):
@@ -179,11 +179,11 @@ class KeyStore:
         return _principal_of(row)
 
     def key_id(self, principal: Principal) -> str | None:
-        """Name the key of a principal, so that :meth:`principal_of_key` finds it; ``None`` of one without."""
+        """Return the identifier of a principal's API key; ``None`` for a principal without a key."""
         return self._fixed if principal is _SETTINGS else principal.key_id
 
     def principal_of_key(self, issuer: str, *, from_memory: bool = False) -> Principal:
-        """Return the principal of a key by its identifier, from the cache where the database must not be queried.
+        """Return the principal of an API key's identifier, with ``from_memory`` without querying the database.
 
         Raises
         ------
@@ -201,7 +201,7 @@ class KeyStore:
         return _principal_of(row)
 
     def issue_ticket(self, principal: Principal) -> str:
-        """Make a ticket that opens one event stream within :data:`TICKET_SECONDS`; see :meth:`open_stream`."""
+        """Create a ticket that opens one event stream within :data:`TICKET_SECONDS`."""
         ticket, now = secrets.token_urlsafe(24), self.clock()
         with self.database.write() as session:
             session.execute(delete(TicketRow).where(TicketRow.expires < now))
@@ -210,21 +210,21 @@ class KeyStore:
         return ticket
 
     def peek_ticket(self, ticket: str) -> Principal:
-        """Return the principal of a ticket without using it; raises :class:`Unauthorized` when it is invalid."""
+        """Return the principal of a ticket without using it up; raises :class:`Unauthorized` if it is invalid."""
         with self.database.read() as session:
             row = session.get(TicketRow, _hash(ticket))
         return self._bearer(row)
 
     def open_stream(self, ticket: str, *, goes_on: bool) -> None:
-        """Open the ticket's stream, which uses the ticket.
+        """Validate a ticket for an event stream, mark it as used and count the open stream.
 
-        A ticket is good for one stream. Whoever was in it may come back: while it seems open still (a lost link is not
-        noticed at once), within :data:`RECONNECT_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
+        A ticket opens one stream. The same client may reconnect while the stream still seems open (a lost link is not
+        detected at once), within :data:`RECONNECT_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
 
         Parameters
         ----------
         goes_on
-            Whether the caller has shown that it was in the stream, by an event of it.
+            Whether the caller reconnects, proved by the identifier of an event of the stream.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class KeyStore:
             row.streams += 1
 
     def close_stream(self, ticket: str) -> None:
-        """Note that the ticket's stream has ended."""
+        """Decrease the ticket's count of open streams; after the last one, the ticket expires soon."""
         name = _hash(ticket)
         with self.database.write() as session:
             row = session.get(TicketRow, name, with_for_update=True)
@@ -262,7 +262,7 @@ class KeyStore:
         return principal
 
     def is_revoked(self, principal: Principal) -> bool:
-        """Whether a key holds no more, as far as the last look (:meth:`refresh_cache`) knows."""
+        """Return whether a principal's key is revoked or expired, according to the cache."""
         row = self._remembered.get(principal.key_id or "")
         return row is not None and not self._is_valid(row)
 

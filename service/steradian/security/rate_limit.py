@@ -13,7 +13,7 @@ MAX_CALLERS = 10_000
 
 
 class RateLimitExceeded(SteradianError):
-    """The caller asks more often than it may; ``retry_after`` says in how many seconds it may again."""
+    """Error: the caller exceeds its rate limit; ``retry_after`` is the waiting time in seconds."""
 
     code = "too-many-requests"
 
@@ -23,14 +23,14 @@ class RateLimitExceeded(SteradianError):
 
 
 class RateLimiter:
-    """A token bucket for each caller; for one thread.
+    """Token-bucket rate limiter with one bucket per caller; not thread-safe.
 
     Parameters
     ----------
     per_second
-        How often, in the long run.
+        Rate at which a bucket is refilled, in tokens per second.
     at_once
-        How often after a pause.
+        Capacity of a bucket: the largest burst.
     """
 
     def __init__(self, per_second: float, at_once: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -38,7 +38,7 @@ class RateLimiter:
         self._buckets: dict[str, tuple[float, float]] = {}
 
     def acquire(self, caller: str, cost: float = 1.0) -> None:
-        """Count a request; raises :class:`RateLimitExceeded` when it is one too many."""
+        """Take tokens from the caller's bucket for a request; raises :class:`RateLimitExceeded` if too few are left."""
         level = self._level(caller)
         if level < cost:
             raise RateLimitExceeded((cost - level) / self._per_second)
@@ -48,7 +48,7 @@ class RateLimiter:
             del self._buckets[next(iter(self._buckets))]
 
     def is_exhausted(self, caller: str) -> bool:
-        """Whether a request would be one too many."""
+        """Return whether the caller's next request would exceed the rate limit."""
         return self._level(caller) < 1.0
 
     def _level(self, caller: str) -> float:

@@ -1,7 +1,7 @@
-"""Sessions: a key that a person has given once, for as long as a working day, without the browser's scripts having it.
+"""Browser sessions: sign-in with an API key for 12 hours, without exposing the key to scripts.
 
-Only hashes are kept, as of keys. What guards against other pages' requests (the CSRF token) follows from the secret, so
-that it holds as long as the session and on every node of the service.
+Only hashes of the secrets are stored. The CSRF token is derived from the secret, so that it is valid as long as the
+session and on every node of the service.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _WORTHLESS = "the session is over; sign in again"
 
 @dataclass(frozen=True)
 class ValidSession:
-    """Valid session.
+    """Authenticated browser session: principal, CSRF token and expiry.
 
     Attributes
     ----------
     principal
-        As with the key itself.
+        Principal of the key with which the session was opened.
     csrf_token
-        What a request that changes something must bring besides.
+        Token that every request with side effects must send.
     expires
-        When it ends.
+        Time of expiry.
     """
 
     principal: Principal
@@ -48,19 +48,19 @@ class ValidSession:
 
 
 class SessionStore:
-    """Opens, checks and ends sessions."""
+    """Store of browser sessions: open, check and revoke."""
 
     def __init__(self, database: Database, keys: KeyStore, clock: Clock = utc_now) -> None:
         self.database, self.keys, self.clock = database, keys, clock
         self._remembered: Mapping[str, SessionRow] = {}
 
     def open(self, principal: Principal) -> str:
-        """Open a session for the holder of a key, and return its secret.
+        """Create a session for a principal with an API key, and return its secret (the cookie's value).
 
         Raises
         ------
         Unauthorized
-            When it is nobody with a key.
+            When the principal has no key.
         """
         issuer = self.keys.key_id(principal)
         if issuer is None:
@@ -75,23 +75,23 @@ class SessionStore:
         return secret
 
     def check(self, secret: str) -> ValidSession:
-        """Return the principal of a session; raises :class:`Unauthorized` when it, or its key, is no longer valid."""
+        """Authenticate a session by its secret; raises :class:`Unauthorized` if it or its key is no longer valid."""
         with self.database.read() as session:
             row = session.get(SessionRow, _hash(secret))
         return self._seen(secret, row, from_memory=False)
 
     def remember(self) -> None:
-        """Look at the keys and sessions in the database, for :meth:`check_cached` and the keys' own."""
+        """Reload the caches of API keys and sessions from the database, for :meth:`check_cached`."""
         self.keys.refresh_cache()
         with self.database.read() as session:
             self._remembered = {row.hash: row for row in session.scalars(select(SessionRow))}
 
     def check_cached(self, secret: str) -> ValidSession:
-        """Return the principal of a session from the cache; raises :class:`Unauthorized`."""
+        """Authenticate a session from the cache; raises :class:`Unauthorized`."""
         return self._seen(secret, self._remembered.get(_hash(secret)), from_memory=True)
 
     def revoke(self, secret: str) -> None:
-        """Make a session worthless at once."""
+        """Delete a session, so that its secret is invalid at once."""
         with self.database.write() as session:
             session.execute(delete(SessionRow).where(SessionRow.hash == _hash(secret)))
 
@@ -103,7 +103,7 @@ class SessionStore:
 
 
 def csrf_token(secret: str) -> str:
-    """Derive the CSRF token, from which the session's secret cannot be recovered."""
+    """Derive the CSRF token of a session from its secret by HMAC."""
     return hmac.new(secret.encode(), b"steradian csrf token", hashlib.sha256).hexdigest()
 
 

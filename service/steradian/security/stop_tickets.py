@@ -1,4 +1,4 @@
-"""Stop tickets: credentials with which a page can press the emergency stop after its session has ended.
+"""Stop tickets: signed credentials that press the emergency stop even after the browser session has expired.
 
 A ticket names its principal and the time at which it ends, signed with HMAC-SHA256. It is checked without a database,
 so a page can press the stop while there is none. It allows the emergency stop and nothing else.
@@ -34,7 +34,7 @@ _WORTHLESS = "the stop ticket is unknown or too old; sign in again"
 
 
 class StopTickets:
-    """Issues and checks the tickets of one service.
+    """Issuer and verifier of stop tickets, signed with HMAC.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class StopTickets:
         self._secret, self._clock = secret, clock
 
     def issue(self, principal: Principal) -> str:
-        """Issue a ticket to an authenticated principal, valid for :data:`LIFETIME`."""
+        """Return a signed stop ticket for an authenticated principal, valid for :data:`LIFETIME`."""
         ends = self._clock() + LIFETIME
         said = json.dumps([principal.name, int(ends.timestamp())], ensure_ascii=False).encode()
         return f"{_text(said)}.{_text(self._sign(said))}"
 
     def check(self, ticket: str) -> Principal:
-        """Return the principal of a ticket, with :data:`SUFFIX` after the name and without any scope.
+        """Verify a stop ticket and return its principal, with :data:`SUFFIX` after the name and without any scope.
 
         Raises
         ------
@@ -72,12 +72,12 @@ class StopTickets:
 
 
 def shared_secret(node_secret: str) -> bytes:
-    """Derive the key that all nodes of a service have in common from their ``STERADIAN_NODE_SECRET``."""
+    """Derive the signing key that all nodes share from ``STERADIAN_NODE_SECRET``."""
     return hmac.digest(node_secret.encode(), b"steradian stop ticket", hashlib.sha256)
 
 
 def stored_secret(path: Path) -> bytes:
-    """Read the key from a file, which is made with mode 600 if it is missing or damaged.
+    """Read the signing key from a file, created with mode 600 if missing or damaged.
 
     Of several processes that make it at once all read the same one.
     """
@@ -110,7 +110,7 @@ def _data(text: str) -> bytes:
 
 
 def _parts(ticket: str) -> tuple[bytes, bytes]:
-    """Return a ticket's payload and signature; raises :class:`Unauthorized` for other text."""
+    """Decode a stop ticket to payload and signature; raises :class:`Unauthorized` for other text."""
     try:
         if len(ticket) > LONGEST:
             raise ValueError("too long")

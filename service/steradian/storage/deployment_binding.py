@@ -1,4 +1,4 @@
-"""Verify that database, data folder and object store belong to the same deployment."""
+"""Binding of database, data folder and object store of one deployment, to detect mix-ups."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from steradian.storage.maintenance import binding as folder
 
 
 def bind_deployment(settings: Settings, database: Database) -> None:
-    """Make them belong together, unless one of them belongs elsewhere already; for the service.
+    """Bind database, data folder and object store to each other; raises an error if one is bound elsewhere.
 
     Raises
     ------
     InvalidInput
-        When it does, or a store is missing in the settings that the database names.
+        When one of them is bound elsewhere, or the settings lack the store to which the database is bound.
     StoreUnavailable
         When the store does not answer.
     """
@@ -30,9 +30,10 @@ def bind_deployment(settings: Settings, database: Database) -> None:
 
 
 def check_binding(settings: Settings, database: Database) -> bool:
-    """Whether database and store are bound to each other; ``False`` while no service has bound them. Changes nothing.
+    """Return whether the database is bound to its store or data folder; ``False`` before a service has bound them.
 
-    With a store a host's data folder is its own. Raises like :func:`bind_deployment`.
+    Nothing is changed. With a store, the data folder is not checked, because each host has its own. Raises like
+    :func:`bind_deployment`.
     """
     if settings.store is not None:
         return S3BlobStore(settings, database).check()

@@ -41,7 +41,7 @@ class ReconstructionState(StrEnum):
 
 
 class BatchState(StrEnum):
-    """Combined state of a batch's jobs; jobs deleted by retention are unknown."""
+    """Combined state of a batch's jobs; ``forgotten`` if all of them were deleted by retention."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -52,7 +52,7 @@ class BatchState(StrEnum):
 
     @classmethod
     def of(cls, counts: Mapping[str, int]) -> Self:
-        """Return the state from the number of jobs in each state, and the number of deleted jobs."""
+        """Return a batch's state from the number of its jobs in each state."""
         known = {state for state in ReconstructionState if counts.get(state)}
         if not known:
             return cls("forgotten")
@@ -151,7 +151,7 @@ IRREVERSIBLE_DESIRED_STATES: Final[Mapping[DesiredScanState, frozenset[DesiredSc
 
 
 def shortest_path(present: ScanState, goal: ScanState) -> tuple[ScanState, ...]:
-    """Return the shortest way through the scans' table from one state to another, without the first.
+    """Return the shortest sequence of transitions from one scan state to another, without the first state.
 
     A way leads through ``interrupted`` or ``aborting`` only when there is no other.
 
@@ -175,14 +175,14 @@ def shortest_path(present: ScanState, goal: ScanState) -> tuple[ScanState, ...]:
 
 
 def is_terminal(state: ScanState | ReconstructionState) -> bool:
-    """Whether nothing can follow ``state``."""
+    """Return whether ``state`` has no following state."""
     if isinstance(state, ScanState):
         return not SCAN_TRANSITIONS[state]
     return not RECONSTRUCTION_TRANSITIONS[state]
 
 
 def require_transition(identifier: str, present: ScanState, following: ScanState) -> None:
-    """Refuse a transition that the scans' table does not have.
+    """Raise :class:`Conflict` unless the transition table of scans allows a transition.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def require_transition(identifier: str, present: ScanState, following: ScanState
 
 
 def check_job_transition(identifier: str, present: ReconstructionState, following: ReconstructionState) -> None:
-    """Refuse a transition that the reconstructions' table does not have; raises :class:`Conflict`."""
+    """Raise :class:`Conflict` unless the transition table of jobs allows a transition."""
     _check(f"job {identifier}", present, following, RECONSTRUCTION_TRANSITIONS[present])
 
 

@@ -45,7 +45,7 @@ _STATIC: Final = Path(__file__).parent / "static"
 
 
 def make_router(version: str, lab: Path | None = None, outside: Callable[[str], str] = str) -> APIRouter:
-    """Create the router of the pages.
+    """Create the FastAPI router of the web pages and their static files.
 
     Parameters
     ----------
@@ -79,21 +79,21 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
 
     @router.get("/static/bokeh/{name}")
     def read_bokeh_file(request: Request, name: str) -> Response:
-        """Return a script of Bokeh; raises :class:`NotFound`."""
+        """Return a script of the Bokeh plotting library; raises :class:`NotFound`."""
         if name not in BOKEH:
             raise NotFound("static file", name)
         return _file(request, _bokeh(), name)
 
     @router.get("/static/lab/{name:path}")
     def read_lab_file(request: Request, name: str) -> Response:
-        """Return a custom script or its data; raises :class:`NotFound`."""
+        """Return a script of the operator's ``lab`` folder, or its data; raises :class:`NotFound`."""
         if lab is None:
             raise NotFound("static file", name)
         return _file(request, lab, name)
 
     @router.get("/static/{name:path}")
     def read_static_file(request: Request, name: str) -> Response:
-        """Return a script, style sheet or image; raises :class:`NotFound`."""
+        """Return a script, style sheet or image of the web page; raises :class:`NotFound`."""
         return _file(request, _STATIC, name)
 
     return router

@@ -1,4 +1,4 @@
-"""The command ``steradian-client``, which takes the extra ``cli``."""
+"""Command line ``steradian-client``, which needs the optional dependencies ``cli``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> None:
-    """Run the command line; refusals end it with one line and status 1."""
+    """Run the command line; an error response ends the program with one line and exit code 1."""
     try:
         from steradian_client.cli.app import app
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Commands: mask, plan, scan, scanner."""
+"""Command groups ``mask``, ``plan``, ``scan`` and ``scanner`` of the client's command line."""
 
 from __future__ import annotations
 
@@ -44,20 +44,20 @@ def create_mask(
     preview: Annotated[bool, typer.Option("--preview", help="Only print the preview; create nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Create a mask, or preview it."""
+    """Create a mask, or preview a mask with its metrics."""
     masks, chosen = client_of(context).masks, settings(parameters)
     print_item(masks.preview(arrangement, **chosen) if preview else masks.create(arrangement, **chosen), as_json)
 
 
 @mask.command("points", help="Print positions and weights as JSON.")
 def points(context: typer.Context, identifier: ResourceId) -> None:
-    """Print positions and weights."""
+    """Print positions and weights of a mask's points."""
     print_item(client_of(context).masks.points(identifier), True)
 
 
 @mask.command("picture", help="Save a picture (PNG).")
 def picture(context: typer.Context, identifier: ResourceId, target: Path) -> None:
-    """Save a picture."""
+    """Save a picture (PNG) of a mask."""
     client_of(context).masks.save_picture(identifier, target)
 
 
@@ -69,7 +69,7 @@ def create_plan(
     preview: Annotated[bool, typer.Option("--preview", help="Only print the cost; create nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Create a plan, or preview its cost."""
+    """Create a scan plan, or preview its cost."""
     plans, chosen = client_of(context).plans, settings(parameters)
     print_item(plans.preview(mask_id, **chosen) if preview else plans.create(mask_id, **chosen), as_json)
 
@@ -89,7 +89,7 @@ def create_scan(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Queue a run of a plan."""
+    """Queue a run of a plan as a scan."""
     scans = client_of(context).scans
     texts = {name: str(value) for name, value in settings(labels).items()}
     made = scans.create(plan_id, labels=texts, lease=lease, completes=completes, scanner_id=scanner)
@@ -105,7 +105,7 @@ def set_desired_state(
     lease: Fence = None,
     as_json: AsJson = False,
 ) -> None:
-    """Set the desired state of a scan."""
+    """Pause, resume, stop or abort a scan by setting its desired state."""
     scans = client_of(context).scans
     if state == "running":
         print_item(scans.resume(identifier, reason, lease=lease), as_json)
@@ -116,13 +116,13 @@ def set_desired_state(
 
 @scan.command("coverage", help="Count how much of the mask is measured.")
 def coverage(context: typer.Context, identifier: ResourceId, as_json: AsJson = False) -> None:
-    """Count how much of the mask is measured."""
+    """Count the measured points of a scan's mask."""
     print_item(client_of(context).scans.coverage(identifier), as_json)
 
 
 @scan.command("file", help="Download the scan file (HDF5).")
 def download(context: typer.Context, identifier: ResourceId, target: Path) -> None:
-    """Download the scan file."""
+    """Download the scan file of a scan."""
     with progress_reporter() as progress:
         client_of(context).scans.save_file(
             identifier, target, progress=lambda done, total: progress("bytes", done, total)
@@ -137,7 +137,7 @@ def import_(
     companion: Annotated[Path | None, typer.Option(help="File of the positions, or k-Wave's input file.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a scan of a recording."""
+    """Import a recording file as a scan."""
     said = settings(description) or None
     with progress_reporter() as progress:
         found = client_of(context).imports.import_file(source, description=said, companion=companion, progress=progress)
@@ -146,7 +146,7 @@ def import_(
 
 @scanner.command("list", help="Show all scanners.")
 def list_scanners(context: typer.Context, as_json: AsJson = False) -> None:
-    """Show all scanners."""
+    """Print a table of all scanners."""
     columns = ("id", "connection", "state", "laser", "interlock", "fault", "since", "lease", "emergency_stop")
     print_table(client_of(context).scanners.list(), columns, as_json)
 
@@ -160,25 +160,25 @@ def take_lease(
     lease: Fence = None,
     as_json: AsJson = False,
 ) -> None:
-    """Take the scanner, or hold it for longer."""
+    """Acquire the lease of a scanner, or extend it."""
     print_item(client_of(context).scanners.take_lease(holder, seconds=seconds, note=note, lease=lease), as_json)
 
 
 @scanner.command("give-back", help="End a lease.")
 def return_lease(context: typer.Context, lease: Annotated[int, typer.Argument(help="Its number.")]) -> None:
-    """End a lease."""
+    """Release the lease of a scanner."""
     client_of(context).scanners.return_lease(lease)
 
 
 @scanner.command("stop", help="Emergency stop: switch the laser off and abort running and queued scans.")
 def stop(context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
-    """Press the emergency stop."""
+    """Trigger the emergency stop of a scanner."""
     print_item(client_of(context).scanners.emergency_stop(reason, scanner_id=scanner_id), as_json)
 
 
 @scanner.command("stop-all", help="Emergency stop of every scanner.")
 def stop_all(context: typer.Context, reason: Reason = None) -> None:
-    """Press the emergency stop of all."""
+    """Trigger the emergency stop of every scanner."""
     for name, pressed in client_of(context).scanners.stop_all(reason).items():
         print(f"{name}: laser {pressed.laser}, press {pressed.number}{f'; {pressed.detail}' if pressed.detail else ''}")
 
@@ -190,7 +190,7 @@ def retire(
     abandon: Annotated[bool, typer.Option("--abandon", help="Also give up its scans that are not over.")] = False,
     reason: Reason = None,
 ) -> None:
-    """Retire a scanner."""
+    """Decommission a scanner that no longer exists."""
     client_of(context).scanners.retire(scanner_id, abandon=abandon, reason=reason)
 
 
@@ -198,13 +198,13 @@ def retire(
 def release(
     context: typer.Context, number: str | None = None, scanner_id: str = SCANNER, as_json: AsJson = False
 ) -> None:
-    """Release the emergency stop."""
+    """Release the emergency stop of a scanner."""
     print_item(client_of(context).scanners.release_emergency_stop(number, scanner_id=scanner_id), as_json)
 
 
 @scanner.command("show", help="Show a scanner: connection, laser, shutter, interlock, key, fault, and how old that is.")
 def show_scanner(context: typer.Context, scanner_id: str = SCANNER, as_json: AsJson = False) -> None:
-    """Show a scanner."""
+    """Print the state of a scanner."""
     print_item(client_of(context).scanners.get(scanner_id), as_json)
 
 
@@ -212,5 +212,5 @@ def show_scanner(context: typer.Context, scanner_id: str = SCANNER, as_json: AsJ
 def clear_fault(
     context: typer.Context, reason: Reason = None, scanner_id: str = SCANNER, as_json: AsJson = False
 ) -> None:
-    """Clear a latched fault."""
+    """Clear a latched fault of a scanner."""
     print_item(client_of(context).scanners.clear_fault(scanner_id, reason=reason), as_json)

@@ -1,4 +1,4 @@
-"""``steradian-client``: the service's nouns as commands."""
+"""Application of the command line ``steradian-client``: one command group per resource of the HTTP API."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def events(
     after: Annotated[str | None, typer.Option(help="Continue after the event with this id.")] = None,
     count: Annotated[int | None, typer.Option(min=1, help="End after so many.")] = None,
 ) -> None:
-    """Follow the event stream."""
+    """Print events of the service, one JSON object per line, as they arrive."""
     following = client_of(context).events.follow(kind=kind, scan_id=scan, progress=progress, last_event_id=after)
     for event in islice(following, count):
         print(event.model_dump_json(), flush=True)

@@ -23,7 +23,7 @@ def command_group(help: str) -> typer.Typer:
 
 
 def client_of(context: typer.Context) -> Client:
-    """Return the client that all commands share."""
+    """Return the HTTP client that all commands share, from the command's context."""
     client: Client = context.obj
     return client
 
@@ -31,7 +31,7 @@ def client_of(context: typer.Context) -> Client:
 def add_stored(
     app: typer.Typer, those: Callable[[Client], CrudResource[SyncMode, Any]], columns: Sequence[str]
 ) -> None:
-    """Add ``list``, ``show`` and ``delete``."""
+    """Add the commands ``list``, ``show`` and ``delete`` to the command group of a stored resource."""
 
     @app.command("list", help="List the newest; NAME=VALUE pairs are further filters of the service.")
     def list_(
@@ -63,7 +63,7 @@ def add_stored(
 
 
 def add_watch(app: typer.Typer, those: Callable[[Client], AwaitableResource[SyncMode, Any]]) -> None:
-    """Add ``watch``."""
+    """Add the command ``watch``, which shows progress until a resource has ended, to a command group."""
 
     @app.command(help="Wait until one has ended, with progress; Ctrl-C stops the display, not the work.")
     def watch(context: typer.Context, identifier: ResourceId, timeout: Timeout = None, as_json: AsJson = False) -> None:
@@ -73,7 +73,7 @@ def add_watch(app: typer.Typer, those: Callable[[Client], AwaitableResource[Sync
 def show_when_done(
     those: AwaitableResource[SyncMode, Any], work: Any, wait: bool, as_json: bool, timeout: float | None = None
 ) -> None:
-    """Print a started resource, immediately or once it has ended."""
+    """Print a started resource, immediately or after waiting for its end."""
     if wait:
         with progress_reporter() as progress:
             work = those.wait(work, progress=progress, timeout=timeout)

@@ -1,4 +1,4 @@
-"""Commands: reconstruction, batch, job."""
+"""Command groups ``reconstruction``, ``batch`` and ``job`` of the client's command line."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def create_reconstruction(
     wait: Wait = False,
     as_json: AsJson = False,
 ) -> None:
-    """Queue a reconstruction."""
+    """Queue a reconstruction of a scan."""
     those = client_of(context).reconstructions
     show_when_done(those, those.create(scan_id, priority=priority, **settings(parameters)), wait, as_json)
 
@@ -54,13 +54,13 @@ def create_reconstruction(
 def cancel_reconstruction(
     context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False
 ) -> None:
-    """Cancel a reconstruction."""
+    """Cancel a queued or running reconstruction."""
     print_item(client_of(context).reconstructions.cancel(identifier, reason), as_json)
 
 
 @reconstruction.command("volume", help="Download the volume as a NumPy file, float32 [x, y, z].")
 def volume(context: typer.Context, identifier: ResourceId, target: Path) -> None:
-    """Download the volume."""
+    """Download the volume of a reconstruction."""
     with progress_reporter() as progress:
         client_of(context).reconstructions.download_volume(
             identifier, target, progress=lambda done, total: progress("bytes", done, total)
@@ -71,7 +71,7 @@ def volume(context: typer.Context, identifier: ResourceId, target: Path) -> None
 def mip(
     context: typer.Context, identifier: ResourceId, target: Path, axis: Literal["x", "y", "z", "depth"] = "z"
 ) -> None:
-    """Download a projection."""
+    """Download a maximum-intensity projection of a reconstruction."""
     client_of(context).reconstructions.download_mip(identifier, target, axis=axis)
 
 
@@ -96,7 +96,7 @@ def create_batch(
     wait: Wait = False,
     as_json: AsJson = False,
 ) -> None:
-    """Queue a sweep."""
+    """Queue a batch of reconstructions with varied parameters."""
     those = client_of(context).batches
     show_when_done(those, those.create(scan_id, settings(vary), each=each, **settings(common)), wait, as_json)
 
@@ -120,13 +120,13 @@ def create_job(
 
 @job.command("cancel", help="Cancel one that waits or runs.")
 def cancel_job(context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False) -> None:
-    """Cancel a job."""
+    """Cancel a queued or running job."""
     print_item(client_of(context).jobs.cancel(identifier, reason), as_json)
 
 
 @job.command("prioritise", help="Move one that waits; smaller numbers run first.")
 def prioritise(context: typer.Context, identifier: ResourceId, priority: int, as_json: AsJson = False) -> None:
-    """Move a job that waits."""
+    """Change the priority of a queued job."""
     print_item(client_of(context).jobs.set_priority(identifier, priority), as_json)
 
 
@@ -138,5 +138,5 @@ def log(context: typer.Context, identifier: ResourceId) -> None:
 
 @job.command("file", help="Download a file that it left.")
 def file(context: typer.Context, identifier: ResourceId, name: str, target: Path) -> None:
-    """Download a file that a job left."""
+    """Download a result file of a job."""
     client_of(context).jobs.download_file(identifier, name, target)

@@ -1,4 +1,4 @@
-"""Output of responses: a table for people, JSON for programs; progress on standard error."""
+"""Output of responses as tables or JSON, and of progress on standard error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Timeout: TypeAlias = Annotated[float | None, typer.Option(help="Maximum time to 
 
 
 def settings(pairs: Sequence[str] | None) -> dict[str, Any]:
-    """Parse ``name=value`` pairs; a value that is not JSON is a string."""
+    """Parse ``name=value`` pairs into a dictionary; a value that is not JSON is a string."""
     found: dict[str, Any] = {}
     for pair in pairs or ():
         name, equals, text = pair.partition("=")
@@ -39,7 +39,7 @@ def settings(pairs: Sequence[str] | None) -> dict[str, Any]:
 
 
 def print_item(answer: ResponseModel, as_json: bool) -> None:
-    """Print one response."""
+    """Print one response, as a table of its fields or as JSON."""
     if as_json:
         print(answer.model_dump_json(indent=2))
         return
@@ -51,7 +51,7 @@ def print_item(answer: ResponseModel, as_json: bool) -> None:
 
 
 def print_table(answers: Sequence[ResponseModel], columns: Sequence[str], as_json: bool) -> None:
-    """Print several responses, as a table of the given columns for people."""
+    """Print several responses, as a table of the given columns or as JSON."""
     if as_json:
         print(json.dumps([answer.model_dump(mode="json") for answer in answers], indent=2))
         return

@@ -1,1 +1,1 @@
-"""One class per resource of the HTTP API."""
+"""Resource collections of the client, one class per resource of the HTTP API."""

@@ -1,4 +1,4 @@
-"""Base classes of resource collections: read, list, delete, and wait."""
+"""Base classes of resource collections with the operations read, list, delete and wait."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ModelT = TypeVar("ModelT", bound=ResponseModel)
 
 
 def id_of(thing: Any) -> str:
-    """Return the identifier of a model, or the identifier itself."""
+    """Return the identifier of a model; a string is returned unchanged."""
     return thing if isinstance(thing, str) else str(thing.id)
 
 
@@ -30,12 +30,12 @@ class CrudResource(Resource[Mode], Generic[Mode, ModelT]):
 
     @dual_method
     async def get(self, identifier: str) -> ModelT:
-        """Read one."""
+        """Return the resource with this identifier."""
         return await self._session.request_model(self._kind, self._read, {"id": identifier})
 
     @dual_method
     async def list(self, /, limit: int = 100, **filters: Any) -> builtins.list[ModelT]:
-        """Read the newest, those only that the service's ``filters`` let through.
+        """Return the newest resources, restricted by the query parameters ``filters``.
 
         Parameters
         ----------
@@ -46,7 +46,7 @@ class CrudResource(Resource[Mode], Generic[Mode, ModelT]):
 
     @dual_method
     async def delete(self, thing: ModelT | str, *, dependents: bool = False) -> None:
-        """Delete one permanently.
+        """Delete a resource permanently.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class CrudResource(Resource[Mode], Generic[Mode, ModelT]):
 
 
 class AwaitableResource(CrudResource[Mode, WorkKind]):
-    """Things that take time."""
+    """Base class of collections whose resources take time: scans, reconstructions, jobs and batches."""
 
     _event: str | None
     """What the event stream calls them; ``None``: it depends."""
@@ -101,5 +101,5 @@ class AwaitableResource(CrudResource[Mode, WorkKind]):
 
 
 def drop_none(**values: Any) -> Mapping[str, Any]:
-    """Return the arguments that are not None."""
+    """Return the keyword arguments that are not None."""
     return {name: value for name, value in values.items() if value is not None}

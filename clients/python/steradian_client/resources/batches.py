@@ -1,4 +1,4 @@
-"""Batches: many reconstructions of one scan as one request."""
+"""Collection of batches: many reconstructions of one scan in one request."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from steradian_client.sync_async import Mode, dual_method
 
 
 class Batches(AwaitableResource[Mode, Batch]):
-    """Many reconstructions of one scan as one request: a sweep of parameters, of masks, of wavelengths."""
+    """Collection of batches: sweeps of parameters, masks or wavelengths over one scan in one request."""
 
     _kind, _read, _list, _delete = Batch, routes.READ_BATCH, routes.LIST_BATCHES, routes.DELETE_BATCH
     _event = "batch"
@@ -31,7 +31,7 @@ class Batches(AwaitableResource[Mode, Batch]):
         idempotency_key: str | None = None,
         **parameters: Any,
     ) -> Batch:
-        """Queue a reconstruction for every combination of the values in ``vary``; all are queued or none is.
+        """Queue one reconstruction for every combination of the values in ``vary``, either all or none of them.
 
         Parameters
         ----------
@@ -55,6 +55,6 @@ class Batches(AwaitableResource[Mode, Batch]):
 
     @dual_method
     async def cancel(self, batch_id: str, reason: str | None = None) -> Batch:
-        """Cancel every job of it that waits or runs."""
+        """Cancel all queued and running jobs of a batch."""
         body = {"state": "cancelled", "reason": reason}
         return await self._session.request_model(Batch, routes.WISH_BATCH, {"id": batch_id}, json=body)

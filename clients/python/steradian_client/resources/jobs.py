@@ -1,4 +1,4 @@
-"""Jobs: everything in the queue, and work beyond reconstructions."""
+"""Collection of jobs: all jobs of the queue, and creation of jobs other than reconstructions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian_client.sync_async import Mode, dual_method
 
 
 class Jobs(AwaitableResource[Mode, Job]):
-    """Everything in the queue, and work beyond reconstructions."""
+    """Collection of all jobs in the queue; creates jobs other than reconstructions."""
 
     _kind, _read, _list, _delete = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB
     _event = None  # reconstructions are jobs, too
@@ -33,13 +33,13 @@ class Jobs(AwaitableResource[Mode, Job]):
 
     @dual_method
     async def cancel(self, job_id: str, reason: str | None = None) -> Job:
-        """Cancel one that waits or runs."""
+        """Cancel a queued or running job."""
         body = {"state": "cancelled", "reason": reason}
         return await self._session.request_model(Job, routes.WISH_JOB, {"id": job_id}, json=body)
 
     @dual_method
     async def attempts(self, job_id: str) -> builtins.list[Attempt]:
-        """Read every start of it with its end."""
+        """Return all execution attempts of a job with their outcomes."""
         return await self._session.list(Attempt, routes.READ_JOB_ATTEMPTS, identifiers={"id": job_id})
 
     @dual_method
@@ -51,7 +51,7 @@ class Jobs(AwaitableResource[Mode, Job]):
     async def download_file(
         self, job_id: str, name: str, target: Path | str, *, progress: Report | None = None
     ) -> Path:
-        """Download one of its ``files``; a broken download is resumed."""
+        """Download one of the result ``files`` of a job; an interrupted download is resumed."""
         return await download(
             self._session, routes.READ_JOB_FILE, {"id": job_id, "name": name}, target, progress=progress
         )

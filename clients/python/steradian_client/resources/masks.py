@@ -1,4 +1,4 @@
-"""Masks: where to sense."""
+"""Collection of masks (sets of detection points)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from steradian_client.sync_async import Mode, dual_method
 
 
 class Masks(CrudResource[Mode, Mask]):
-    """Collection of masks."""
+    """Collection of masks (sets of detection points)."""
 
     _kind, _read, _list, _delete = Mask, routes.READ_MASK, routes.LIST_MASKS, routes.DELETE_MASK
 
     @dual_method
     async def create(self, /, arrangement: str, **parameters: Any) -> Mask:
-        """Make a mask of any arrangement; the same parameters give the same mask."""
+        """Create a mask of any arrangement; the same parameters return the same mask."""
         return await self._create(arrangement, parameters)
 
     @dual_method
@@ -32,23 +32,23 @@ class Masks(CrudResource[Mode, Mask]):
     async def point_spread(
         self, /, arrangement: str, point: tuple[float, float, float] | None = None, **parameters: Any
     ) -> PointSpread:
-        """Simulate a tiny ball at ``point`` (m), sensed by a mask of these parameters, keeping nothing."""
+        """Return the simulated image of a tiny ball at ``point`` (m), measured with a mask that is not stored."""
         asked = {"arrangement": {"arrangement": arrangement, **parameters}, "point": point}
         return await self._session.request_model(PointSpread, routes.PREVIEW_POINT_SPREAD, json=asked)
 
     @dual_method
     async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:
-        """Make a mask of equal solid angles; ``aperture`` and ``depth`` of the point of interest in metres."""
+        """Create a mask of equal solid angles; ``aperture`` and ``depth`` of the point of interest in metres."""
         return await self._create("equi-steradian", {"aperture": aperture, "depth": depth, "count": count})
 
     @dual_method
     async def grid(self, *, aperture: float, count: int, interval: float) -> Mask:
-        """Make a grid of ``count`` × ``count`` points; ``aperture`` and ``interval`` in metres."""
+        """Create a mask with a grid of ``count`` × ``count`` points; ``aperture`` and ``interval`` in metres."""
         return await self._create("grid", {"aperture": aperture, "count": count, "interval": interval})
 
     @dual_method
     async def points(self, mask_id: str) -> Points:
-        """Read positions and weights."""
+        """Return positions and weights of a mask's points."""
         return await self._session.request_model(Points, routes.READ_POINTS, {"id": mask_id})
 
     @dual_method

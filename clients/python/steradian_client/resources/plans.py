@@ -18,7 +18,7 @@ class Plans(CrudResource[Mode, Plan]):
 
     @dual_method
     async def create(self, /, mask_id: str, **parameters: Any) -> Plan:
-        """Make a plan; the same parameters give the same plan."""
+        """Create a scan plan; the same parameters return the same plan."""
         return await self._session.request_model(Plan, routes.CREATE_PLAN, json={"mask_id": mask_id, **parameters})
 
     @dual_method

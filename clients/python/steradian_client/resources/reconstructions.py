@@ -1,4 +1,4 @@
-"""Reconstructions: jobs that turn scans into volumes."""
+"""Collection of reconstructions: jobs that compute volumes from scans."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from steradian_client.sync_async import Mode, dual_method
 
 
 class Reconstructions(AwaitableResource[Mode, Reconstruction]):
-    """Jobs that turn scans into volumes."""
+    """Collection of reconstructions: jobs that compute volumes from scans."""
 
     _kind, _read, _list = Reconstruction, routes.READ_RECONSTRUCTION, routes.LIST_RECONSTRUCTIONS
     _delete = routes.DELETE_RECONSTRUCTION
@@ -38,7 +38,7 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
         idempotency_key: str | None = None,
         **parameters: Any,
     ) -> Reconstruction:
-        """Queue a reconstruction.
+        """Queue a reconstruction of a scan.
 
         Parameters
         ----------
@@ -68,14 +68,14 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
 
     @dual_method
     async def prioritise(self, reconstruction_id: str, priority: int) -> Reconstruction:
-        """Move one that waits; smaller ones run first."""
+        """Change the priority of a queued reconstruction; smaller values run first."""
         return await self._session.request_model(
             Reconstruction, routes.CHANGE_RECONSTRUCTION, {"id": reconstruction_id}, json={"priority": priority}
         )
 
     @dual_method
     async def cancel(self, reconstruction_id: str, reason: str | None = None) -> Reconstruction:
-        """Cancel one that waits or runs."""
+        """Cancel a queued or running reconstruction."""
         body = {"state": "cancelled", "reason": reason}
         return await self._session.request_model(
             Reconstruction, routes.WISH_RECONSTRUCTION, {"id": reconstruction_id}, json=body
@@ -83,7 +83,7 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
 
     @dual_method
     async def attempts(self, reconstruction_id: str) -> builtins.list[Attempt]:
-        """Read every start of it with its end."""
+        """Return all execution attempts of a reconstruction with their outcomes."""
         identifiers = {"id": reconstruction_id}
         return await self._session.list(Attempt, routes.READ_RECONSTRUCTION_ATTEMPTS, identifiers=identifiers)
 
@@ -94,12 +94,12 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
 
     @dual_method
     async def revision(self, reconstruction_id: str) -> Revision:
-        """Read how good the newest image of a scan is that is being followed."""
+        """Return points, coverage and quality of the newest intermediate image of a running scan."""
         return await self._session.request_model(Revision, routes.READ_REVISION, {"id": reconstruction_id})
 
     @dual_method
     async def volume(self, reconstruction_id: str, slice: str | None = None) -> Volume:
-        """Read the volume with its axes; ``slice`` in numpy's syntax, such as ``"10:20,::2,5"``."""
+        """Return the volume with its axes; ``slice`` in NumPy's syntax, such as ``"10:20,::2,5"``."""
         report = (await self._session.request_model(Reconstruction, self._read, {"id": reconstruction_id})).report
         identifiers, params, headers = {"id": reconstruction_id}, {"slice": slice}, {"Accept": RAW}
         answer = await self._session.send_with_retries(routes.READ_VOLUME, identifiers, params=params, headers=headers)
@@ -132,7 +132,7 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
         threshold: float | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Queue a comparison with another reconstruction, within a disc of ``diameter`` (m)."""
+        """Queue a quality comparison with another reconstruction, within a disc of ``diameter`` (m)."""
         body = drop_none(reference_id=reference_id, diameter=diameter, threshold=threshold)
         return await self._session.request_model(
             Job, routes.CREATE_QUALITY, {"id": reconstruction_id}, json=body, key=idempotency_key

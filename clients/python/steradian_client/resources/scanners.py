@@ -20,12 +20,12 @@ class Scanners(Resource[Mode]):
 
     @dual_method
     async def list(self) -> builtins.list[Scanner]:
-        """Read all."""
+        """Return all scanners."""
         return await self._session.list(Scanner, routes.LIST_SCANNERS)
 
     @dual_method
     async def get(self, scanner_id: str = SCANNER) -> Scanner:
-        """Read one."""
+        """Return the state of a scanner."""
         return await self._session.request_model(Scanner, routes.READ_SCANNER, {"id": scanner_id})
 
     @dual_method
@@ -38,7 +38,7 @@ class Scanners(Resource[Mode]):
         lease: Lease | int | None = None,
         scanner_id: str = SCANNER,
     ) -> Lease:
-        """Take the lease for ``seconds`` from now; with one's own ``lease``, extend it.
+        """Acquire the lease of a scanner for ``seconds`` from now, or extend the caller's ``lease``.
 
         Raises
         ------
@@ -49,7 +49,7 @@ class Scanners(Resource[Mode]):
 
     @dual_method
     async def return_lease(self, lease: Lease | int, *, scanner_id: str = SCANNER) -> None:
-        """Release a lease; no effect without a lease."""
+        """Release the lease of a scanner; no effect without a lease."""
         await self._session.send_with_retries(routes.RETURN_LEASE, {"id": scanner_id}, headers=lease_header(lease))
 
     @dual_context_manager
@@ -68,14 +68,14 @@ class Scanners(Resource[Mode]):
 
     @dual_method
     async def emergency_stop(self, reason: str | None = None, *, scanner_id: str = SCANNER) -> EmergencyStop:
-        """Switch the laser off and abort running and queued scans; check ``laser`` of the answer."""
+        """Switch the laser off and abort running and queued scans; check ``laser`` of the result."""
         body = {"reason": reason} if reason else None
         answer = await self._session.send_with_retries(routes.PRESS_STOP, {"id": scanner_id}, json=body)
         return EmergencyStop.model_validate(answer.json()["emergency_stop"])
 
     @dual_method
     async def stop_all(self, reason: str | None = None) -> dict[str, EmergencyStop]:
-        """Press the emergency stop of every scanner; returns the answers by name, empty without scanners."""
+        """Trigger the emergency stop of every scanner; returns the results by name, empty without scanners."""
         answer = await self._session.send_with_retries(routes.STOP_ALL, json={"reason": reason} if reason else None)
         return {one["id"]: EmergencyStop.model_validate(one["emergency_stop"]) for one in answer.json()["items"]}
 
@@ -102,7 +102,7 @@ class Scanners(Resource[Mode]):
     async def release_emergency_stop(
         self, stop: EmergencyStop | str | None = None, reason: str | None = None, *, scanner_id: str = SCANNER
     ) -> Scanner:
-        """Allow scans again; with the ``stop`` that one has seen, it is refused when there was another since."""
+        """Release the emergency stop; with ``stop``, the service rejects the request if there is a newer stop."""
         number = stop.number if isinstance(stop, EmergencyStop) else stop
         # A named stop can be released twice without harm; another one, pressed meanwhile, must not be.
         route = routes.RELEASE_STOP if number is None else routes.RELEASE_NAMED_STOP
@@ -139,7 +139,7 @@ class Scanners(Resource[Mode]):
 
 
 def lease_header(lease: Lease | int | None) -> dict[str, str]:
-    """Name the lease under which the laser may fire."""
+    """Return the request header with the fencing token of a lease."""
     if lease is None:
         return {}
     return {"Scanner-Lease": str(lease.fence if isinstance(lease, Lease) else lease)}

@@ -1,4 +1,4 @@
-"""Collection of scans."""
+"""Collection of scans: creation, control, and reading of A-lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Scans(AwaitableResource[Mode, Scan]):
-    """Running plans on the scanner."""
+    """Collection of scans: runs of plans on a scanner."""
 
     _kind, _read, _list, _delete = Scan, routes.READ_SCAN, routes.LIST_SCANS, routes.DELETE_SCAN
     _event = "scan"
@@ -35,7 +35,7 @@ class Scans(AwaitableResource[Mode, Scan]):
         scanner_id: str | None = None,
         idempotency_key: str | None = None,
     ) -> Scan:
-        """Queue a run of a plan.
+        """Queue a run of a plan as a scan.
 
         Parameters
         ----------
@@ -59,14 +59,14 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def set_labels(self, scan_id: str, labels: Mapping[str, str | None]) -> Scan:
-        """Set labels; ``None`` removes one."""
+        """Set labels (key-value pairs) of a scan; ``None`` removes a label."""
         return await self._session.request_model(
             Scan, routes.CHANGE_SCAN, {"id": scan_id}, json={"labels": dict(labels)}
         )
 
     @dual_method
     async def pause(self, scan_id: str, reason: str | None = None) -> Scan:
-        """Pause a scan with the laser off."""
+        """Pause a scan, which turns the laser off."""
         return await self._wish(scan_id, "paused", reason)
 
     @dual_method
@@ -84,12 +84,12 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def abort(self, scan_id: str, reason: str | None = None) -> Scan:
-        """Give a scan up."""
+        """Abort a scan permanently."""
         return await self._wish(scan_id, "aborted", reason)
 
     @dual_method
     async def coverage(self, scan_id: str) -> Coverage:
-        """Count how much of the mask is measured, also while the scan runs."""
+        """Count the measured points of a scan's mask, also while the scan runs."""
         return await self._session.request_model(Coverage, routes.READ_COVERAGE, {"id": scan_id})
 
     @dual_method
@@ -103,12 +103,12 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def signals(self, scan_id: str, frame: int = 0) -> Signals:
-        """Inspect the A-lines of a frame, as far as they are measured: codes, noise, baseline, bad A-lines."""
+        """Return signal statistics of the measured A-lines of a frame: codes, noise, baseline, bad A-lines."""
         return await self._session.request_model(Signals, routes.READ_SIGNALS, {"id": scan_id}, params={"frame": frame})
 
     @dual_method
     async def alines(self, scan_id: str, slice: str | None = None) -> Array:
-        """Read A-lines (points, samples) in digitiser counts; ``slice`` in numpy's syntax, such as ``"0:10,::2"``."""
+        """Return A-lines (points, samples) in digitiser counts; ``slice`` in NumPy's syntax, such as ``"0:10,::2"``."""
         params, headers = {"slice": slice}, {"Accept": RAW}
         answer = await self._session.send_with_retries(
             routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers
@@ -117,7 +117,7 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def latest_aline(self, scan_id: str) -> Array:
-        """Read the A-line (samples) that was stored last, in digitiser counts."""
+        """Return the most recently stored A-line (samples), in digitiser counts."""
         headers = {"Accept": RAW}
         return parse_array(
             await self._session.send_with_retries(routes.READ_LATEST_ALINE, {"id": scan_id}, headers=headers)
@@ -125,7 +125,7 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def save_file(self, scan_id: str, target: Path | str, *, progress: Report | None = None) -> Path:
-        """Download the scan file (HDF5); a broken download is resumed."""
+        """Download the scan file (HDF5); an interrupted download is resumed."""
         return await download(self._session, routes.READ_SCAN_FILE, {"id": scan_id}, target, progress=progress)
 
     async def _wish(self, scan_id: str, state: str, reason: str | None, lease: Lease | int | None = None) -> Scan:

@@ -1,4 +1,4 @@
-"""Uploads, imports and exports: data in and out."""
+"""Collections for data exchange: uploads, imports and exports."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ TUS: Final = {"Tus-Resumable": "1.0.0"}
 
 
 class Uploads(Resource[Mode]):
-    """Files that wait to be imported."""
+    """Collection of uploaded files that wait for an import."""
 
     @dual_method
     async def create(self, file: Path | str, *, progress: BytesReport | None = None) -> Upload:
-        """Send a file, piece by piece, from where it broke off if it does; it is kept for a day.
+        """Upload a file in parts, resuming after interruptions; the service stores it for a day.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class Uploads(Resource[Mode]):
 
     @dual_method
     async def get(self, upload_id: str) -> Upload:
-        """Read one."""
+        """Return the metadata of an upload."""
         return await self._session.request_model(Upload, routes.READ_UPLOAD, {"id": upload_id})
 
     @dual_method
@@ -65,12 +65,12 @@ class Uploads(Resource[Mode]):
 
     @dual_method
     async def delete(self, upload: Upload | str) -> None:
-        """Delete one."""
+        """Delete an uploaded file."""
         await self._session.send_with_retries(routes.DELETE_UPLOAD, {"id": id_of(upload)})
 
 
 class Imports(AwaitableResource[Mode, Job]):
-    """Recordings of others that become scans."""
+    """Import of recordings from other systems as scans."""
 
     _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
 
@@ -84,7 +84,7 @@ class Imports(AwaitableResource[Mode, Job]):
         labels: Mapping[str, str] | None = None,
         idempotency_key: str | None = None,
     ) -> Job:
-        """Queue the import of an upload.
+        """Queue the import of an upload as a scan.
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Imports(AwaitableResource[Mode, Job]):
         timeout: float | None = None,
         **description: Any,
     ) -> Scan:
-        """Import arrays, which takes NumPy, and wait for the scan; errors as of :meth:`wait`.
+        """Import NumPy arrays as a scan, and wait for the scan; errors as of :meth:`wait`.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Imports(AwaitableResource[Mode, Job]):
 
 
 class Exports(AwaitableResource[Mode, Job]):
-    """Volumes and scans for other programs."""
+    """Export of volumes and scans to file formats of other programs."""
 
     _kind, _read, _list, _delete, _event = Job, routes.READ_JOB, routes.LIST_JOBS, routes.DELETE_JOB, "job"
 
@@ -210,7 +210,7 @@ class Exports(AwaitableResource[Mode, Job]):
         progress: Report | None = None,
         timeout: float | None = None,
     ) -> builtins.list[Path]:
-        """Export, wait, and download the files into a folder, which is made if need be; errors as of :meth:`wait`."""
+        """Create an export, wait for its end, and download the files into a folder; errors as of :meth:`wait`."""
         place = Path(folder)
         await self._session.transport.call(lambda: place.mkdir(parents=True, exist_ok=True))
         job = await self._create(format, reconstruction_id, scan_id, None)
@@ -248,7 +248,7 @@ async def _upload(session: RequestSession, file: Path, progress: BytesReport | N
 
 
 async def _begin(session: RequestSession, size: int) -> str | None:
-    """Announce a file; returns the upload's identifier, or ``None`` for a service that knows whole bodies only."""
+    """Create a resumable upload and return its identifier; ``None`` if the service supports whole bodies only."""
     try:
         answer = await session.send_with_retries(routes.CREATE_UPLOAD, headers={"Upload-Length": str(size), **TUS})
     except InvalidInput as error:
@@ -288,6 +288,6 @@ def _check(sending: UploadFile, size: int, sha256: str) -> None:
 
 
 def _sha256(digest: str) -> str:
-    """Read the checksum in the header ``Repr-Digest``; empty when there is none."""
+    """Return the checksum from the header ``Repr-Digest``; empty if the header is missing."""
     found = re.search(r"sha-256=:([A-Za-z0-9+/=]+):", digest)
     return base64.b64decode(found[1]).hex() if found else ""

@@ -1,1 +1,1 @@
-"""What the example needs of a lab, made up."""
+"""Simulated laboratory hardware for the example: DAQ card, digitiser, tunable laser and optical table."""

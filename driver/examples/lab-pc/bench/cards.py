@@ -1,4 +1,4 @@
-"""Cards, made up: as much of ``nidaqmx`` as the example uses, and a digitiser with a ring of triggered records."""
+"""Simulated cards: the subset of ``nidaqmx`` that the example uses, and a digitiser with a ring buffer of records."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ constants = SimpleNamespace(
 
 
 class Cards:
-    """Stands for the package ``nidaqmx``: makes tasks of a card that is wired to the table."""
+    """Substitute for the package ``nidaqmx``: a DAQ card connected to the simulated optical table."""
 
     constants = constants
 
@@ -26,12 +26,12 @@ class Cards:
         self._table = table
 
     def Task(self) -> _Task:  # noqa: N802 - its name in nidaqmx
-        """Make a task."""
+        """Create a DAQ task."""
         return _Task(self._table)
 
 
 class _Task:
-    """One task; its channels tell what it does."""
+    """Simulated DAQ task; its channels define its function."""
 
     def __init__(self, table: OpticalTable) -> None:
         self._table, self._kind, self._settings = table, "", dict[str, Any]()
@@ -65,7 +65,7 @@ class _Task:
         self._settings |= settings
 
     def write(self, data: Any, auto_start: bool = True) -> None:
-        """Give data to the card; at once, or when it is started."""
+        """Write output data to the card, which applies them immediately or at :meth:`start`."""
         self._table.advance()
         if self._kind == "do":
             self._table.shutter_driven = bool(data)
@@ -77,7 +77,7 @@ class _Task:
             raise RuntimeError("DaqError -200077: requested value is not a supported value: 10 V at most")
 
     def start(self) -> None:
-        """Begin."""
+        """Start the task."""
         table = self._table
         table.advance()
         if self._kind == "ao":
@@ -91,7 +91,7 @@ class _Task:
             table.gate = table.clock() + self._settings["high_time"]
 
     def read(self) -> Any:
-        """Return a line's level, or a count."""
+        """Return the level of a digital line, or the count of a counter."""
         table = self._table
         table.advance()
         if self._kind == "ci":
@@ -101,7 +101,7 @@ class _Task:
         return {1: not table.shutter_open, 2: table.interlock, 3: table.key, 4: light}[line]
 
     def close(self) -> None:
-        """Stop, and give the card's resources back."""
+        """Stop the task and release the card's resources."""
         table = self._table
         table.advance()
         if self._kind == "ao":
@@ -113,7 +113,7 @@ class _Task:
 
 
 class DigitiserCard:
-    """A card of 14 bits and ±0.1 V whose ring holds a thousand records."""
+    """Simulated 14-bit, ±0.1 V digitiser card with a ring buffer of a thousand records."""
 
     full_scale = 8191
     volts_per_count = 0.1 / 8192
@@ -123,21 +123,21 @@ class DigitiserCard:
         self._table = table
 
     def setup(self, samples: int, interval: float) -> None:
-        """Set up length and interval (s) of records."""
+        """Set number of samples and sampling interval (s) of records."""
         self._table.setup(samples, interval)
 
     def start(self, records: int) -> None:
-        """Take so many triggers."""
+        """Start recording of ``records`` triggers."""
         self._table.advance()
         self._table.ring.wanted = records
 
     def stop(self) -> None:
-        """Take none, and forget the ring."""
+        """Stop recording and clear the ring buffer."""
         self._table.advance()
         self._table.ring = RecordRing(self._table.ring.samples)
 
     def available(self) -> int:
-        """Return how many records wait."""
+        """Return the number of records in the ring buffer."""
         self._table.advance()
         waiting = len(self._table.ring.entries)
         if waiting > self.ring:
@@ -145,7 +145,7 @@ class DigitiserCard:
         return waiting
 
     def read(self, count: int) -> tuple[NDArray[np.int16], NDArray[np.int64], NDArray[np.int64]]:
-        """Return records (count, N_t), times in µs of the card's clock, and numbers of the laser's shots."""
+        """Return records (count, N_t), their times in µs of the card's clock, and their shot numbers."""
         entries, ring = self._table.ring.entries[:count], self._table.ring
         del ring.entries[:count]
         rows = np.zeros((len(entries), ring.samples), np.int16)
@@ -159,10 +159,10 @@ class DigitiserCard:
         )
 
     def clock(self) -> int:
-        """Return the card's time in µs."""
+        """Return the time of the card's clock in µs."""
         return round(1e6 * self._table.clock())
 
     def mean(self) -> float:
-        """Return the DC level in V."""
+        """Return the DC level of the input in V."""
         self._table.advance()
         return self._table.level()

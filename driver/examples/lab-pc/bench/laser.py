@@ -1,4 +1,4 @@
-"""A tunable laser that is made up: a process of its own that answers SCPI on a TCP port.
+"""Simulated tunable laser: a process that answers SCPI on a TCP port.
 
 It knows ``*IDN? *RST *CLS *ESR? *OPC *OPC?``, ``:SYSTem:ERRor?``, ``[:SOURce]:WAVelength`` (also ``? MIN``, ``? MAX``),
 ``:POWer`` and ``:POWer:STATe`` as the HP/Agilent 8168 does, and ``:LIGHt?`` for the rest of the bench, which sees its
@@ -21,7 +21,7 @@ NUMBER = re.compile(r"([-+0-9.eE]+?)\s*([A-Z]*)$", re.IGNORECASE)
 
 
 class Laser:
-    """What the laser does; commands of several connections come one at a time."""
+    """State of the simulated laser, and its SCPI commands; connections are served one command at a time."""
 
     def __init__(self, tuning: float) -> None:
         self._tuning, self._lock = tuning, threading.Lock()
@@ -34,7 +34,7 @@ class Laser:
         self._events, self._completing = 0, False
 
     def wavelength(self) -> float:
-        """Return the wavelength now, in m; it creeps from one to the next."""
+        """Return the present wavelength in m, which changes linearly while the laser tunes."""
         share = min(1.0, (time.monotonic() - self._begun) / self._tuning)
         return self._from + (self._to - self._from) * share
 
@@ -42,7 +42,7 @@ class Laser:
         return time.monotonic() - self._begun >= self._tuning
 
     def answer(self, line: str) -> str | None:
-        """Carry out a line of commands; return what its queries answer."""
+        """Execute a line of commands; return the answers to its queries."""
         with self._lock:
             answers = [found for each in line.split(";") if (found := self._one(each.strip())) is not None]
         return ";".join(answers) if answers else None
@@ -118,7 +118,7 @@ def _number(text: str, units: dict[str, float]) -> float:
 
 
 def main() -> None:
-    """Serve until the process is ended."""
+    """Run the SCPI server until the process is ended."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--port", type=int, default=0, help="TCP port; 0 takes any free one, which is printed")
     parser.add_argument("--tuning", type=float, default=5e-3, help="s")

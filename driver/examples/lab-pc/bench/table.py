@@ -1,4 +1,4 @@
-"""The optical table, made up: mirrors with a lens behind them, film, object, pulsed laser, shutter, and the cables.
+"""Simulated optical table: mirrors, lens, film, phantom, pulsed laser, shutter and wiring.
 
 Nothing here is known to the parts that are tried on it: mirrors bend the scan field, the film has its own sensitivity
 at every place, the digitiser starts late. What a lab would measure, :func:`calibration_marks` and the scanner's own
@@ -28,7 +28,7 @@ SETTLES = 400
 
 
 def film_place(volts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where mirrors at volts (N, 2) send the beam, in m: turned, sheared, with a pincushion and an offset."""
+    """Return beam positions on the film (m) for mirror voltages (N, 2): rotation, shear, pincushion and offset."""
     u, v = np.asarray(volts, dtype=np.float64).T
     x = 1.9e-3 * u - 0.05e-3 * v + 0.12e-3
     y = 0.06e-3 * u + 2.1e-3 * v - 0.08e-3
@@ -37,7 +37,7 @@ def film_place(volts: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def calibration_marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (N, 2) of a target's marks, and the volts (N, 2) at which a camera saw the beam on them."""
+    """Return positions (N, 2) of a calibration target's marks, and mirror voltages (N, 2) that hit them."""
     axis = np.linspace(-7e-3, 7e-3, count)
     places = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     volts = places / 2e-3
@@ -48,7 +48,7 @@ def calibration_marks(count: int = 9) -> tuple[NDArray[np.float64], NDArray[np.f
 
 @dataclass
 class TriggerTrain:
-    """Triggers of counter 0."""
+    """Pulse train of counter 0: first trigger, period and remaining pulses."""
 
     first: float
     period: float
@@ -57,7 +57,7 @@ class TriggerTrain:
 
 @dataclass
 class RecordRing:
-    """Triggered records of the digitiser that were not fetched."""
+    """Ring buffer of the digitiser: triggered records that were not read yet."""
 
     samples: int = 0
     wanted: int = 0
@@ -66,7 +66,7 @@ class RecordRing:
 
 
 class OpticalTable:
-    """All of it; what happened since the last look happens at each look, at its own time.
+    """Simulated optical table; each call first processes the events since the previous call, at their own times.
 
     Parameters
     ----------
@@ -103,37 +103,37 @@ class OpticalTable:
 
     @staticmethod
     def clock() -> float:
-        """Return the table's time in s."""
+        """Return the time of the table's clock in s."""
         return time.monotonic()
 
     def next_edge(self) -> float:
-        """Return when the next edge comes, in s of the table's clock."""
+        """Return the time of the next edge at the gate input, in s of the table's clock."""
         return (self.clock() // GATE_PERIOD + 1) * GATE_PERIOD
 
     def light(self) -> float:
-        """Return the wavelength that comes out of the fibre now, in m; 0 for darkness."""
+        """Return the wavelength of the interrogation light, in m; 0 while the laser is dark."""
         self._fibre.write(":LIGH?\n")
         self._fibre.flush()
         wavelength, power = map(float, self._fibre.readline().split(","))
         return wavelength if power > 0 else 0.0
 
     def close(self) -> None:
-        """Leave the laser."""
+        """Close the connection to the laser."""
         self._fibre.close()
         self._connection.close()
 
     @property
     def shutter_open(self) -> bool:
-        """Whether it is: the interlock's relay and the key stand before its coil."""
+        """Whether the shutter is open: driven, with interlock closed and key on."""
         return self.shutter_driven and self.interlock and self.key
 
     def setup(self, samples: int, interval: float) -> None:
-        """Tell the digitiser what a record is."""
+        """Set number of samples and sampling interval of the digitiser's records."""
         self.ring = RecordRing(samples)
         self.recorder.begin(PlanSampling(samples, round(interval * 1e12), 1))
 
     def advance(self) -> None:
-        """Let happen what has happened until now."""
+        """Process all triggers due by now: fire, record, and step the mirrors."""
         train, now = self.train, self.clock()
         while train is not None and train.left and train.first <= now:
             time_, train.first = train.first, train.first + train.period
@@ -149,13 +149,13 @@ class OpticalTable:
                 self.volts = np.array(self.table.pop(0))
 
     def level(self) -> float:
-        """Return the voltage of the reflected light, in V."""
+        """Return the photodiode voltage of the reflected light, in V."""
         wavelength = self.light()
         x, y = np.rint(1e9 * film_place(self.volts[None])[0]).astype(int).tolist()
         return 1e-3 * self.recorder.level(x, y, round(1e12 * wavelength)) if wavelength else 0.0
 
     def signal(self, x: float, y: float, wavelength: float, shot: int) -> NDArray[np.float64]:
-        """Return the voltage (N_t,) in V of a shot's record: its pressure by the film's slope and shift there."""
+        """Return a shot's record (N_t,) in V, from pressure, film slope and resonance shift at its position."""
         if not self.shutter_open or not wavelength:
             return np.zeros(self.ring.samples)
         place = (round(1e9 * x), round(1e9 * y))

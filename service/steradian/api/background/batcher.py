@@ -1,4 +1,4 @@
-"""Batching loader: concurrent look-ups are collected and answered by one call in a worker thread."""
+"""Batching loader: loads the keys of concurrent requests with one call in a worker thread."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ Answer = TypeVar("Answer")
 
 
 class BatchLoader(Generic[K, Answer]):
-    """Batching loader: keys requested during a batch are loaded by the next one, so no result predates its request.
+    """Batching loader of values by key; keys requested during a batch are loaded by the next one, so no value is stale.
 
-    A look that has begun answers nobody who asks later, so that no answer is older than its question.
+    A batch in progress does not answer later requests, so that no value is older than its request.
 
     Parameters
     ----------
     look
-        Answers several questions, each of which is asked once.
+        Function that returns the values of several distinct keys.
     """
 
     def __init__(self, look: Callable[[tuple[K, ...]], Mapping[K, Answer]]) -> None:
@@ -29,7 +29,7 @@ class BatchLoader(Generic[K, Answer]):
         self._task: asyncio.Task[None] | None = None
 
     async def load(self, question: K) -> Answer:
-        """Return the loader's result for a key; raises the loader's exception."""
+        """Load a key with the next batch and return its value; raises the exception of the batch function."""
         if question not in self._asked:
             self._asked[question] = asyncio.get_running_loop().create_future()
             if self._task is None:

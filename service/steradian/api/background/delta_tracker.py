@@ -1,4 +1,4 @@
-"""Track which rows of a growing scan file changed since a client's cursor."""
+"""Change tracking of growing scan files: the rows that changed since a client's cursor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_FILES = 16
 
 @dataclass(eq=False)
 class _File:
-    """State of a file: ``marks`` (F·M, ...), whose changes identify changed rows, and the time of each change."""
+    """Poll history of a file: ``marks`` (F·M, ...) as last read, and the poll in which each row last changed."""
 
     epoch: str
     marks: NDArray[Any]
@@ -25,27 +25,27 @@ class _File:
 
 
 class RowDeltaTracker:
-    """Remembers at which look each row of a file was first found as it is."""
+    """Tracker of the poll in which each row of a scan file last changed."""
 
     def __init__(self) -> None:
         self._files: dict[str, _File] = {}
         self._lock = Lock()
 
     def changed_since(self, name: str, marks: NDArray[Any], since: str | None) -> tuple[NDArray[np.bool_], str]:
-        """Return the rows that changed since a cursor.
+        """Return which rows of a file changed since a cursor, and the next cursor.
 
         Parameters
         ----------
         name
-            Of the file.
+            Name of the file.
         marks
-            (F·M, K) what is different when a row is; read before the rows themselves, so that none is missed.
+            (F·M, K) values that change with the row; read before the rows themselves, so that no change is missed.
         since
-            What an earlier call returned; with ``None``, or after too long, all rows count as changed.
+            Cursor that an earlier call returned; with ``None`` or an outdated one, all rows count as changed.
 
         Returns
         -------
-        (F·M,) which rows, and what to bring next time.
+        (F·M,) mask of the changed rows, and the next cursor.
         """
         with self._lock:
             file = self._files.pop(name, None)

@@ -1,4 +1,4 @@
-"""Emergency stop of this node: set the latch immediately, persist it to the database in a background thread."""
+"""Emergency stop of this node: sets the latch at once and records the stop in the database in a background thread."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _log = logging.getLogger(__name__)
 
 
 class EmergencyStopController:
-    """Controller of the emergency stop: sets the latch without database or thread pool, and records it in a thread.
+    """Controller of this node's emergency stop: sets the latch without the database and records the stop in a thread.
 
     Parameters
     ----------
     latch
-        The stop.
+        Latch that the acquisition process reads.
     scanner
-        Where it is recorded in the database, and where another node may have recorded it.
+        Repository in which this node records the stop, and in which another node may have recorded one.
     """
 
     def __init__(self, latch: EmergencyLatch, scanner: ScannerRepository) -> None:
@@ -46,17 +46,17 @@ class EmergencyStopController:
         self._pressed, self._over = threading.Event(), threading.Event()
 
     def open(self) -> None:
-        """Begin to record."""
+        """Start the thread that records emergency stops in the database."""
         threading.Thread(target=self._run, name="emergency-record", daemon=True).start()
 
     def close(self) -> None:
-        """Stop recording; the next start records pending presses."""
+        """Stop the recording thread; the next start of the service records pending stops."""
         self._over.set()
         self._pressed.set()
 
     @property
     def active(self) -> StopPress | None:
-        """Active stop, or None."""
+        """Active emergency stop, or None."""
         return self._latch.active()
 
     def outcome(self, press: StopPress) -> StopOutcome | None:
@@ -64,18 +64,18 @@ class EmergencyStopController:
         return self._latch.outcome(press.number)
 
     def is_recorded(self, press: StopPress) -> bool:
-        """Whether a press stands in the database."""
+        """Return whether an emergency stop is recorded in the database."""
         return self._recorded == press.number
 
     async def press(
         self, who: str, reason: str | None, errand: str | None = None
     ) -> tuple[StopPress, StopOutcome | None]:
-        """Press the stop and wait briefly for the acquisition process's answer.
+        """Set the emergency stop and wait briefly for the acquisition process's acknowledgement.
 
         Parameters
         ----------
         errand
-            Number of a press of another node, however often it comes: one that was released is not pressed again.
+            Number of a stop that another node relays, perhaps repeatedly: a released stop is not set again.
         """
         press = (self._errands.get(errand) if errand else None) or self._latch.press(who, reason, errand or None)
         if errand:
@@ -95,21 +95,21 @@ class EmergencyStopController:
         return deed is not None and deed.laser != "unconfirmed"
 
     def release(self, who: str, number: str | None = None, reason: str | None = None) -> None:
-        """Release the stop, in the latch and then in the database.
+        """Release the emergency stop in the latch and then in the database.
 
         Parameters
         ----------
         who
-            Who releases it.
+            Name of the person.
         number
-            The press to release; without it the one that stands now.
+            Number of the stop to release; by default the active one.
         reason
-            Why it may be released, for the log of events.
+            Reason of the release, for the event log.
 
         Raises
         ------
         EmergencyStopped
-            When another press stands than ``number``, or came meanwhile.
+            When a stop other than ``number`` is active, or was pressed meanwhile.
         """
         with self._order:
             press = self._known(self._scanner.get(self._scanner.id))
@@ -152,7 +152,7 @@ class EmergencyStopController:
                 self._scanner.record_stop_outcome(deed.number, deed.laser, deed.seconds, deed.detail)
 
     def _known(self, row: ScannerRow) -> StopPress | None:
-        """Return the press that stands; one that only the database knows, by another node or a lost latch, is made."""
+        """Return the active stop, after setting the latch if only the database has a stop (other node, lost latch)."""
         if row.stopped_at is not None and self.active is None:
             self._latch.press(row.stopped_by or "", row.stop_reason, row.stop_number)
             if self.active is None:  # it was released here, and that did not reach the database

@@ -1,4 +1,4 @@
-"""The API's side of clearing a scanner's fault: asked of the acquisition process, then recorded in the database."""
+"""Clearing of a scanner's latched fault: request to the acquisition process, then record in the database."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _KINDS: Final[dict[str, type[SteradianError]]] = {
 
 
 class FaultDesk:
-    """Has the fault of this node's scanner cleared, one request at a time.
+    """Service that clears the latched fault of this node's scanner, one request at a time.
 
     Parameters
     ----------
     clearing
-        Where the acquisition process is asked.
+        Files through which the acquisition process receives requests and answers them.
     scanner
-        Where it is recorded.
+        Repository in which the clearing is recorded.
     """
 
     def __init__(self, clearing: Clearing, scanner: ScannerRepository) -> None:
@@ -32,16 +32,16 @@ class FaultDesk:
         self._turn = threading.Lock()
 
     def clear(self, who: str, reason: str | None) -> None:
-        """Clear the latched fault through the acquisition process, and record the person.
+        """Clear the latched fault through the acquisition process, and record the name of the person.
 
         Without a fault nothing is recorded.
 
         Raises
         ------
         FaultStands
-            While its cause stands.
+            While the cause of the fault persists.
         Conflict
-            When a scan, or another program, has the scanner.
+            When a scan or another program uses the scanner.
         ScannerUnreachable
             When scanner or acquisition process do not answer.
         """

@@ -1,7 +1,7 @@
 """Peer nodes: registry of scanner nodes and forwarding of requests to them.
 
-A request whose answer another node has is sent on to it as it came. The nodes prove themselves to each other with the
-settings' secret; who asked has proved that to the first node, which says so.
+A request that another node must answer is forwarded to it unchanged. The nodes authenticate to each other with the
+shared secret in the settings; the first node authenticates the caller and forwards the caller's name and scopes.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ PIECE: Final = 2**18
 
 
 class NodeUnavailable(SteradianError):
-    """The node that serves the requested resource does not answer."""
+    """Error: the node that serves the requested resource does not answer."""
 
     code = "node-unavailable"
 
@@ -74,7 +74,7 @@ class PeerRequest:
 
     @classmethod
     async def from_request(cls, request: Request) -> PeerRequest:
-        """Repeat a request."""
+        """Build the copy of an incoming request that is forwarded to another node."""
         query = request.scope["query_string"].decode("latin-1")
         target = request.scope["raw_path"].decode("latin-1") + (f"?{query}" if query else "")
         headers = [(name, value) for name, value in request.headers.items() if name in FORWARDED_HEADERS]
@@ -85,14 +85,14 @@ class PeerRequest:
 
 
 class PeerRegistry:
-    """Registry of scanner nodes, cached from the database.
+    """Registry of scanner nodes, cached from the database, and HTTP client of these nodes.
 
     Parameters
     ----------
     settings
-        Which scanner is this node's, and what the nodes prove themselves with.
+        Settings with this node's scanner and the nodes' shared secret.
     scanners
-        Where they are noted.
+        Repository of the scanners with the addresses of their nodes.
     """
 
     def __init__(self, settings: Settings, scanners: ScannerRepository) -> None:
@@ -103,64 +103,64 @@ class PeerRegistry:
         self._threads: defaultdict[str, CapacityLimiter] = defaultdict(lambda: CapacityLimiter(AT_ONCE))
 
     def refresh(self) -> None:
-        """Refresh the registry cached for times without a database."""
+        """Reload the cached registry from the database."""
         self._rows = {row.id: row for row in self._scanners.rows()}
 
     def contains(self, scanner_id: str) -> bool:
-        """Whether a scanner exists, according to the registry in memory."""
+        """Return whether a scanner exists, according to the cached registry."""
         return scanner_id == self._own or scanner_id in self._rows
 
     def is_local(self, scanner_id: str | None) -> bool:
-        """Whether a scanner is this node's."""
+        """Return whether a scanner belongs to this node."""
         return scanner_id is not None and scanner_id == self._own
 
     def is_remote(self, scanner_id: str | None) -> bool:
-        """Whether a scanner belongs to another node; a decommissioned scanner belongs to none."""
+        """Return whether a scanner belongs to another node; a decommissioned scanner belongs to none."""
         return not self._is_all and scanner_id != self._own and scanner_id in self._rows
 
     def follows(self, scanner_id: str) -> bool:
-        """Whether a scanner is another node's, and that one has workers for images that grow with its scans."""
+        """Return whether a scanner belongs to another node that has workers for live reconstructions of its scans."""
         row = self._rows.get(scanner_id)  # once: they are replaced meanwhile
         return row is not None and row.follows and self.is_remote(scanner_id)
 
     @property
     def is_registered(self) -> bool:
-        """Whether this node's scanner is among those of the service: a person may have retired it by mistake."""
+        """Whether this node's scanner is registered; a person may have decommissioned it by mistake."""
         return self._own is None or self._own in self._rows
 
     @property
     def scanners(self) -> list[str]:
-        """Names of all scanners, as far as is known without the database."""
+        """Names of all scanners in the cached registry."""
         return sorted({*self._rows, *([self._own] if self._own is not None else [])})
 
     @property
     def are_simulated(self) -> bool:
-        """Whether no scanner of the service is a real one."""
+        """Whether all scanners of the service are simulated."""
         return self._is_simulated if self._is_all else all(row.simulated for row in self._rows.values())
 
     def is_released(self, scanner_id: str, since: int | None) -> bool:
-        """Whether relaying a press can end: its scanner is decommissioned, or the stop of that revision is released."""
+        """Return whether the relay of a stop can end: scanner decommissioned, or recorded stop released."""
         row = self._rows.get(scanner_id)
         return row is None or (since is not None and row.revision > since and row.stopped_at is None)
 
     def send(self, scanner_id: str, question: PeerRequest, seconds: float = PATIENCE) -> HTTPResponse:
-        """Ask the node of a scanner; its answer is still to be read, and then closed.
+        """Send a request to a scanner's node and return the open response, which the caller reads and closes.
 
         Parameters
         ----------
         seconds
-            For which each word of it is waited for.
+            Timeout of each read of the response.
 
         Raises
         ------
         NodeUnavailable
-            When it does not answer, or nobody knows where it is.
+            When the node does not answer, or its address is unknown.
         """
         with self._reached(scanner_id, seconds) as connection:
             return self._put(connection, question)
 
     def request_json(self, scanner_id: str, question: PeerRequest, seconds: float) -> tuple[int, bytes]:
-        """Send a request to a scanner's node and read the response within ``seconds``; errors as of :meth:`send`."""
+        """Send a request to a scanner's node and return status and body within ``seconds``; raises as :meth:`send`."""
         with self._reached(scanner_id, seconds) as connection:
             cut = threading.Timer(seconds, _cut, [connection.sock])
             cut.daemon = True
@@ -173,7 +173,7 @@ class PeerRegistry:
 
     @contextmanager
     def _reached(self, scanner_id: str, seconds: float) -> Iterator[HTTPConnection]:
-        """Yield a connection to a scanner's node; its errors become :class:`NodeUnavailable`."""
+        """Open a connection to a scanner's node; its errors are converted to :class:`NodeUnavailable`."""
         row = self._rows.get(scanner_id)
         address = None if row is None else row.address
         if address is None or self._secret is None:
@@ -201,12 +201,12 @@ class PeerRegistry:
 
     @staticmethod
     def reject_forwarding_loop(request: Request, scanner_id: str) -> None:
-        """Reject a request that another node already forwarded, because the registered address is wrong.
+        """Reject a request that another node has forwarded already, because the registered address is wrong.
 
         Raises
         ------
         NodeUnavailable
-            When it did.
+            When another node has forwarded the request.
         """
         if is_forwarded(request):
             raise NodeUnavailable(f"the address that is noted for the node of {scanner_id} is another node's")
@@ -231,7 +231,7 @@ class PeerRegistry:
 
 
 def is_forwarded(request: Request) -> bool:
-    """Whether another node forwarded the request."""
+    """Return whether another node forwarded the request."""
     return getattr(request.state, "forwarded", False)
 
 
@@ -241,7 +241,7 @@ def principal_of(headers: Headers, secret: str | None) -> Principal | None:
     Raises
     ------
     Unauthorized
-        When it is none of ours.
+        When the secret is not that of this service's nodes.
     """
     given = headers.get(SECRET)
     if given is None:
@@ -253,7 +253,7 @@ def principal_of(headers: Headers, secret: str | None) -> Principal | None:
 
 
 def _as_it_came(answer: HTTPResponse, passed_back: Response) -> Response:
-    """Give an answer the headers of another, repeated ones as often as there."""
+    """Copy the headers of a node's response, repeated ones included, to the forwarded response."""
     said = ((name.lower(), value) for name, value in answer.getheaders())
     kept = ((name, value) for name, value in said if name not in HOP_BY_HOP_HEADERS)
     passed_back.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in kept]
@@ -267,7 +267,7 @@ def _cut(connection: socket.socket) -> None:
 
 @asynccontextmanager
 async def _place(limiter: CapacityLimiter, scanner_id: str) -> AsyncIterator[None]:
-    """Wait for a place among those that ask a node, no longer than for its answer; raises :class:`NodeUnavailable`."""
+    """Acquire one of the slots for concurrent requests to a node; raises :class:`NodeUnavailable` after a timeout."""
     who = object()
     try:
         with fail_after(PATIENCE):

@@ -1,7 +1,7 @@
 """Pool of subprocesses for CPU-bound work with a CPU-time limit and idle reaping.
 
-A thread would not do: whatever computes in Python, also the parsing of a large document, keeps every other thread of
-its process waiting. Calls and results travel pickled over the pipes of a child that ends when its input closes.
+Threads would not suffice: Python code that computes, such as a parser of a large document, blocks all other threads of
+its process. Calls and results are pickled and sent through the pipes of a child that ends when its input closes.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ _log = logging.getLogger(__name__)
 
 
 class ComputationLimitExceeded(SteradianError):
-    """A call in the process pool exceeded its limit of time or memory, or its process died."""
+    """Error: a call in the process pool exceeded its limit of time or memory, or its process died."""
 
     code = "too-expensive"
 
 
 class ProcessPool:
-    """Runs functions of a module, on arguments that can be pickled, in processes of its own.
+    """Process pool: executes importable functions with picklable arguments in subprocesses.
 
     Parameters
     ----------
     max_work
-        Seconds of a processor that a call may take.
+        CPU time limit of a call in seconds.
     """
 
     def __init__(self, max_work: int = CPU_SECONDS) -> None:
@@ -82,7 +82,7 @@ class ProcessPool:
         return cast(_T, value)
 
     def reap_idle(self) -> None:
-        """End children that have had nothing to do for :data:`IDLE` seconds."""
+        """Terminate the subprocesses that have been idle for :data:`IDLE` seconds."""
         with self._guard:
             old = [child for child in self._idle if time.monotonic() - child.since > IDLE]
             self._idle = [child for child in self._idle if child not in old]
@@ -129,7 +129,7 @@ class ProcessPool:
 
 
 class _PoolProcess:
-    """A process that answers one call after another."""
+    """Subprocess of the pool, which executes one call after another."""
 
     def __init__(self) -> None:
         command = [sys.executable, "-P", "-m", __spec__.name]
@@ -137,7 +137,7 @@ class _PoolProcess:
         self.since = time.monotonic()
 
     def answer(self, call: bytes) -> bytes:
-        """Execute a call and return its result; raises :class:`ComputationLimitExceeded`."""
+        """Execute a pickled call in the subprocess and return its pickled result, within limits of time and memory."""
         assert self._process.stdin is not None  # noqa: S101 - asked for
         assert self._process.stdout is not None  # noqa: S101
         patience = threading.Timer(MAX_SECONDS, self._process.kill)
@@ -161,11 +161,11 @@ class _PoolProcess:
         )
 
     def kill(self) -> None:
-        """Kill the process; its current call returns no result."""
+        """Kill the subprocess; its current call fails."""
         self._process.kill()
 
     def end(self) -> None:
-        """Kill the process, wait for its end and close its pipes."""
+        """Kill the subprocess, wait until it has ended and close its pipes."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -175,7 +175,7 @@ class _PoolProcess:
 
 
 def main() -> None:
-    """Answer calls until standard input closes."""
+    """Execute pickled calls from standard input and write their results, until standard input closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICENESS)
     calls, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")

@@ -17,7 +17,7 @@ class PeriodicRefresher:
     Parameters
     ----------
     looks
-        Each looks at the database and remembers what it has seen.
+        Functions that each query the database and cache the result.
     """
 
     def __init__(self, *looks: Callable[[], None]) -> None:
@@ -25,11 +25,11 @@ class PeriodicRefresher:
         self._thread = threading.Thread(target=self._run, name="memory", daemon=True)
 
     def open(self) -> None:
-        """Begin."""
+        """Start the refresh thread."""
         self._thread.start()
 
     def close(self) -> None:
-        """Stop refreshing; wait briefly for a query in progress, so that its connection is closed."""
+        """Stop the refresh thread; wait briefly for a query in progress, so that its connection is closed."""
         self._over.set()
         if self._thread.is_alive():
             self._thread.join(EVERY)

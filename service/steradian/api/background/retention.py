@@ -1,4 +1,4 @@
-"""Periodic clean-up: prune events, idempotency keys, uploads, drafts, orphaned objects and expired jobs."""
+"""Periodic clean-up: expired events, idempotency keys, uploads, temporary files, orphaned objects and old jobs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 
 
 class RetentionContext(Protocol):
-    """Settings, repositories and stores that retention uses; the container of services satisfies it."""
+    """Protocol of the settings, repositories and stores that retention uses."""
 
     settings: Settings
     clock: Clock
@@ -44,16 +44,16 @@ class RetentionContext(Protocol):
     deletion: DeletionService
 
     def remove_files(self) -> None:
-        """Remove files of deleted resources, as far as they are removable now."""
+        """Remove the files of deleted resources; files that cannot be removed yet are retried later."""
 
 
 def apply_retention(context: RetentionContext, *, shared: bool = True) -> None:
-    """Apply retention: delete expired events, idempotency keys, uploads, shared images and, if configured, jobs.
+    """Apply retention: delete expired events, idempotency keys, uploads, cached images and, if configured, jobs.
 
     Parameters
     ----------
     shared
-        Whether also what all nodes of the service share; else only this node's folder is looked through.
+        Whether to clean up also the database and store that all nodes share; otherwise only this node's folder.
     """
     _sweep_drafts(context)
     is_sure = context.ages.can_be_trusted(context.database)
@@ -75,7 +75,7 @@ def apply_retention(context: RetentionContext, *, shared: bool = True) -> None:
 
 
 def _forget_uploads(context: RetentionContext, oldest: float) -> None:
-    """Delete files that came before a time, seconds since the epoch, and that no import has still to read."""
+    """Delete uploads received before ``oldest`` (s since the epoch), except those that a queued import needs."""
     for name in context.arrays.list_names(upload_name("")):
         found, upload = context.arrays.stat(name), name.rpartition("/")[2]
         if not found or found.modified >= oldest or waiting_import(context.database, upload) is not None:
@@ -91,7 +91,7 @@ def _forget_uploads(context: RetentionContext, oldest: float) -> None:
 
 
 def _sweep_drafts(context: RetentionContext) -> None:
-    """Remove temporary files of killed jobs; jobs that have not ended clean their folders at their next attempt."""
+    """Delete the temporary files of killed jobs; jobs that will be retried clean their folders at the next attempt."""
     data, drafts = context.data, context.data.scan_drafts()
     with context.database.read() as session:
         over = set(session.scalars(select(JobRow.id).where(JobRow.ended.is_not(None))))

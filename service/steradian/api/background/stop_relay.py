@@ -1,4 +1,4 @@
-"""Relay of emergency stops to the node of a scanner, repeated until acknowledged and recorded meanwhile."""
+"""Relay of emergency stops to a scanner's node, repeated until acknowledged and also recorded in the database."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ class _PendingStop:
 
 
 class EmergencyStopRelay:
-    """Relay that delivers emergency stops to a remote node at least once, and records them meanwhile.
+    """Relay that delivers emergency stops to other nodes at least once; unanswered stops are also recorded.
 
-    It ends unheard when the scanner is retired, or when somebody has released what that node read in the database. The
-    press has its number from here, so that who was told of it can release it.
+    The relay ends without an acknowledgement when the scanner is decommissioned, or when the recorded stop is
+    released. This node assigns the number of the stop, so that the caller can release it.
 
     Parameters
     ----------
     nodes
-        Where the scanners are.
+        Registry of the scanners' nodes.
     scanner
-        How a press is written into the database.
+        Repository in which unanswered stops are recorded.
     """
 
     def __init__(self, nodes: PeerRegistry, scanner: ScannerRepository) -> None:
@@ -61,11 +61,11 @@ class EmergencyStopRelay:
         self._carried: dict[str, tuple[_PendingStop, ...]] = {}
 
     def close(self) -> None:
-        """Carry nothing any more."""
+        """Stop the relay of pending emergency stops."""
         self._over.set()
 
     async def press(self, scanner_id: str, who: Principal, reason: str | None) -> EmergencyAnswer:
-        """Press the stop of a scanner elsewhere; the answer is its node's, or says that nothing is confirmed."""
+        """Relay a stop to a remote scanner's node and return its response, or an unconfirmed one after a timeout."""
         path, body = f"{BASE}/scanners/{scanner_id}/emergency-stop", json.dumps({"reason": reason}).encode()
         number = str(ULID())
         headers = (("Content-Type", "application/json"), ("Accept", "application/json"), (STOP_ID_HEADER, number))

@@ -16,18 +16,18 @@ ROOT: Final = "/problems"
 
 @dataclass(frozen=True)
 class ProblemType:
-    """Kind of problem, with its title, meaning and remedy.
+    """Problem type (RFC 9457): status, title, meaning and remedy.
 
     Attributes
     ----------
     status
         HTTP status.
     title
-        The same for every occurrence.
+        Short title, the same for every occurrence.
     meaning, remedy
         What has happened, and what to do about it.
     retryable
-        Whether the same request may succeed later without anybody doing anything.
+        Whether the same request may succeed later without any intervention.
     """
 
     status: int
@@ -307,12 +307,12 @@ PROBLEM_TYPES: Final[Mapping[str, ProblemType]] = MappingProxyType(
 
 
 def problem_type_uri(code: str) -> str:
-    """Return the address that explains a kind: the ``type`` of its problems."""
+    """Return the URI of a problem type: the ``type`` of its problem documents."""
     return f"{ROOT}/{code}"
 
 
 def main() -> None:
-    """Write the table for people to standard output, as it is committed in ``docs/problems.md``."""
+    """Write the table of problem types as Markdown to standard output, for ``docs/problems.md``."""
     sys.stdout.write(
         "# Problems\n\nEvery response with a status of 400 or above is a problem document (RFC 9457). Its `type`"
         " is a URL of"

@@ -1,4 +1,4 @@
-"""Convert validation errors to field errors with the allowed range."""
+"""Conversion of validation errors to field errors with the allowed range."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PLACES = {"body": "body", "query": "query", "header": "header", "path": "path"}
 
 
 class Finding(BaseModel):
-    """One invalid field with value and allowed range."""
+    """Field error: an invalid field or parameter, with its value and allowed range."""
 
     place: Literal["body", "query", "header", "path"] = Field(description="Where it was given")
     pointer: str = Field(description="JSON pointer into the body, or the parameter's name", examples=["#/depth"])
@@ -32,7 +32,7 @@ class Finding(BaseModel):
 
 
 def field_error(error: InvalidInput, request: Request) -> Finding:
-    """Describe one of our own exceptions; fields named like headers are headers."""
+    """Convert :class:`InvalidInput` to a field error; fields named like headers are headers."""
     named: Literal["header", "query"] | None = "header" if error.field[:1].isupper() else None
     named = "query" if error.field in request.query_params else named
     if named:
@@ -41,7 +41,7 @@ def field_error(error: InvalidInput, request: Request) -> Finding:
 
 
 def field_errors(request: Request, errors: Sequence[Mapping[str, Any]], body: object) -> list[Finding]:
-    """Describe the findings of the framework's validation."""
+    """Convert pydantic's validation errors of a request to field errors."""
     model = getattr(getattr(request.scope.get("route"), "body_field", None), "field_info", None)
     return [_finding(error, body, getattr(model, "annotation", None)) for error in errors]
 
@@ -97,7 +97,7 @@ def _without_tags(path: list[str], body: object) -> list[str]:
 
 
 def _limit(error: Mapping[str, Any]) -> str:
-    """Say the limit that one error carries."""
+    """Return the text of the limit that a pydantic error contains."""
     context = error.get("ctx", {})
     words = {"gt": "> {}", "ge": "at least {}", "lt": "< {}", "le": "at most {}", "expected": "{}"}
     said = [word.format(context[key]) for key, word in words.items() if key in context]
@@ -107,7 +107,7 @@ def _limit(error: Mapping[str, Any]) -> str:
 
 
 def _allowed(annotation: object, path: list[str], body: object) -> str:
-    """Say the whole range of a field, with its unit, from its model."""
+    """Return the text of a field's allowed range, with its unit, from its pydantic model."""
     if not path:
         return ""
     for model in _models(annotation):

@@ -1,7 +1,7 @@
 """Exception handlers that map errors to RFC 9457 problem responses.
 
-Only our own exceptions are mapped, by their code and the table of kinds; anything else is a 500 that says nothing of
-the inside and is in the log under the request's id.
+Exceptions of this software are mapped by their code and the catalogue of problem types. An unexpected exception is a
+500 without internal details; the log has them under the request's id.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 
 class NotReady(Conflict):
-    """The requested result does not exist until its job or scan has ended."""
+    """Error: the requested result does not exist until its job or scan has ended."""
 
     code = "not-ready"
 
@@ -63,7 +63,7 @@ PROBLEM_BY_STATUS = {
 
 
 class Problem(BaseModel):
-    """A refusal or failure (RFC 9457)."""
+    """Problem document: error response of the API (RFC 9457)."""
 
     type: str = Field(
         description="URL of the page that explains this kind of problem", examples=["/problems/not-found"]
@@ -132,7 +132,7 @@ def problem_response(
     headers: dict[str, str] | None = None,
     **more: Any,
 ) -> JSONResponse:
-    """Build the answer to a request; ``more`` are further members of :class:`Problem`."""
+    """Build the problem document that answers a request; ``more`` are further members of :class:`Problem`."""
     kind, request_id = PROBLEM_TYPES[code], request_id_of(scope)
     body = Problem(
         type=address(problem_type_uri(code)),
@@ -156,7 +156,7 @@ def problem_response(
 
 
 def request_id_of(scope: Scope) -> str:
-    """Return the identifier that the outermost layer gave the request."""
+    """Return the identifier (X-Request-ID) that :class:`RequestIdMiddleware` assigned to a request."""
     return str(scope.get("state", {}).get("request_id", ""))
 
 
@@ -206,7 +206,7 @@ async def _handle_http_error(request: Request, error: Exception) -> JSONResponse
 
 
 def _methods(request: Request) -> set[str]:
-    """Collect the methods of all routes to the request's path; the router knows only the first one's."""
+    """Return the HTTP methods of all routes to the request's path; the router reports only the first route's."""
     routes = [route for route in request.app.state.routes if route.matches(request.scope)[0] is not Match.NONE]
     exact = [route for route in routes if route.path == request.url.path]  # no identifier that happens to look like it
     found = {method for route in exact or routes for method in getattr(route, "methods", None) or ()}
@@ -234,7 +234,7 @@ async def _system_problem(request: Request, error: Exception) -> JSONResponse:
 
 
 def _is_deleted(request: Request, error: FileNotFoundError) -> bool:
-    """Whether an error is caused by a file deleted from the data folder, rather than by a missing folder."""
+    """Return whether a deleted file of the data folder caused the error, rather than a missing folder."""
     root = request.app.state.services.data.root.absolute()
     name = error.filename  # the HDF5 library tells none
     ours = name is None or Path(os.fsdecode(name)).absolute().is_relative_to(root)
@@ -247,7 +247,7 @@ def _disk_full(request: Request) -> JSONResponse:
 
 
 async def database_problem(request: Request, error: Exception) -> JSONResponse:
-    """Map a database error to a problem: unavailability is temporary, a rejected statement is an internal error."""
+    """Convert a database error to a problem document: 503 if unavailable, 500 if a statement was rejected."""
     if isinstance(error, DBAPIError):
         if "disk is full" in str(error.orig):  # SQLITE_FULL
             return _disk_full(request)

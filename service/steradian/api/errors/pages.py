@@ -20,7 +20,7 @@ _HTML = "text/html"
 
 @router.get("")
 def list_problems(request: Request) -> Response:
-    """Show all kinds."""
+    """List all problem types (RFC 9457), as HTML or JSON."""
     every = [_as_json(code) for code in PROBLEM_TYPES]
     parts = (f'<li><a href="{one["type"]}">{one["code"]}</a> ({one["status"]}): {one["title"]}' for one in every)
     return _as_html(request, {"items": every}, "Problems", f"<ul>{''.join(parts)}</ul>")
@@ -28,7 +28,7 @@ def list_problems(request: Request) -> Response:
 
 @router.get("/{code}")
 def read_problem(request: Request, code: str) -> Response:
-    """Show one kind to a person as a page, to a program as JSON; raises :class:`NotFound`."""
+    """Return the description of a problem type as HTML or JSON; raises :class:`NotFound`."""
     if code not in PROBLEM_TYPES:
         raise NotFound("kind of problem", code)
     kind, more = PROBLEM_TYPES[code], f'<p><a href="{address(ROOT)}">Other problems</a></p>'

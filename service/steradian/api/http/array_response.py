@@ -1,4 +1,4 @@
-"""Serve slices of stored arrays.
+"""HTTP responses with slices of stored arrays.
 
 Parse NumPy index syntax, negotiate npy, raw or JSON, enforce size limits before reading.
 """
@@ -58,12 +58,12 @@ ARRAY_ANSWER: Final[dict[str, Any]] = {
 
 
 def negotiate(request: Request, offered: tuple[str, ...]) -> str:
-    """Choose the format that the client likes best; the first one offered when it does not care.
+    """Return the offered media type that the Accept header prefers; the first one offered without a preference.
 
     Raises
     ------
     HTTPException
-        406, with the list of what there is.
+        406 with the offered media types, when the client accepts none of them.
     """
     stated = ", ".join(request.headers.getlist("accept")) or "*/*"
     accepted = parse_accept_header(stated, MIMEAccept)
@@ -84,7 +84,7 @@ class ArraySlice:
     index
         A slice, or an integer that takes the axis away, for each axis.
     shape
-        Of the result.
+        Shape of the result.
     """
 
     index: tuple[slice | int, ...]
@@ -92,12 +92,12 @@ class ArraySlice:
 
     @classmethod
     def parse(cls, text: str | None, shape: tuple[int, ...], field: str = "slice") -> ArraySlice:
-        """Read numpy's syntax (``10:20,::2,5``) for an array of a shape; missing axes are taken whole.
+        """Parse NumPy index syntax (``10:20,::2,5``) for an array of a shape; missing axes are selected whole.
 
         Raises
         ------
         InvalidInput
-            When it is no such text or reaches outside the array.
+            When the text is not an index expression or exceeds the array.
         """
         parts = text.split(",") if text and text.strip() else []
         allowed = f"up to {len(shape)} of start:stop:step or index, comma-separated, steps of at least 1; {shape=}"
@@ -120,22 +120,22 @@ class ArraySlice:
 
     @classmethod
     def point(cls, index: tuple[slice | int, ...]) -> ArraySlice:
-        """Build the slice that selects a single non-negative index per axis."""
+        """Create an array slice from non-negative indices and slices, and compute the shape of its result."""
         return cls(index, tuple(len(range(*s.indices(10**12))) for s in index if isinstance(s, slice)))
 
     @property
     def count(self) -> int:
-        """Number of elements."""
+        """Number of selected elements."""
         return math.prod(self.shape)
 
 
 class ChunkedArray(Protocol):
-    """Array that can be read chunk by chunk along its first axis.
+    """Protocol of arrays that can be read chunk by chunk along the first axis.
 
     Attributes
     ----------
     shape, dtype
-        As NumPy has them.
+        As of a NumPy array.
     """
 
     @property
@@ -145,7 +145,7 @@ class ChunkedArray(Protocol):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of an element."""
+        """NumPy data type of the elements."""
         ...
 
     def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
@@ -160,7 +160,7 @@ class InMemoryArray:
         self._values, self.shape, self.dtype = values, values.shape, values.dtype
 
     def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
-        """Give a part at once."""
+        """Yield the selected part as a single chunk."""
         yield self._values[index]
 
 
@@ -170,7 +170,7 @@ class Hdf5Array:
     Raises
     ------
     FileNotFoundError
-        When there is none.
+        When the file does not exist.
     DamagedFile
         When the file cannot be read.
     """
@@ -187,7 +187,7 @@ class Hdf5Array:
             raise DamagedFile(f"{path.name} cannot be read: {error}") from error
 
     def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
-        """Read piece by piece along the first axis, so that no request holds a whole scan."""
+        """Yield the selected part in chunks along the first axis, so that no request holds a whole scan in memory."""
         first, *others = index
         with open_for_reading(self._path) as file:
             if isinstance(first, int):
@@ -211,16 +211,16 @@ def array_response(
     more: dict[str, Any] | None = None,
     field: str = "slice",
 ) -> Response:
-    """Return a streaming response for a slice of an array.
+    """Return a response with a slice of an array as npy, raw bytes or JSON; large slices are streamed.
 
     Parameters
     ----------
     kind
         :data:`NPY`, :data:`RAW` or :data:`JSON`.
     limit
-        Most bytes.
+        Maximum size in bytes.
     more
-        What JSON says besides.
+        Further members of a JSON response.
     field
         The parameter to change where the part is too large.
 

@@ -16,7 +16,7 @@ from steradian.storage.repositories.scans import RevisionConflict
 
 
 class NotModified(Exception):
-    """The client's cached representation is still current (304)."""
+    """Control-flow exception: the client's cached representation is still current (304)."""
 
     def __init__(self, etag: str, vary: str | None) -> None:
         self.headers = {"ETag": etag} | ({"Vary": vary} if vary else {})
@@ -24,15 +24,15 @@ class NotModified(Exception):
 
 
 class ReadPreconditions:
-    """Preconditions of a safe request."""
+    """Preconditions of a read request: If-Match and If-None-Match."""
 
     def __init__(self, response: Response, match: str | None, none_match: str | None) -> None:
         self._response, self._match, self._none_match = response, match, none_match
 
     def tag(self, etag: str, *, vary: str | None = None) -> None:
-        """State the ETag of the answer.
+        """Set the ETag of the response, after a check of If-Match and If-None-Match.
 
-        If-None-Match compares weakly: who compresses an answer on its way, makes its tag a weak one.
+        If-None-Match compares weakly, because a proxy that compresses a response makes its ETag weak.
 
         Parameters
         ----------
@@ -44,7 +44,7 @@ class ReadPreconditions:
         RevisionConflict
             When If-Match names other versions only.
         NotModified
-            When the client has it already.
+            When the client already has this version.
         """
         name = etag.strip('"')
         if self._match is not None and not parse_etags(self._match).contains(name):
@@ -55,20 +55,19 @@ class ReadPreconditions:
 
 
 class WritePreconditions:
-    """Preconditions of a modifying request."""
+    """Precondition of a modifying request: If-Match."""
 
     def __init__(self, response: Response, match: str | None) -> None:
         self._response, self._match = response, match
 
     def tag(self, etag: str) -> None:
-        """Return the ETag of the changed resource."""
+        """Set the ETag of the response to that of the changed resource."""
         self._response.headers["ETag"] = etag
 
     def revision(self, identifier: str) -> int | None:
-        """Return the revision that the client wants to change; ``None`` when any will do.
+        """Return the revision of a resource that If-Match requires; ``None`` without a requirement.
 
-        A weak tag names it as well: a proxy that compresses makes a weak one of ours, and the revision in it is that of
-        the resource, whatever the bytes were.
+        A weak ETag is valid, too: a proxy that compresses makes our ETags weak, but the revision in them is unchanged.
 
         Raises
         ------
@@ -108,10 +107,10 @@ async def _change_conditions(response: Response, if_match: Match = None) -> Writ
 
 
 def resource_etag(identifier: str, revision: int | str, view: BaseModel | None = None) -> str:
-    """Build the ETag of one representation of a resource revision.
+    """Return the ETag of a resource's revision, or of one view of that revision.
 
-    Progress and the place in the queue, say, are part of ``view`` and not of the ``revision``, so that If-Match does
-    not refuse a change because of them.
+    Progress and queue position, for example, are part of ``view`` but not of the ``revision``, so that If-Match does
+    not reject a change because of them.
     """
     if view is None:
         return f'"{identifier}-{revision}"'
@@ -120,12 +119,12 @@ def resource_etag(identifier: str, revision: int | str, view: BaseModel | None =
 
 
 def etag_of_file(path: Path, file: int | None = None, *, kind: str | None = None) -> str:
-    """Name a version of a file by its time and size; of the one that is open as ``file``, if that is given.
+    """Return an ETag from a file's modification time and size; those of the open descriptor ``file``, if given.
 
     Parameters
     ----------
     kind
-        Media type of the representation that is made of it, where there are several.
+        Media type of the representation, if the file has several.
     """
     found = path.stat() if file is None else os.stat(file)
     form = f"-{kind.rpartition('/')[2]}" if kind else ""

@@ -30,7 +30,7 @@ class ConnectionLimiter:
     Parameters
     ----------
     most
-        Connections at a time.
+        Maximum number of open connections.
     patience
         Seconds for which a client may send nothing of a request that it has begun.
     """
@@ -68,7 +68,7 @@ class LimitedConfig(uvicorn.Config):
 
 
 class LimitedHttpProtocol(HttpToolsProtocol):
-    """HTTP protocol with a receive timeout and a header size limit."""
+    """uvicorn's HTTP protocol with a receive timeout and a header size limit."""
 
     config: LimitedConfig
 
@@ -81,7 +81,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection, or refuse it when there are too many."""
+        """Admit the connection, or reject it with 503 when the limit is reached."""
         super().connection_made(transport)
         self._peer = Peer(self.client, self.server)
         if self._door.admit(self):
@@ -91,7 +91,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             transport.close()
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Give the place back."""
+        """Release the connection's slot in the limiter."""
         self._stop_awaiting()
         self._door.release(self)
         super().connection_lost(error)
@@ -106,14 +106,14 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         super().data_received(data)
 
     def on_message_begin(self) -> None:
-        """Begin to wait for the head of a request."""
+        """Start the timeout for the head of a request."""
         super().on_message_begin()
         self.scope["state"]["peer"] = self._peer
         self._in_head = True
         self._await_client()
 
     def on_headers_complete(self) -> None:
-        """Begin to wait for the body."""
+        """Start the timeout for the body of a request."""
         self._in_head, self._head_bytes = False, 0
         super().on_headers_complete()
         self._await_client()
@@ -124,7 +124,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
         self._await_client()
 
     def on_message_complete(self) -> None:
-        """Wait for the client no more, as it is our turn; unless the answer was given before the body had come."""
+        """Stop the receive timeout, unless the response was sent before the request was complete."""
         super().on_message_complete()
         if self.cycle.response_complete:
             self._await_client()
@@ -132,13 +132,13 @@ class LimitedHttpProtocol(HttpToolsProtocol):
             self._stop_awaiting()
 
     def on_response_complete(self) -> None:
-        """Count the connection among the idle ones."""
+        """Mark the connection as idle, so that the limiter may close it."""
         super().on_response_complete()
         if not self.transport.is_closing() and (self.cycle is None or self.cycle.response_complete):
             self._door.awaited[self] = None
 
     def drop(self) -> None:
-        """End the connection without a word."""
+        """Close the connection at once, without a response."""
         self._door.release(self)
         self.transport.abort()
 
@@ -161,7 +161,7 @@ class LimitedHttpProtocol(HttpToolsProtocol):
 
 
 def raise_open_file_limit(wanted: int) -> int:
-    """Raise the soft limit of open files to the hard limit and return the number of connections it allows."""
+    """Raise the soft limit of open files as needed and return the number of connections that it allows."""
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

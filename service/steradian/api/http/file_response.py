@@ -1,6 +1,6 @@
 """File responses with Range support and Repr-Digest (RFC 9530).
 
-A range that cannot be had is a problem like any other.
+A range that cannot be satisfied is answered with a problem document (RFC 9457).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _WANTED = re.compile(r"(?:^|,)\s*sha-256\s*=\s*[1-9]")
 
 
 def open_or_404(arrays: BlobStore, name: str, what: str, identifier: str) -> Path:
-    """Return the local path of a stored file or raise NotFound naming the resource."""
+    """Return the local path of a stored file; raises :class:`NotFound` with the name of the resource."""
     try:
         return arrays.open(name)
     except NotFound:
@@ -61,12 +61,12 @@ class RangeFileResponse(FileResponse):
     """FileResponse that honours Range and Want-Repr-Digest."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send it; the answer begins once the file is open.
+        """Send the file or the requested range; the response begins once the file is open.
 
         Raises
         ------
         FileNotFoundError
-            When it was deleted since.
+            When the file has been deleted.
         HTTPException
             416 with the file's size when it ends before the range; 400 when the header is malformed.
         """
@@ -93,7 +93,7 @@ class RangeFileResponse(FileResponse):
 
 
 def concatenated_log_response(paths: Iterable[Path]) -> StreamingResponse:
-    """Stream several growing log files as one text response."""
+    """Return a response that streams several log files as one text, up to their present sizes."""
     logs = [(path, path.stat().st_size) for path in paths]
     headers = {"Content-Length": str(sum(size for _, size in logs))}
     return StreamingResponse(_pieces(logs), headers=headers, media_type="text/plain; charset=utf-8")

@@ -1,4 +1,4 @@
-"""User of the process at the other end of a loopback connection, from Linux's socket tables."""
+"""Lookup of the user id of a loopback connection's client process, in Linux's socket tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UID_AT = _HEAD.size + 4 + _SOCKET.size + 12
 
 
 class Peer:
-    """The other end of a connection.
+    """Client end of a TCP connection, with a lookup of the user id of its process.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Peer:
 
     @property
     def user(self) -> int | None:
-        """Number of the user; :data:`GONE` for a closed socket, or ``None`` if the system does not report one."""
+        """User id of the client process; :data:`GONE` for a closed socket, or ``None`` if not reported."""
         client, server = self._ends
         if client is None or server is None or client[1] is None or server[1] is None:
             return None  # no TCP
@@ -48,12 +48,12 @@ class Peer:
 
 
 def user_of(client: tuple[str, int], server: tuple[str, int]) -> int | None:
-    """Return the owner of the socket that is connected from one address to another.
+    """Return the user id of the client process of a TCP connection between two addresses.
 
     Returns
     -------
     int or None
-        Number of the user, :data:`GONE`, or ``None`` where the system does not tell (it is no Linux).
+        User id, :data:`GONE`, or ``None`` where the system does not report one (not Linux).
     """
     try:
         return _ask_kernel(client, server)
@@ -64,7 +64,7 @@ def user_of(client: tuple[str, int], server: tuple[str, int]) -> int | None:
 
 
 def _ask_kernel(client: tuple[str, int], server: tuple[str, int]) -> int:
-    """Ask for that one socket (``inet_diag``); its owner's number is true while it belongs to a process."""
+    """Query the kernel (netlink ``inet_diag``) for the user id of a socket; :data:`GONE` without a process."""
     ends = [ip_address(host).packed for host, _ in (client, server)]
     family = socket.AF_INET if len(ends[0]) == 4 else socket.AF_INET6
     sought = _SOCKET.pack(client[1], server[1], *(end.ljust(16, b"\0") for end in ends), _ANY)
@@ -83,7 +83,7 @@ def _ask_kernel(client: tuple[str, int], server: tuple[str, int]) -> int:
 
 
 def _look_up(client: tuple[str, int], server: tuple[str, int]) -> int:
-    """Find the socket in the system's table, where the kernel answers no questions."""
+    """Read the user id of a socket from ``/proc/net/tcp``, where the kernel does not answer netlink queries."""
     ends = [(ip_address(host).packed, port) for host, port in (client, server)]
     words = [[host[n : n + 4][::-1].hex() for n in range(0, len(host), 4)] for host, _ in ends]
     told = " ".join(f"{''.join(word)}:{port:04x}" for word, (_, port) in zip(words, ends, strict=True)).upper()

@@ -1,4 +1,4 @@
-"""Whether a request came straight from a program of this machine, or through a proxy on it."""
+"""Detection of requests that came through a proxy or from another user's process on this machine."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ FAMILIES: Final = ("x-forwarded", "x-original-", "x-envoy-", "x-arr-", "cf-", "f
 
 
 def is_forwarded(scope: Scope) -> bool:
-    """Whether a proxy says that it passed this on, or one must have: browsers and our clients speak HTTP/1.1.
+    """Return whether a request came through a proxy, according to its headers or its HTTP version (1.0).
 
-    HTTP/1.0 is what nginx, Apache's older modules and small proxies speak to a service by default, and nothing else
-    does that a person uses.
+    nginx, older Apache modules and small proxies use HTTP/1.0 by default; browsers and our clients use HTTP/1.1.
     """
     if scope.get("http_version", "1.1") not in {"1.1", "2"}:
         return True
@@ -30,10 +29,10 @@ def is_forwarded(scope: Scope) -> bool:
 
 
 def stranger(scope: Scope) -> str | None:
-    """Return the reason why a request may not come from the service's own user; ``None`` without one.
+    """Return the reason why the client process is not known to run as the service's user; ``None`` without one.
 
-    The system is asked whose process is at the other end of the connection, which no request can change: the proxy's,
-    say, or another user's of this machine. The administrator may do all anyway.
+    The kernel reports the user of the client process, which a request cannot forge. Another user's process may be a
+    proxy. Processes of root are accepted.
     """
     peer: Peer | None = scope.get("state", {}).get("peer")
     user = None if peer is None else peer.user

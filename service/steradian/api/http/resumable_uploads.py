@@ -29,14 +29,14 @@ class Part:
 
     @classmethod
     def begin(cls, folder: Path, identifier: str, length: int) -> Self:
-        """Make an empty one."""
+        """Create the empty partial file of an upload."""
         path = folder / f"{identifier}.{length}.part"
         path.touch(exist_ok=False)
         return cls(path, length)
 
     @classmethod
     def find(cls, folder: Path, identifier: str) -> Self:
-        """Find one; raises :class:`NotFound`."""
+        """Find the partial file of an upload; raises :class:`NotFound`."""
         is_name = identifier.isascii() and identifier.isalnum()
         for path in folder.glob(f"{identifier}.*.part") if is_name else ():
             return cls(path, int(path.name.split(".")[1]))
@@ -44,19 +44,19 @@ class Part:
 
     @property
     def offset(self) -> int:
-        """Bytes that have come; raises :class:`FileNotFoundError`."""
+        """Number of received bytes; raises :class:`FileNotFoundError`."""
         return self.path.stat().st_size
 
     @contextmanager
     def open(self, offset: int) -> Iterator[BinaryIO]:
-        """Open the file for appending.
+        """Open the partial file, with an exclusive lock, for appending at ``offset``.
 
         Raises
         ------
         Conflict
-            When it ends elsewhere, or another request writes it.
+            When the file's size is not ``offset``, or another request writes to the file.
         NotFound
-            When it has been deleted.
+            When the file has been deleted.
         """
         with self._opened() as file:
             try:
@@ -69,7 +69,7 @@ class Part:
             yield file
 
     def digest(self) -> bytes:
-        """SHA-256 of all of it, which is also written through to the disk."""
+        """Flush the file to disk and return its SHA-256 digest."""
         with self._opened() as file:
             os.fsync(file.fileno())
             return hashlib.file_digest(file, "sha256").digest()

@@ -20,7 +20,7 @@ _RAW: Final = [(name.lower().encode(), value.encode()) for name, value in SECURI
 
 
 def add_security_headers(start: Message) -> None:
-    """Add the headers to the start of an answer, but for those that it has."""
+    """Add the security headers that are missing to the start message of a response."""
     raw: list[tuple[bytes, bytes]] = start["headers"]
     there = {name for name, _ in raw}
     raw.extend(pair for pair in _RAW if pair[0] not in there)

@@ -1,8 +1,8 @@
 """Session cookie attributes and cross-site request forgery checks.
 
-A browser adds the cookie to whatever any page has it ask, also a form of another site or a service at another port of
-the same host. So such a request must come from a page of this origin, by what the browser says of it (``Origin``,
-``Sec-Fetch-Site``: scripts cannot set either), and bring a token that other origins cannot read.
+A browser adds the cookie to every request to this host, also to those of another site's form or of a service on another
+port. So such a request must come from a page of this origin according to ``Origin`` and ``Sec-Fetch-Site``, which
+scripts cannot set, and must contain a token that other origins cannot read.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ TOKEN: Final = "X-CSRF-Token"  # noqa: S105 - the header's name
 
 
 class CrossSiteRequest(Forbidden):
-    """A cookie-authenticated request failed the origin or CSRF-token check."""
+    """Error: a cookie-authenticated request failed the origin or CSRF-token check."""
 
     code = "cross-site"
 
 
 def session_secret(headers: Headers) -> str | None:
-    """Return the session secret from the Cookie header, if present."""
+    """Return the session's secret from the Cookie header; ``None`` without one."""
     return cookie_parser("; ".join(headers.getlist("cookie"))).get(NAME) or None
 
 
 def set_cookie(response: Response, secret: str, request: Request) -> None:
-    """Give a browser the cookie: for this site only, for no script, and for no plain link where there is TLS."""
+    """Set the session cookie in a response: HttpOnly, SameSite=strict, and Secure over TLS."""
     response.set_cookie(
         NAME,
         secret,
@@ -61,12 +61,12 @@ def check_same_origin(seen: ValidSession, headers: Headers, *, changes: bool) ->
     Parameters
     ----------
     changes
-        Whether the request changes something: then it must bring the token and say that it comes from here.
+        Whether the request changes something: then the CSRF token and an origin header are required.
 
     Raises
     ------
     CrossSiteRequest
-        With what is missing.
+        With the check that failed.
     """
     origin, site = headers.get("origin"), headers.get("sec-fetch-site")
     followed = not changes and headers.get("sec-fetch-mode") == "navigate"
@@ -85,7 +85,7 @@ def check_same_origin(seen: ValidSession, headers: Headers, *, changes: bool) ->
 
 
 def _hosts(headers: Headers) -> set[str]:
-    """Return the names by which this service was addressed, by a proxy's word too: no page can set its header."""
+    """Return the host names of this service according to Host and X-Forwarded-Host, which no page can set."""
     return {host for host in (*headers.getlist("host"), *headers.getlist("x-forwarded-host")) if host}
 
 
@@ -94,8 +94,8 @@ def _is_secure(request: Request) -> bool:
 
 
 def _path(request: Request) -> str | None:
-    """Below which path the cookie is sent; ``None`` leaves it to the browser, which takes that of the session.
+    """Return the Path attribute of the session cookie; ``None`` leaves the path to the browser.
 
-    So a browser can sign in below a path of which a proxy says nothing.
+    So a browser can sign in through a proxy that serves the service below a path but does not send that path.
     """
     return None if is_forwarded(request.scope) and not prefix() else address(BASE)

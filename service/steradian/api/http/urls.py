@@ -1,8 +1,8 @@
-"""Addresses as a client must write them: behind a proxy that serves the service below a path, with that path in front.
+"""URL paths with the path prefix of a reverse proxy, as the client must write them.
 
-The path is the setting ``root_path``, else the header ``X-Forwarded-Prefix`` of the request. It is found once, before
-everything else; all that gives an address in an answer asks :func:`address` for it. Inside, no address has it: where a
-proxy leaves the setting's path in what it asks for, it is taken off here.
+The prefix is the setting ``root_path``, else the request's header ``X-Forwarded-Prefix``. It is determined once for
+each request, before all middleware; every address in a response comes from :func:`address`. Inside the service, paths
+have no prefix: if a proxy forwards paths with the setting's prefix, :class:`Prefixed` strips it.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ _prefix: ContextVar[str] = ContextVar("prefix", default="")
 
 
 def prefix() -> str:
-    """Return the path below which the client of this request finds the service; empty at the root of a host."""
+    """Return the path prefix of the present request; empty at the root of a host."""
     return _prefix.get()
 
 
 def address(path: str) -> str:
-    """Return an address of this service, ``/api/v1/…``, as the client of this request must write it."""
+    """Return a path of this service, ``/api/v1/…``, with the path prefix of the present request."""
     return _prefix.get() + path
 
 
 def link(path: str) -> str:
-    """Return the address of something of the API, ``/scans/…``, as the client of this request must write it."""
+    """Return the path of an API resource, ``/scans/…``, with API root and the path prefix of the present request."""
     return address(BASE + path)
 
 
 def stated_prefix(headers: Headers) -> str:
-    """Return the path prefix in ``X-Forwarded-Prefix``.
+    """Return the path prefix in a request's ``X-Forwarded-Prefix`` header.
 
     Empty when the header is missing, repeated or not a plain path.
     """
@@ -50,20 +50,20 @@ def stated_prefix(headers: Headers) -> str:
 
 
 class Prefixed:
-    """Finds out below which path the service is, and takes it off the request's own.
+    """ASGI middleware that determines the path prefix of a reverse proxy and strips it from request paths.
 
     Parameters
     ----------
     root_path
-        The setting, ``/steradian``; empty: what each request's header says, for addresses in answers alone. Only the
-        setting's path is taken off: a header cannot turn one address into another.
+        The setting, such as ``/steradian``. If empty, the header of each request gives the prefix, which is then used
+        in responses only. Only the setting's prefix is stripped, so that a header cannot turn one path into another.
     """
 
     def __init__(self, app: ASGIApp, root_path: str) -> None:
         self.app, self._root = app, root_path.rstrip("/")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Process the request without the path prefix and pass it on."""
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
         root = self._root
@@ -86,7 +86,7 @@ class Prefixed:
 
 
 def _shorten(headers: MutableHeaders) -> None:
-    """Make a path of where the framework redirects to; its host and scheme are those of this side of the proxy."""
+    """Replace the absolute URL of a redirect by a path, because its host and scheme are those behind the proxy."""
     found = re.fullmatch(r"https?://[^/]*(/.*)", headers.get("location", ""))
     if found:
         headers["location"] = address(found[1])

@@ -27,7 +27,7 @@ class AxisView(BaseModel):
 
 
 class VoxelsView(ArrayView):
-    """A part of a volume or projection with its axes."""
+    """Response schema of voxels of a volume or projection, with their axes."""
 
     axes: list[AxisView] = Field(description="Of those that are left, in the order of the values")
     level: int = Field(description="Each voxel is of 2^level voxels along each axis")
@@ -92,12 +92,12 @@ class Window:
 
     @classmethod
     def parse(cls, text: str) -> Window:
-        """Read two numbers.
+        """Parse a window from its text ``LEAST,GREATEST``.
 
         Raises
         ------
         InvalidInput
-            When they are none, or the second is not the greater.
+            When the text is not two finite numbers, or the second is not the greater.
         """
         try:
             least, greatest = map(float, text.split(","))
@@ -118,25 +118,25 @@ class Window:
 
 
 class ConvertedArray:
-    """Values of another type: float32, or uint8 by a window."""
+    """Chunked array converted to another type: float32, or uint8 by a display window."""
 
     def __init__(self, source: ChunkedArray, window: Window | None) -> None:
         self._source, self._window, self.shape = source, window, source.shape
         self.dtype: np.dtype[Any] = np.dtype("<f4" if window is None else "u1")
 
     def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
-        """Convert piece by piece."""
+        """Yield the selected part in converted chunks."""
         for piece in self._source.iter_chunks(index):
             yield piece.astype(self.dtype, copy=False) if self._window is None else self._window.apply(piece)
 
 
 def converted(source: ChunkedArray, dtype: str | None, window: Window | None) -> ChunkedArray:
-    """Return values of the type that was asked for, as they are if none was."""
+    """Return an array converted to ``dtype``; unchanged if that is ``None``."""
     return source if dtype is None else ConvertedArray(source, window)
 
 
 def pyramid_level_for(shape: tuple[int, ...], max_size: int | None) -> int:
-    """Return the pyramid level at which no side is longer than ``max_size``."""
+    """Return the finest pyramid level at which no side is longer than ``max_size``."""
     level = 0
     while max_size is not None and any(-(-side // 2**level) > max_size for side in shape):
         level += 1
@@ -144,14 +144,14 @@ def pyramid_level_for(shape: tuple[int, ...], max_size: int | None) -> int:
 
 
 def max_pool(image: NDArray[Any], times: int) -> NDArray[Any]:
-    """Make a projection coarser: the brightest of ``times`` × ``times`` pixels, fewer at the far edges."""
+    """Downsample a projection by max pooling of ``times`` × ``times`` pixels, fewer at the far edges."""
     for axis, side in enumerate(image.shape):
         image = np.maximum.reduceat(image, np.arange(0, side, times), axis=axis)
     return image
 
 
 def axis_headers(lattice: VoxelGrid, level: int, window: Window | None) -> dict[str, str]:
-    """Return the headers that describe axes (m), level and window of a response."""
+    """Return the response headers that describe axes (m), pyramid level and display window of voxels."""
 
     def told(line: tuple[float, ...]) -> str:
         return ",".join(f"{value:.12g}" for value in line)
@@ -166,7 +166,7 @@ def axis_headers(lattice: VoxelGrid, level: int, window: Window | None) -> dict[
 
 
 def axis_json(lattice: VoxelGrid, level: int, window: Window | None) -> dict[str, Any]:
-    """Return the same description as a part of :class:`VoxelsView`."""
+    """Return axes (m), pyramid level and display window of voxels as members of :class:`VoxelsView`."""
     lines = zip(lattice.names, lattice.origin, lattice.spacing, lattice.shape, strict=True)
     axes = [{"name": name, "origin_m": at, "spacing_m": step, "size": size} for name, at, step, size in lines]
     return {"axes": axes, "level": level, "window": window and [window.least, window.greatest]}

@@ -44,14 +44,14 @@ class VolumeQuery:
 def projection_response(
     arrays: BlobStore, identifier: str, kind: str, conditions: ReadPreconditions, wish: ProjectionQuery
 ) -> Response:
-    """Return a stored projection of the whole volume, or compute that of a slab.
+    """Return the response with the stored projection of a whole volume, or with the computed one of a slab.
 
     Raises
     ------
     NotFound
         When there is neither volume nor revision.
     InvalidInput
-        When the wish fits no projection.
+        When the query is invalid for this volume.
     """
     etag, stored = _stored(arrays, identifier, kind)
     conditions.tag(etag, vary="Accept")
@@ -81,12 +81,12 @@ def projection_response(
 def volume_response(
     arrays: BlobStore, identifier: str, kind: str, conditions: ReadPreconditions, wish: VolumeQuery, limit: int
 ) -> Response:
-    """Answer with a part of the volume, of the level that was asked for or is fine enough.
+    """Return the response with a part of a volume, at the requested pyramid level or the finest within ``max_size``.
 
     Raises
     ------
     InvalidInput
-        When the wish fits no part, or the part is too large.
+        When the query is invalid for this volume, or the part is too large.
     """
     etag, stored = _stored(arrays, identifier, kind)
     conditions.tag(etag, vary="Accept")
@@ -108,7 +108,7 @@ def volume_response(
 
 
 def _stored(arrays: BlobStore, identifier: str, kind: str) -> tuple[str, VolumeReader]:
-    """Open the volume, or the newest revision's projections, with the ETag read beforehand."""
+    """Open a volume, or the projections of the newest live revision, and return its ETag and reader."""
     for name in (VOLUME, PROJECTIONS, VOLUME):  # these are removed when that is whole
         with suppress(FileNotFoundError, NotFound):
             path = arrays.open(result_name(identifier, name))
@@ -121,7 +121,7 @@ def _coarser(whole: ArraySlice, level: int) -> ArraySlice:
 
 
 def _slab(text: str | None, size: int) -> range:
-    """Read a slab along an axis of a number of voxels."""
+    """Parse a slab in NumPy syntax to the range of its voxels along an axis of ``size`` voxels."""
     at = ArraySlice.parse(text, (size,), "slab").index[0]
     chosen = range(at, at + 1) if isinstance(at, int) else range(*at.indices(size))
     if not chosen:

@@ -138,14 +138,13 @@ class _AuthBackend(Protocol):
 
 
 class AuthenticationMiddleware:
-    """Authentication middleware.
+    """ASGI middleware that identifies the caller by key, session, ticket or loopback connection.
 
-    Identifies the caller and rejects missing or invalid credentials before the body is read.
+    Missing or invalid credentials are rejected before the body is read.
 
-    Without keys only this machine can connect, but others could use it to: a proxy on it, or a page in its browser.
-    What was forwarded needs a key, and so does what a process of another user asks, but for the emergency stop;
-    requests that are addressed to another host's name, and those that a page of another origin makes by itself, are
-    refused.
+    Without keys only this machine can connect, but a proxy on it or a page in its browser could connect for others. So
+    forwarded requests need a key, and so do requests of another user's process, except emergency stops. Requests to
+    another host name, and requests that a page of another origin makes by itself, are rejected.
     """
 
     def __init__(self, app: ASGIApp, keeper: _AuthBackend) -> None:
@@ -156,7 +155,7 @@ class AuthenticationMiddleware:
         self._hosts = {name.strip() for name in keeper.settings.allowed_hosts.split(",") if name.strip()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Authenticate the request, apply the rate limit of its caller, and pass the request on."""
         if scope["type"] == "http":
             try:
                 scope["state"]["principal"] = principal = await self._principal(scope)
@@ -213,7 +212,7 @@ class AuthenticationMiddleware:
         return LOOPBACK
 
     async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
-        """Return the owner of a key or ticket; an address with too many failed attempts may use known keys only."""
+        """Return the principal of a key or ticket; an address with too many failures may use cached keys only."""
         address = (scope.get("client") or ("",))[0]
         if self._failed.is_exhausted(address) and not (is_stop(scope) and scope["method"] == "POST"):
             if (known := self._keys.check_cached(secret)) is not None:
@@ -227,7 +226,7 @@ class AuthenticationMiddleware:
             raise
 
     async def _recognise(self, scope: Scope, secret: str) -> ValidSession | None:
-        """Return the owner of a session; ``None`` when it has ended, so that the request is handled as anonymous."""
+        """Return the session of a secret; ``None`` if it has ended, so that the request is handled as anonymous."""
         with suppress(Unauthorized):
             if is_stop(scope):
                 with suppress(Unauthorized):
@@ -253,7 +252,7 @@ class AuthenticationMiddleware:
 
 
 def _name(address: str) -> str:
-    """Return the host's name in an address; empty when it is none."""
+    """Return the host name in an address; empty if the address is invalid."""
     try:
         parts = urlsplit(address)
         _ = parts.port
@@ -273,7 +272,7 @@ class AuthorizedRoute(APIRoute):
     """APIRoute that checks the scope before the body is read."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Wrap the framework's handler."""
+        """Return the route's handler, wrapped in checks of scope, query parameters and JSON body."""
         handle = super().get_route_handler()
 
         async def guarded(request: Request) -> Response:

@@ -45,7 +45,7 @@ class RequestIdMiddleware:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Assign an identifier to the request and pass the request on."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -69,15 +69,15 @@ class RequestIdMiddleware:
 class AccessLogMiddleware:
     """Access log and metrics middleware; queries are omitted because they may contain tickets.
 
-    A line about something that was made, deleted or wished begins a story that other processes go on with: it is
-    written at the level INFO, all others at DEBUG.
+    Successful requests that create or delete a resource, change a desired state or press an emergency stop are logged
+    at the level INFO, because other processes continue their work; all others at DEBUG.
     """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self.app, self._metrics = app, metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Pass the request on, then log the request and count it in the metrics."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -107,7 +107,7 @@ class AccessLogMiddleware:
 
 
 def _is_state_change_request(scope: Scope) -> bool:
-    """Whether a request changes a desired state or presses a stop."""
+    """Return whether a request deletes a resource, changes a desired state or presses an emergency stop."""
     method, path = scope["method"], scope["path"]
     presses = method == "POST" and EMERGENCY_STOP.fullmatch(path)
     return method == "DELETE" or path.endswith("/desired-state") or bool(presses)
@@ -120,20 +120,20 @@ class RejectNulMiddleware:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Reject a URL with U+0000; pass other requests on."""
         if scope["type"] != "http" or not ("\0" in scope["path"] or b"%00" in scope["query_string"]):
             return await self.app(scope, receive, send)
         return await problem_response(scope, "not-found", "an address with U+0000 names nothing")(scope, receive, send)
 
 
 class HeadMiddleware:
-    """Middleware that answers HEAD from the GET handler without producing the body."""
+    """Middleware that answers HEAD requests with the headers of the GET handler, without producing the body."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Process a HEAD request as GET and send only the headers; pass other requests on."""
         if scope["type"] != "http" or scope["method"] != "HEAD":
             return await self.app(scope, receive, send)
 
@@ -150,20 +150,20 @@ class HeadMiddleware:
 
 
 class _HeadersSent(Exception):
-    """There is nothing more to send."""
+    """Control-flow exception: the headers of a HEAD response are sent, so the handler can stop."""
 
 
 class StreamAdmissionMiddleware:
     """Middleware that limits how many event streams are opened at the same time, so that other requests are served.
 
-    It stands before everything else, as what a crowd costs before it waits here, it costs whoever comes with it.
+    It is the outermost middleware, so that waiting event streams cost other requests nothing.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app, self._turns = app, asyncio.Semaphore(MAX_CONCURRENT_OPENS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Wait for a slot before an event stream is opened; pass other requests on."""
         if scope["type"] != "http" or not scope["path"].endswith(STREAMS):  # below any path
             return await self.app(scope, receive, send)
         await self._turns.acquire()
@@ -186,13 +186,13 @@ class StreamAdmissionMiddleware:
 
 
 class MaxStreamsMiddleware:
-    """Middleware that rejects event streams beyond the configured maximum."""
+    """Middleware that rejects event streams beyond :data:`MAX_STREAMS`."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app, self._open = app, 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Reject an event stream when the maximum is open; pass other requests on."""
         if scope["type"] != "http" or scope["path"] != STREAMS:
             return await self.app(scope, receive, send)
         if self._open >= MAX_STREAMS:
@@ -219,7 +219,7 @@ class BodySizeLimitMiddleware:
         return self._uploads if _UPLOAD.fullmatch(path) else self._lists if path in LISTS else self._json
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Reject a request whose body is too large; pass other requests on."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

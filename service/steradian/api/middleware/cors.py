@@ -1,7 +1,7 @@
-"""Pages of other origins that may read: those that a setting names, without cookies (the Fetch standard's CORS).
+"""Cross-origin reads (CORS, Fetch standard) by pages of the origins in the settings, without cookies.
 
-It is meant for viewers of OME-Zarr, which run in a browser as somebody else's page and ask for a volume's metadata and
-pieces. They may read what their user may, by a key that the page itself sends, or without one where none is needed.
+Its purpose is OME-Zarr viewers, which run in a browser as a page of another site and request a volume's metadata and
+chunks. They have the permissions of the key that the page sends, or need none on a service without keys.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MINUTES: Final = "600"
 
 
 def is_read_of(scope: Scope, headers: Headers, origins: frozenset[str]) -> bool:
-    """Whether a request reads something of the API and comes from a page of one of these origins."""
+    """Return whether a request is an API read by a page of one of these origins."""
     path = scope["path"]
     is_api = path == BASE or path.startswith(f"{BASE}/")
     return is_api and scope["method"] in READS and headers.get("origin", "").lower() in origins
@@ -39,14 +39,14 @@ class Cors:
     Parameters
     ----------
     origins
-        In lower case, ``https://viewer.example``; none: nothing is said, and browsers keep all other pages out.
+        Permitted origins in lower case, such as ``https://viewer.example``; if empty, browsers block all other pages.
     """
 
     def __init__(self, app: ASGIApp, origins: frozenset[str]) -> None:
         self.app, self._origins = app, origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Answer CORS preflight requests and add CORS headers to the responses of permitted reads."""
         if scope["type"] != "http" or not self._origins:
             return await self.app(scope, receive, send)
         headers = Headers(scope=scope)
@@ -70,7 +70,7 @@ class Cors:
 
 
 def _permission(headers: Headers) -> dict[str, str]:
-    """Answer a browser that asks whether a page may read."""
+    """Return the headers that answer a CORS preflight request."""
     permission = {
         "Access-Control-Allow-Origin": headers["origin"],
         "Access-Control-Allow-Methods": ", ".join(sorted(READS)),

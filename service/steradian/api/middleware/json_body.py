@@ -1,6 +1,6 @@
 """Strict JSON request bodies: reject duplicate keys, NaN and lone surrogates.
 
-Parse large bodies in the process pool.
+Large bodies are parsed in the process pool.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _ODD = re.compile("[\0\ud800-\udfff]")
 
 
 class StrictJsonRequest(Request):
-    """Request whose JSON body must not contain duplicate keys."""
+    """Request with a strict JSON parser: no duplicate keys, NaN or lone surrogates."""
 
     refusal: SteradianError | None = None
     """What is wrong with the body, where the framework would only say that something is."""
 
     async def json(self) -> Any:
-        """Parse the body; raises :class:`json.JSONDecodeError`, also for input at which a parser gives up."""
+        """Parse the JSON body; raises :class:`json.JSONDecodeError`, also for a body that is nested too deeply."""
         body = await self.body()
         if len(body) <= INLINE_PARSE_BYTES:
             return _parse(body)
@@ -58,7 +58,7 @@ def _parse(body: bytes) -> Any:
 
 
 def _parse_large(body: bytes) -> Any:
-    """Parse elsewhere; long lists come back as arrays, which are checked at once and not number by number."""
+    """Parse a large JSON object in a pool process; long nested lists of numbers are returned as NumPy arrays."""
     found = _parse(body)
     if not isinstance(found, dict):
         raise InvalidInput("the body", f"of {len(body)} bytes", "an object")

@@ -21,7 +21,7 @@ BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10
 
 
 class Metrics:
-    """Counts requests, and looks at queue and processes when asked."""
+    """Prometheus metrics: counters of HTTP requests, and a collector of queue and process state."""
 
     def __init__(self, services: ServiceContainer) -> None:
         self.registry = CollectorRegistry()
@@ -46,11 +46,11 @@ class _StateCollector(Collector):
         self._services = services
 
     def describe(self) -> list[GaugeMetricFamily]:
-        """Name nothing beforehand: looking needs the database."""
+        """Return no metric families in advance, because their collection needs the database."""
         return []
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
-        """Look."""
+        """Collect the current state of queue, scans, workers, processes and disk."""
         services = self._services
         version = GaugeMetricFamily("steradian_info", "Version of the software", labels=["version"])
         version.add_metric([__version__], 1)
@@ -97,7 +97,7 @@ class _StateCollector(Collector):
 
 
 def _processes(services: ServiceContainer) -> list[str]:
-    """Name those that have shown a sign of life; none while the data folder is away."""
+    """Return the names of processes that have a heartbeat file; none while the data folder is unavailable."""
     try:
         return sorted(path.stem for path in services.data.heartbeat("x").parent.glob("*.json"))
     except OSError:

@@ -1,11 +1,12 @@
-"""Middleware for light GETs: identical concurrent requests share one execution.
+"""Request coalescing and response cache for light GET requests.
 
-Responses are reused while their validator is unchanged.
+Identical concurrent requests share one execution. Responses are reused while their validator is unchanged.
 
-A look that has begun is joined by nobody, as it may be older than what the next client has just been told: who comes
-while one is under way shares the next. An answer is kept with the stamp that its thing had before it was made, and is
-given again while the stamp, looked at anew for each request, is that one. So every answer is as fresh as if it had been
-made for its client alone, and a scan's coverage as fresh as its progress.
+A request does not join an execution that has already begun, because the result may be older than a response that its
+client has just received: requests that arrive during an execution share the next one. A response is cached with the
+validator that its resource had before the execution, and is reused while the validator, which is queried for each
+request, is the same. So every response is as fresh as if it had been computed for its client alone, and a scan's
+coverage is as fresh as its progress.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ class _CachedResponse:
 
 
 class CoalescingCacheMiddleware:
-    """Shares the answers of light reads.
+    """ASGI middleware for light GET requests: request coalescing, and a response cache checked by validators.
 
     Parameters
     ----------
     stamp
-        Tells the stamp of what a request asks for: empty where answers to it cannot be kept.
+        Function that returns the validator of the requested resource: empty if responses cannot be cached.
     """
 
     def __init__(self, app: ASGIApp, stamp: Callable[[Scope], Awaitable[Validator]]) -> None:
@@ -60,7 +61,7 @@ class CoalescingCacheMiddleware:
         self._kept = _ResponseCache()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve."""
+        """Answer a light GET request from the cache or a shared execution; pass other requests on."""
         key = _key(scope)
         if key is None:
             return await self.app(scope, receive, send)
@@ -100,7 +101,7 @@ class CoalescingCacheMiddleware:
             del self._under_way[key]
 
     async def _execute(self, scope: Scope) -> _CachedResponse:
-        """Run the request independently of the connection of the first client."""
+        """Execute the request independently of the first client's connection, and return the buffered response."""
         own, sent = dict(scope), list[Message]()
 
         async def receive() -> Message:
@@ -114,14 +115,14 @@ class CoalescingCacheMiddleware:
 
 
 class _ResponseCache:
-    """Response cache by request key, of at most :data:`MAX_BYTES` bytes; the least recently used are evicted."""
+    """LRU cache of responses by request key, of at most :data:`MAX_BYTES` bytes."""
 
     def __init__(self) -> None:
         self._answers: OrderedDict[Hashable, tuple[Validator, _CachedResponse]] = OrderedDict()
         self._bytes = 0
 
     def get(self, key: Hashable, stamp: Validator) -> _CachedResponse | None:
-        """Return the answer that was made at a stamp."""
+        """Return the cached response of a key if its validator is ``stamp``; otherwise ``None``."""
         kept, answer = self._answers.get(key, ((), None))
         if answer is None or kept != stamp:
             return None
@@ -129,7 +130,7 @@ class _ResponseCache:
         return answer
 
     def put(self, key: Hashable, stamp: Validator, answer: _CachedResponse) -> None:
-        """Keep an answer that was begun after its stamp was looked at."""
+        """Cache a response with the validator that was read before its execution."""
         if not stamp or answer.start["status"] >= 400 or len(answer.body) > MAX_ENTRY_BYTES:
             return
         _, before = self._answers.pop(key, (stamp, None))
@@ -141,7 +142,7 @@ class _ResponseCache:
 
 
 def _key(scope: Scope) -> Hashable:
-    """Return the key of a request, with everything its response depends on; ``None`` if it cannot be shared."""
+    """Return the cache key of a request, from all inputs of its response; ``None`` if the response cannot be shared."""
     if scope["type"] != "http" or scope["method"] != "GET" or not _COALESCED_PATHS.fullmatch(scope["path"]):
         return None
     headers = Headers(scope=scope)

@@ -22,7 +22,7 @@ EMERGENCY_STOP: Final = re.compile(rf"{_V1}/(?:scanners/[^/]+/)?emergency-stop")
 
 
 def is_stop(scope: Scope) -> bool:
-    """Whether a request presses the stop, or asks whether its caller may."""
+    """Return whether a request presses an emergency stop or checks the caller's permission for one."""
     method, path = scope["method"], scope["path"]
     if method in {"GET", "HEAD"}:
         return bool(path == f"{_V1}/emergency-stop")
@@ -30,10 +30,10 @@ def is_stop(scope: Scope) -> bool:
 
 
 def bearer_of_ticket(scope: Scope, keys: KeyStore, sessions: SessionStore, tickets: StopTickets) -> Principal | None:
-    """Return the owner of a stop ticket; ``None`` if the request needs the usual credentials.
+    """Return the principal of a stop ticket; ``None`` if the request needs the usual credentials.
 
-    A key or session that is valid by the last look at the database comes first, as the press is then recorded without
-    mention of the ticket. A valid ticket comes before the database, which may not answer.
+    A key or session that was valid at the last refresh from the database takes precedence, because the press is then
+    recorded without mention of the ticket. A ticket is checked without the database, which may not answer.
     """
     headers = Headers(scope=scope)
     ticket = headers.get(STOP_TICKET)

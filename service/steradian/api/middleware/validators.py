@@ -1,4 +1,4 @@
-"""Load cache validators of read requests in batches."""
+"""Loader of the cache validators of read requests, in batches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PAGE: Final = re.compile(rb"limit=([1-9][0-9]{0,2})(?:&before=([0-9]{1,9}))?")
 
 
 class CacheValidatorLoader:
-    """Looks at stamps."""
+    """Loader of cache validators (ETag sources) of requested resources, in batches."""
 
     def __init__(self, database: Database) -> None:
         self._database = database

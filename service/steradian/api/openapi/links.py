@@ -1,4 +1,4 @@
-"""Add OpenAPI Link objects from responses to follow-up operations."""
+"""OpenAPI Link objects from responses to follow-up operations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FOLLOW_UP_OPERATIONS: Final[dict[str, dict[str, dict[str, str]]]] = {
 
 
 def add_links(document: dict[str, Any]) -> None:
-    """Link the answers that show a thing to every operation that has it in its address or its body."""
+    """Add Link objects from responses that contain a resource to all operations that take its identifier."""
     operations = {one["operationId"]: one for path in document["paths"].values() for one in path.values()}
     links: dict[str, dict[str, Any]] = {}
     having: dict[str, set[str]] = {thing: set(bodies) for thing, bodies in FOLLOW_UP_OPERATIONS.items()}

@@ -1,6 +1,6 @@
-"""Complete the generated OpenAPI document: operation ids, error responses, headers, security and tags.
+"""Post-processing of the generated OpenAPI document: operation ids, errors, headers, security and tags.
 
-Most follows from the parameters that an operation declares, so that nothing is said twice and nothing is forgotten.
+Most additions are derived from the parameters that an operation declares, so that they need no second declaration.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ _HAVE_PROBLEM: Final = frozenset(("HTTPValidationError", "ValidationError"))
 
 
 def name_operation(route: APIRoute) -> str:
-    """Name an operation after its handler, thing first: ``read_scan_file`` is ``scan_file_read``."""
+    """Return the operation id of a route: its handler's name, noun first (``read_scan_file``: ``scan_file_read``)."""
     verb, _, noun = route.name.partition("_")
     return f"{noun}_{verb}"
 
@@ -184,7 +184,7 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
 
 
 def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
-    """Return the error responses of an operation."""
+    """Return the status codes of an operation's error responses."""
     name, found = operation["operationId"], {"5XX"}
     parameters, body = operation.get("parameters", []), operation.get("requestBody", {}).get("content", {})
     sent, places = {parameter["name"] for parameter in parameters}, {parameter["in"] for parameter in parameters}
@@ -206,7 +206,7 @@ def _refusals(operation: dict[str, Any], *, guarded: bool) -> set[str]:
 
 
 def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]) -> Iterator[str]:
-    """Return the headers that responses of an operation may have."""
+    """Yield the names of the headers that an operation's response with a status may have."""
     yield from ("Cache-Control", "X-Request-ID")
     if status[0] in "45":
         yield from {"401": ["WWW-Authenticate"], "409": ["Retry-After"], "429": ["Retry-After"]}.get(status, [])
@@ -247,7 +247,7 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
 
 
 def _take_null_out(schema: dict[str, Any]) -> None:
-    """Of a parameter, which may be left out: no header or query can say null."""
+    """Remove null from the schema of an optional parameter, because headers and queries cannot be null."""
     if {"type": "null"} in schema.get("anyOf", ()):
         schema["anyOf"].remove({"type": "null"})
         if len(schema["anyOf"]) == 1:
@@ -255,7 +255,7 @@ def _take_null_out(schema: dict[str, Any]) -> None:
 
 
 def _tidy_schema(part: dict[str, Any], schemas: dict[str, Any]) -> None:
-    """Make a schema plain: units as an extension, tuples as lists, tags required."""
+    """Simplify a schema: units as an extension, tuples as lists, discriminator tags required."""
     if isinstance(part.get("unit"), str):
         part["x-unit"] = part.pop("unit")
     if "prefixItems" in part:

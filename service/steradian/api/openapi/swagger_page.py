@@ -38,7 +38,7 @@ def show_documents() -> HTMLResponse:
 
 @router.get("/docs/start.js")
 def read_start_script() -> Response:
-    """Begin the page; a file, as no script stands in the page itself."""
+    """Return the script that starts Swagger UI; a separate file, because the page policy forbids inline scripts."""
     return Response(_START, media_type="text/javascript")
 
 

@@ -1,4 +1,4 @@
-"""Dependency-injection aliases for route handlers."""
+"""FastAPI dependencies of route handlers: services, caller, long polling, idempotency keys and paging."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ async def _who(request: Request) -> Principal:
 
 
 def longest_wait(request: Request) -> float:
-    """Return the longest time for which a response may be held, in s."""
+    """Return the longest time for which a response may be delayed, in s; shorter through a proxy."""
     return MAX_WAIT_FORWARDED if is_forwarded(request.scope) else MAX_WAIT
 
 
 class LongPoll:
-    """Long-poll helper: hold a request until a condition holds, the wait expires or the client disconnects."""
+    """Long-poll helper: delay a response until a condition holds, the wait expires or the client disconnects."""
 
     def __init__(self, request: Request, seconds: float) -> None:
         self._request, self.seconds = request, seconds
         self._feed: EventBroadcaster = request.app.state.feed
 
     async def wait_for(self, look: Callable[[], T], is_over: Callable[[T], bool]) -> T:
-        """Poll in a thread until a predicate holds, the wait has expired or the client has disconnected.
+        """Poll ``look`` in a thread until ``is_over`` holds, the wait has expired or the client has disconnected.
 
-        It is looked again when the event log has grown, which one task watches for all, and now and then anyway.
+        It polls when the event log has grown, which one task watches for all requests, and at regular intervals.
         """
         seen = await run_in_threadpool(look)
         if self.seconds:
@@ -90,7 +90,7 @@ async def _wait(
 
 
 def _key_header(what: str) -> Any:
-    """Declare the header; :func:`_read_key` checks its limits, so that its errors are readable."""
+    """Declare the Idempotency-Key header; :func:`_read_key` checks its limits, so that its errors are readable."""
     limits: dict[str, Any] = {"minLength": 1, "maxLength": MAX_KEY, "pattern": _KEY.pattern}
     return Header(alias="Idempotency-Key", description=what, json_schema_extra=limits, examples=["phantom-7"])
 
@@ -144,7 +144,7 @@ def set_next_link(response: Response, request: Request, limit: int, cursor: int 
 
 @contextmanager
 def deleted_since(answer: StoredResponse) -> Iterator[None]:
-    """Mark a repeated response whose resource has been deleted, so that the client does not wait for a result."""
+    """Suppress :class:`NotFound` for a repeated request whose resource has been deleted since the first one."""
     try:
         yield
     except NotFound:
@@ -153,7 +153,7 @@ def deleted_since(answer: StoredResponse) -> Iterator[None]:
 
 
 def idempotent_response(answer: StoredResponse) -> Response:
-    """Build the response for a stored (or newly stored) idempotent result."""
+    """Build the HTTP response from a stored (or newly stored) response to an idempotent request."""
     before = answer.location.rpartition(f"{BASE}/")[0]  # below which path it was asked first
     location, body = answer.location, answer.body
     if answer.replayed and before != prefix():
@@ -165,7 +165,7 @@ def idempotent_response(answer: StoredResponse) -> Response:
 
 
 class Linked(Protocol):
-    """View of a resource with links."""
+    """Protocol of resource views with links."""
 
     links: dict[str, str]
 

@@ -66,7 +66,7 @@ def reject_unknown_query_params(request: Request, dependant: Dependant) -> None:
     Raises
     ------
     RequestValidationError
-        With the names that it knows.
+        With the names of the declared parameters.
     """
     if not request.query_params:
         return

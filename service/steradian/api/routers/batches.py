@@ -1,7 +1,4 @@
-"""``/batches``.
-
-Queue many reconstructions of one scan in one request (sweeps over parameters, masks or wavelengths).
-"""
+"""``/batches``: sweeps of reconstructions of one scan over parameters, masks or wavelengths."""
 
 from __future__ import annotations
 
@@ -66,7 +63,7 @@ def read_batch(services: ServicesDep, batch_id: BATCH_ID) -> BatchView:
 def set_batch_desired_state(
     services: ServicesDep, who: CurrentPrincipal, batch_id: BATCH_ID, wanted: JobWish
 ) -> BatchView:
-    """Cancel every job that waits or runs; repeating it changes nothing."""
+    """Cancel all queued and running jobs of a batch; repeating the request has no effect."""
     row = services.batches.get(batch_id)
     for member in services.reconstructions.of_batch(batch_id):
         if not is_terminal(services.ledger.get(member.id).state):

@@ -33,7 +33,7 @@ DELETED_RESPONSE: dict[str, Any] = {"status_code": 204, "response_class": Respon
 def delete_mask(
     services: ServicesDep, who: CurrentPrincipal, mask_id: MASK_ID, dependents: Dependents = False
 ) -> Response:
-    """Delete a mask; plans of it depend on it, and reconstructions through it."""
+    """Delete a mask; its plans depend on it, and the what-if reconstructions through it."""
     return _delete(services, who, "mask", mask_id, dependents)
 
 
@@ -41,7 +41,7 @@ def delete_mask(
 def delete_plan(
     services: ServicesDep, who: CurrentPrincipal, plan_id: PLAN_ID, dependents: Dependents = False
 ) -> Response:
-    """Delete a plan; scans of it depend on it."""
+    """Delete a plan; its scans depend on it."""
     return _delete(services, who, "plan", plan_id, dependents)
 
 
@@ -49,7 +49,7 @@ def delete_plan(
 def delete_scan(
     services: ServicesDep, who: CurrentPrincipal, scan_id: SCAN_ID, dependents: Dependents = False
 ) -> Response:
-    """Delete a scan that is over, or interrupted; jobs and batches on it depend on it."""
+    """Delete a finished or interrupted scan; its jobs and batches depend on it."""
     return _delete(services, who, "scan", scan_id, dependents)
 
 
@@ -67,7 +67,7 @@ def delete_batch(
 def delete_reconstruction(
     services: ServicesDep, who: CurrentPrincipal, reconstruction_id: RECONSTRUCTION_ID, dependents: Dependents = False
 ) -> Response:
-    """Delete a reconstruction that is over, with all its files; comparisons and exports of it depend on it."""
+    """Delete a finished reconstruction with all its files; comparisons and exports of it depend on it."""
     return _delete(services, who, "reconstruction", reconstruction_id, dependents)
 
 
@@ -75,7 +75,7 @@ def delete_reconstruction(
 def delete_job(
     services: ServicesDep, who: CurrentPrincipal, job_id: JOB_ID, dependents: Dependents = False
 ) -> Response:
-    """Delete a job that is over, with all its files; of a reconstruction, the same as DELETE /reconstructions."""
+    """Delete a finished job with all its files; for a reconstruction, the same as DELETE /reconstructions/{id}."""
     return _delete(services, who, "job", job_id, dependents)
 
 

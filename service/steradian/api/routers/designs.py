@@ -1,4 +1,4 @@
-"""``/designs``: evaluate a mask and plan without storing them."""
+"""``/designs``: evaluation of a mask and plan without storing them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Point = Annotated[
 
 
 class DesignRequest(PlanParameters):
-    """A mask and how it would be measured."""
+    """Request to preview a mask and the plan of its measurement."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"arrangement": _EQUI, "pulse_rate": 1000}]})
 
@@ -72,7 +72,7 @@ class DesignView(BaseModel):
 
 
 class PointSpreadView(BaseModel):
-    """The image of a tiny ball."""
+    """Point spread: simulated image of a small ball, with its widths."""
 
     x: list[float] = Field(description="(Nx,) m")
     z: list[float] = Field(description="(Nz,) m")
@@ -92,7 +92,7 @@ async def preview_design(services: ServicesDep, wanted: DesignRequest) -> Respon
 
 @router.post("/point-spread", summary="Simulated image of a small ball", response_model=PointSpreadView)
 async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest) -> Response:
-    """Simulate a ball, sense it through a mask that is not stored, and reconstruct it."""
+    """Simulate the point spread of an unsaved mask: A-lines of a small ball and their reconstruction."""
     check_point_limit(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))
     return Response(await services.workshop.submit(_spread, wanted), media_type=JSON)
 

@@ -1,4 +1,4 @@
-"""``POST /emergency-stop``: press the stop of every scanner."""
+"""``/emergency-stop``: press the emergency stop of all scanners, or check the permission for that."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ router = APIRouter(prefix=V1, tags=["scanners"], route_class=AuthorizedRoute)
 
 
 class StopRight(BaseModel):
-    """That the caller may press the emergency stop."""
+    """Permission of the caller to press the emergency stop."""
 
     by: str = Field(description="The name under which a press would be recorded", examples=["key bench (0123456789ab)"])
 
 
 @router.get("/emergency-stop", summary="Whether you may press the emergency stop")
 async def read_emergency_stops(who: CurrentPrincipal) -> StopRight:
-    """Return the name under which a press of this caller would be recorded, without pressing.
+    """Return the name under which an emergency stop by this caller would be recorded, without pressing one.
 
-    It is let in exactly as a press is: by a key, a session or a stop ticket, without the database. A page asks this
-    again and again, so that it offers the stop only while a press would be taken.
+    Authorized exactly as a press is: by a key, a session or a stop ticket, without the database. Pages poll this, so
+    that they offer the stop only while a press would be accepted.
     """
     return StopRight(by=who.name)
 
@@ -37,10 +37,10 @@ async def read_emergency_stops(who: CurrentPrincipal) -> StopRight:
 async def press_emergency_stops(
     services: ServicesDep, request: Request, who: CurrentPrincipal, wanted: Annotated[StopRequest | None, Body()] = None
 ) -> Listing[EmergencyAnswer]:
-    """Press the stop of all scanners that there are; any authenticated caller may, and none need be known by name.
+    """Press the emergency stop of all scanners; any authenticated caller may, without knowing their names.
 
-    It needs no database. The answer names each scanner; none in it means that the service knows none: whoever sees a
-    laser uses its hardware switch.
+    This needs no database. The response lists each scanner; an empty list means that the service knows none: then use
+    the laser's hardware switch.
     """
     reason = wanted.reason if wanted else None
     presses = (press_stop(services, request, who, name, reason) for name in services.nodes.scanners)

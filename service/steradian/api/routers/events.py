@@ -47,7 +47,7 @@ class TicketView(BaseModel):
 
 @dataclass(frozen=True)
 class EventFilter:
-    """Subscription filter: resource, kind and resume position."""
+    """Subscription filter of an event stream: resource, kind and resume position."""
 
     kind: str | None
     scan_id: str | None
@@ -55,7 +55,7 @@ class EventFilter:
     last_event_id: str | None
 
     def matches(self, one: Progress | Event) -> bool:
-        """Whether an event or a piece of progress passes."""
+        """Return whether an event or a progress report passes the filter."""
         return self.kind in {None, one.kind} and self.scan_id in {None, one.scan_id}
 
 
@@ -81,7 +81,7 @@ Wanted = Annotated[EventFilter, Depends(_filter)]
 
 
 class EventStream(Response):
-    """Streaming response that ends with its source or client, with keep-alive comments while idle."""
+    """Streaming response of server-sent events that ends with its source or when its client disconnects."""
 
     media_type = "text/event-stream"
 
@@ -92,7 +92,7 @@ class EventStream(Response):
         self._frames = frames
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream."""
+        """Send the event stream until it ends or the client disconnects."""
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
         telling, leaving = asyncio.create_task(self._tell(send)), asyncio.create_task(_left(receive))
         try:
@@ -117,7 +117,7 @@ async def _left(receive: Receive) -> None:
 
 
 async def _open_stream(request: Request, services: ServicesDep, wanted: Wanted) -> AsyncIterator[EventBroadcaster]:
-    """Open the stream of a ticket, which opens it again for a client that shows an event of it."""
+    """Open the event stream of a ticket; a client with a valid Last-Event-ID may open it again."""
     feed: EventBroadcaster = request.app.state.feed
     ticket: str | None = getattr(request.state, "ticket", None)
     if ticket is None:
@@ -135,7 +135,7 @@ async def _open_stream(request: Request, services: ServicesDep, wanted: Wanted) 
 
 @router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")
 def create_ticket(services: ServicesDep, who: CurrentPrincipal) -> TicketView:
-    """Make a ticket: a browser's EventSource can send no key, and a key does not belong into a URL."""
+    """Create a ticket, because a browser's EventSource cannot send a key and a key must not be in a URL."""
     return TicketView(ticket=services.keys.issue_ticket(who), seconds=TICKET_SECONDS)
 
 
@@ -152,7 +152,7 @@ async def follow_events(
     feed: Annotated[EventBroadcaster, Depends(_open_stream)],
     wanted: Wanted,
 ) -> EventStream:
-    """Follow changes of state (events named scan, reconstruction, job, batch, scanner), revisions and progress.
+    """Stream changes of state (events named scan, reconstruction, job, batch, scanner), revisions and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
     one ``reset`` event when the log does not go back so far: then read the resources again. An id alone says that
@@ -198,7 +198,7 @@ async def _stream_events(
 
 
 def _resume_position(bounds: LogBounds, last_event_id: str | None) -> tuple[int, str | None]:
-    """Return the number after which a stream begins, and the reason if that differs from the client's last event."""
+    """Return the event number after which a stream begins, and the reason if the client's last event is not usable."""
     if last_event_id is None:
         return bounds.last, None
     epoch, _, number = last_event_id.rpartition(".")

@@ -23,7 +23,7 @@ MIN_FREE_BYTES = 100 * 2**20
 
 
 class Health(BaseModel):
-    """The process answers."""
+    """Liveness of the process, with its version."""
 
     status: str = "ok"
     version: str = __version__
@@ -39,7 +39,7 @@ class Readiness(BaseModel):
 
 @router.get("/healthz", summary="Whether the process answers")
 async def read_health() -> Health:
-    """Answer, touching nothing."""
+    """Return the liveness of the process, without any check."""
     return Health()
 
 
@@ -58,7 +58,7 @@ def read_readiness(services: ServicesDep, response: Response) -> Readiness:
 
 
 def readiness_checks(services: ServiceContainer, now: float) -> dict[str, bool]:
-    """Readiness checks by name: database, array store, disk, queue and the processes' heartbeats."""
+    """Return the readiness checks by name: database, array store, disk, queue and the processes' heartbeats."""
     settings = services.settings
     processes = ["acquisition"] if settings.has_scanner else []
     processes += [settings.worker_slot_name(slot) for slot in range(settings.workers)] if settings.has_scanner else []
@@ -72,7 +72,7 @@ def readiness_checks(services: ServiceContainer, now: float) -> dict[str, bool]:
 
 
 def has_free_space(services: ServiceContainer) -> bool:
-    """Whether the data folder's disk has more than the minimum of free bytes."""
+    """Return whether the data folder's disk has more than the minimum of free bytes."""
     try:
         return shutil.disk_usage(services.data.root).free > MIN_FREE_BYTES
     except OSError:  # the folder is gone, or its host
@@ -80,7 +80,7 @@ def has_free_space(services: ServiceContainer) -> bool:
 
 
 def _is_mounted(services: ServiceContainer) -> bool:
-    """Whether the data folder is there; where nothing is mounted lies an empty one."""
+    """Return whether the data folder is the database's; an unmounted mount point is an empty folder."""
     if services.settings.role != "service":
         return True
     try:
@@ -93,7 +93,7 @@ def _is_mounted(services: ServiceContainer) -> bool:
 
 
 def database_responds(services: ServiceContainer) -> bool:
-    """Whether the database answers a query."""
+    """Return whether the database answers a query."""
     try:
         services.database.check()
     except SQLAlchemyError:

@@ -1,4 +1,4 @@
-"""``/jobs``: everything in the queue, and work beyond reconstructions: sound speed, quality, width, export, import."""
+"""``/jobs``: all jobs of the queue, and submission of sound-speed, quality, width, export and import jobs."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ async def create_job(
 async def submitted_job_response(
     services: ServiceContainer, principal: Principal, request: WorkRequest, key: IdempotencyKey | None, wait: Wait
 ) -> Response:
-    """Submit a job and return its response, after the wait that the client asked for."""
+    """Submit a job and return its response; wait for the end of the job if the client requested that."""
 
     def read(identifier: str) -> tuple[JobView, bool]:
         view = JobView.of(services.ledger.status(identifier))
@@ -93,7 +93,7 @@ def list_jobs(
     limit: Limit = 100,
     before: PageCursor = None,
 ) -> Listing[JobView]:
-    """List jobs, reconstructions among them."""
+    """List jobs of all kinds, including reconstructions."""
     where = filters.jobs(kind=kind, state=state, scan_id=scan_id, batch_id=batch_id)
     page = services.ledger.page(limit, before, where)
     set_next_link(response, request, limit, page.cursor)
@@ -117,7 +117,7 @@ def change_job(
     wanted: PriorityChange,
     conditions: WritePreconditionsDep,
 ) -> JobView:
-    """Give a job that waits another priority; with If-Match only if it has not changed since."""
+    """Change the priority of a queued job; with If-Match only if the job has not changed since."""
     services.ledger.get(job_id)
     job = services.queue.set_priority(job_id, wanted.priority, conditions.revision(job_id), who.name)
     view = JobView.of(job, services.forecast(job))
@@ -127,14 +127,14 @@ def change_job(
 
 @router.put("/{job_id}/desired-state", summary="Cancel a job")
 def set_job_desired_state(services: ServicesDep, who: CurrentPrincipal, job_id: JOB_ID, wanted: JobWish) -> JobView:
-    """Cancel a job that waits or runs; repeating it changes nothing."""
+    """Cancel a queued or running job; repeating the request has no effect."""
     services.ledger.get(job_id)
     return JobView.of(services.cancel(job_id, who.name, wanted.reason))
 
 
 @router.get("/{job_id}/attempts", summary="Every start of a job")
 def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
-    """Show which worker started the job when, and how each start ended."""
+    """Return the attempts of a job: worker, start, end and outcome of each."""
     return AttemptsView.of(services.ledger.status(job_id))
 
 
@@ -145,7 +145,7 @@ def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 def read_job_log(services: ServicesDep, job_id: JOB_ID) -> Response:
-    """Show the log of all attempts; empty before the first."""
+    """Return the log of all attempts of a job; empty before the first one."""
     services.ledger.get(job_id)
     return job_log_response(services, job_id)
 
@@ -162,7 +162,7 @@ def read_job_log(services: ServicesDep, job_id: JOB_ID) -> Response:
 async def read_job_file(
     services: ServicesDep, job_id: JOB_ID, name: FILE_NAME, wait: Wait, conditions: ReadPreconditionsDep
 ) -> RangeFileResponse:
-    """Download a file of a job's ``files``, also in ranges."""
+    """Download one of the files of a job, also in ranges."""
     view = await _view(services, job_id, wait)
     if not view.is_over:
         raise NotReady(f"job {job_id} is {view.state}; its files can be had when it has succeeded")
@@ -176,7 +176,7 @@ async def read_job_file(
 
 
 def job_log_response(services: ServiceContainer, job_id: str) -> Response:
-    """Return the concatenated logs of all attempts."""
+    """Return a response with the concatenated logs of all attempts of a job."""
     try:
         return concatenated_log_response(_logs(services, job_id))
     except (NotFound, FileNotFoundError):  # a worker puts it away just now

@@ -48,7 +48,7 @@ async def create_mask(
     response: Response,
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> MaskView:
-    """Keep a mask; the same parameters always give the same id."""
+    """Store a mask; the same parameters always give the same id."""
     check_point_limit(arrangement, services.settings.max_mask_points)
     if arrangement.expected_count > SMALL:
         columns = await services.workshop.submit(_build, arrangement)
@@ -72,7 +72,7 @@ async def preview_mask(
     request: Request,
     arrangement: Annotated[Arrangement, Body(openapi_examples=_EXAMPLES)],
 ) -> Response:
-    """Work out points and figures of a mask, or draw it, storing nothing."""
+    """Compute the points and metrics of a mask, or draw the mask, without storing anything."""
     kind = negotiate(request, (JSON, PNG))
     check_point_limit(arrangement, services.settings.max_mask_points)
     if kind == PNG:
@@ -100,7 +100,7 @@ def list_masks(
 
 @router.get("/{mask_id}", summary="One mask")
 def read_mask(services: ServicesDep, mask_id: MASK_ID, conditions: ReadPreconditionsDep) -> MaskView:
-    """Show a mask without its points."""
+    """Return a mask without its points."""
     row = services.masks.get(mask_id)
     conditions.tag(resource_etag(row.id, 1))
     return MaskView.of(row)
@@ -117,7 +117,7 @@ def read_mask(services: ServicesDep, mask_id: MASK_ID, conditions: ReadPrecondit
 def read_mask_points(
     services: ServicesDep, request: Request, mask_id: MASK_ID, conditions: ReadPreconditionsDep
 ) -> Response:
-    """Show the points as JSON, as CSV (x, y, weight) or as an npy array (count, 3) of x, y and weight."""
+    """Return the points as JSON, as CSV (x, y, weight) or as an npy array (count, 3) of x, y and weight."""
     kind = negotiate(request, (JSON, CSV, NPY))
     row = services.masks.get(mask_id)
     etag = resource_etag(row.id, kind.rpartition("/")[2])

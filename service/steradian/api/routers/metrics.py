@@ -19,6 +19,6 @@ TEXT = "text/plain; version=0.0.4; charset=utf-8"
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 def read_metrics(request: Request) -> Response:
-    """Show counts of requests, jobs and scans in each state, and signs of life."""
+    """Return Prometheus metrics: requests, jobs and scans in each state, workers and heartbeats."""
     metrics: Metrics = request.app.state.metrics
     return Response(generate_latest(metrics.registry), media_type=TEXT)

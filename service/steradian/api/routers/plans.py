@@ -32,7 +32,7 @@ OPTIMISED_ORDERS = frozenset({VisitOrder.SHORTEST, VisitOrder.WAVELENGTH, VisitO
 
 
 def _mirror_field(name: str) -> Any:
-    """Declare a field with the limits, default and unit that the plan itself has."""
+    """Return the field definition of :class:`ScanPlan` (limits, default, unit) for the same field of a request."""
     return ScanPlan.model_fields[name]
 
 
@@ -66,7 +66,7 @@ class PlanParameters(Value):
     link: Link = Link()
 
     def plan(self, mask: Mask) -> ScanPlan:
-        """Make the plan that measures a mask so; raises :class:`InvalidInput`."""
+        """Create the scan plan of a mask with these parameters; raises :class:`InvalidInput`."""
         fields = {
             name: getattr(self, name) for name in PlanParameters.model_fields if name not in ("tuning_map", "places")
         }
@@ -84,7 +84,7 @@ class PlanParameters(Value):
 
 
 class PlanRequest(PlanParameters):
-    """A plan: a mask and how to measure it."""
+    """Request for a plan: a mask and its scan parameters."""
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -105,7 +105,7 @@ class PlanRequest(PlanParameters):
     responses={200: {"model": PlanView, "description": "The same plan exists already"}},
 )
 async def create_plan(services: ServicesDep, response: Response, wanted: PlanRequest) -> PlanView:
-    """Keep a plan; the same body always gives the same id.
+    """Store a plan; the same body always gives the same id.
 
     With several ``beams`` the plan's mask is another one, which is kept, too: the points that the beams measure.
     """
@@ -126,7 +126,7 @@ async def create_plan(services: ServicesDep, response: Response, wanted: PlanReq
     responses={200: {"description": "Nothing is stored", "content": PICTURE}},
 )
 async def preview_plan(services: ServicesDep, request: Request, wanted: PlanRequest) -> Response:
-    """Work out time, bytes and findings of a plan, or draw its way over the mask, storing nothing."""
+    """Compute time, bytes and findings of a plan, or draw the path of its beam, without storing anything."""
     body: bytes | str
     if (kind := negotiate(request, (JSON, PNG))) == PNG:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
@@ -154,7 +154,7 @@ def list_plans(
 
 @router.get("/{plan_id}", summary="One plan")
 def read_plan(services: ServicesDep, plan_id: PLAN_ID, conditions: ReadPreconditionsDep) -> PlanView:
-    """Show a plan."""
+    """Return a plan with its cost."""
     row = services.plans.get(plan_id)
     conditions.tag(resource_etag(row.id, 1))
     return PlanView.of(row)
@@ -163,7 +163,7 @@ def read_plan(services: ServicesDep, plan_id: PLAN_ID, conditions: ReadPrecondit
 async def _compute_rows(
     services: ServiceContainer, wanted: PlanRequest
 ) -> tuple[dict[str, Any], dict[str, Any] | None]:
-    """Return the columns of a plan's row, and of its mask's if that is new.
+    """Return the database columns of a plan, and those of its mask if the mask is new.
 
     Long computations run in the process pool.
     """

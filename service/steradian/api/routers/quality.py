@@ -1,4 +1,4 @@
-"""``/reconstructions/{id}/quality``: how much an image is like others."""
+"""``/reconstructions/{id}/quality``: similarity of a reconstruction to reference reconstructions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_COMPARISONS = 200
 
 
 class Reference(Value):
-    """Reconstruction to compare with."""
+    """Request to compare with a reference reconstruction."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reference_id": "r01jz0000000000000000000001"}]})
 
@@ -35,7 +35,7 @@ class Reference(Value):
 
 
 class QualityView(BaseModel):
-    """One comparison."""
+    """Result of comparing a reconstruction with a reference reconstruction."""
 
     reference_id: str
     diameter: float | None = Field(description="Of the disc that counted (m)")
@@ -62,7 +62,7 @@ async def create_reconstruction_quality(
     key: OptionalIdempotencyKey,
     wait: Wait,
 ) -> Response:
-    """Queue a comparison; the answer is its job."""
+    """Queue a comparison with a reference reconstruction and return its job."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
     return await submitted_job_response(services, who, request, key, wait)

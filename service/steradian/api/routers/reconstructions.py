@@ -53,13 +53,13 @@ class JobWish(Value):
 
 
 class AttemptsView(BaseModel):
-    """Every start of a job with its end."""
+    """All attempts of a job."""
 
     items: list[AttemptView]
 
     @classmethod
     def of(cls, job: JobStatus) -> Self:
-        """Show the starts of a job."""
+        """Return the view of a job's attempts."""
         return cls(items=[AttemptView.model_validate(start) for start in job.attempts])
 
 
@@ -73,7 +73,7 @@ class AttemptsView(BaseModel):
 async def create_reconstruction(
     services: ServicesDep, who: CurrentPrincipal, wanted: ReconstructionRequest, key: OptionalIdempotencyKey, wait: Wait
 ) -> Response:
-    """Queue a reconstruction; with an Idempotency-Key a repeated request gets the first one's answer.
+    """Queue a reconstruction; with an Idempotency-Key a repeated request receives the first response.
 
     With ``follow`` it begins while the scan runs; with ``through`` it shows what another mask would have seen.
     """
@@ -111,7 +111,7 @@ def list_reconstructions(
 async def read_reconstruction(
     services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID, wait: Wait, conditions: ReadPreconditionsDep
 ) -> ReconstructionView:
-    """Show a reconstruction."""
+    """Return a reconstruction: its request, progress and report."""
     row, job = await read_with_wait(services, reconstruction_id, wait)
     view = ReconstructionView.of(row, job, await run_in_threadpool(services.forecast, job))
     conditions.tag(resource_etag(reconstruction_id, job.revision, view))
@@ -126,7 +126,7 @@ def change_reconstruction(
     wanted: PriorityChange,
     conditions: WritePreconditionsDep,
 ) -> ReconstructionView:
-    """Give a reconstruction that waits another priority; with If-Match only if it has not changed since."""
+    """Change the priority of a queued reconstruction; with If-Match only if it has not changed since."""
     row = services.reconstructions.get(reconstruction_id)
     job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id), who.name)
     view = ReconstructionView.of(row, job, services.forecast(job))
@@ -138,14 +138,14 @@ def change_reconstruction(
 def set_reconstruction_desired_state(
     services: ServicesDep, who: CurrentPrincipal, reconstruction_id: RECONSTRUCTION_ID, wanted: JobWish
 ) -> ReconstructionView:
-    """Do the same as PUT /jobs/{id}/desired-state, which is the address for every kind of job."""
+    """Cancel a reconstruction; deprecated: use PUT /jobs/{id}/desired-state, as for every kind of job."""
     row = services.reconstructions.get(reconstruction_id)
     return ReconstructionView.of(row, services.cancel(row.id, who.name, wanted.reason))
 
 
 @router.get("/{reconstruction_id}/attempts", summary="Every start of the job", deprecated=True)
 def read_reconstruction_attempts(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> AttemptsView:
-    """Show the same as GET /jobs/{id}/attempts, which is the address for every kind of job."""
+    """Return the attempts of a reconstruction; deprecated: use GET /jobs/{id}/attempts, as for every kind of job."""
     services.reconstructions.get(reconstruction_id)
     return AttemptsView.of(services.ledger.status(reconstruction_id))
 

@@ -36,7 +36,7 @@ router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], rou
 
 
 class RevisionView(BaseModel):
-    """An image of a scan that is being followed."""
+    """Revision of a live reconstruction: one image of a growing scan."""
 
     number: int
     points: int = Field(description="A-lines the image is made of")
@@ -73,10 +73,10 @@ async def read_reconstruction_mip(
     dtype: DataType = None,
     window: WindowText = None,
 ) -> Response:
-    """Show the projection along an axis, the newest revision's while one is followed.
+    """Return a maximum-intensity projection; of the newest revision while the reconstruction is live.
 
-    A picture has scales in millimetres. Numbers are of all depths, along z of a scan that is followed of those below
-    the near field, as its picture; each is the brightest of those that it covers.
+    The PNG picture has scales in millimetres. Numbers cover all depths, but along z of a live reconstruction only those
+    below the near field, as its picture does. Each number is the maximum of the voxels that it covers.
     """
     kind = negotiate(request, (PNG, NPY, RAW, JSON))
     if not await run_in_threadpool(is_live, services, reconstruction_id):
@@ -106,7 +106,7 @@ async def read_reconstruction_mip(
 async def read_reconstruction_revision(
     services: ServicesDep, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ReadPreconditionsDep
 ) -> RevisionView:
-    """Show number, coverage and quality of the image that /mip shows; the last one is the full reconstruction."""
+    """Return number, coverage and quality of the revision that /mip shows; the last one is the full reconstruction."""
     await run_in_threadpool(services.reconstructions.get, reconstruction_id)
     name = result_name(reconstruction_id, REVISION)
     if not await run_in_threadpool(services.arrays.stat, name):
@@ -171,7 +171,7 @@ async def read_reconstruction_zarr(
     wait: Wait,
     conditions: ReadPreconditionsDep,
 ) -> Response:
-    """Give zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
+    """Return zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
     await require_succeeded(services, reconstruction_id, wait)
 
     def read() -> Response:
@@ -194,13 +194,13 @@ async def read_reconstruction_zarr(
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 def read_reconstruction_log(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Response:
-    """Show the same as GET /jobs/{id}/log, which is the address for every kind of job."""
+    """Return the log of a reconstruction; deprecated: use GET /jobs/{id}/log, as for every kind of job."""
     services.reconstructions.get(reconstruction_id)
     return job_log_response(services, reconstruction_id)
 
 
 async def require_succeeded(services: ServiceContainer, identifier: str, wait: Wait) -> None:
-    """Reject a request for the result of a job that has none, with the reason."""
+    """Raise :class:`NotReady` or :class:`Conflict` unless a reconstruction has succeeded."""
     _, job = await read_with_wait(services, identifier, wait)
     if job.state is ReconstructionState.SUCCEEDED:
         return
@@ -211,7 +211,7 @@ async def require_succeeded(services: ServiceContainer, identifier: str, wait: W
 
 
 def is_live(services: ServiceContainer, identifier: str) -> bool:
-    """Whether there are pictures of a job that is not over."""
+    """Return whether a live reconstruction is still running or queued and has a revision."""
     job = services.ledger.status(identifier)
     if job.kind != LIVE_KIND or job.is_over:
         return False
@@ -222,7 +222,7 @@ def is_live(services: ServiceContainer, identifier: str) -> bool:
 
 
 def forward_if_remote(services: ServiceContainer, job: JobStatus) -> None:
-    """Forward requests for a live reconstruction to its scanner's node."""
+    """Raise :class:`ForwardToPeer` if another node executes a live reconstruction."""
     scanner_id = services.scans.get(job.payload["scan_id"]).scanner_id
     if scanner_id is not None and services.nodes.follows(scanner_id):
         raise ForwardToPeer(scanner_id)

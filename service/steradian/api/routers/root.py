@@ -19,7 +19,7 @@ router = APIRouter(prefix=V1, tags=["service"], route_class=AuthorizedRoute)
 
 
 class RootView(BaseModel):
-    """The service."""
+    """Entry point of the API: version, mode, limits, formats and links."""
 
     name: Literal["steradian"] = "steradian"
     version: str = Field(description="Version of the software")

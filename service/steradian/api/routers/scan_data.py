@@ -66,7 +66,7 @@ ChangeCursor = Annotated[
 
 
 class FlagsView(BaseModel):
-    """Stored A-lines with each of the scanner's quality flags; one may have several."""
+    """Number of stored A-lines with each of the scanner's quality flags; an A-line may have several."""
 
     saturated: int
     mistuned: int
@@ -75,12 +75,12 @@ class FlagsView(BaseModel):
 
     @classmethod
     def of(cls, quality: NDArray[np.uint32]) -> Self:
-        """Count the flags of stored A-lines."""
+        """Count the stored A-lines with each quality flag."""
         return cls(**{name: int((quality & bit != 0).sum()) for name, bit in _FLAGS.items()})
 
 
 class CoverageView(BaseModel):
-    """Share of the mask's points that are measured."""
+    """Coverage of a scan: counts of stored, missing and flagged A-lines, and share of the aperture's area."""
 
     points: int = Field(description="A-lines that the scan is to have, of all frames")
     frames: int
@@ -93,7 +93,7 @@ class CoverageView(BaseModel):
 
     @classmethod
     def of(cls, file: h5py.File, stored: NDArray[np.bool_], quality: NDArray[np.uint32]) -> Self:
-        """Count the stored A-lines of an open scan file."""
+        """Return the coverage of an open scan file."""
         weights, good = file["mask/weights"][:], quality[stored]
         frames = stored.reshape(-1, len(weights))
         return cls(
@@ -109,7 +109,7 @@ class CoverageView(BaseModel):
 
 
 class ShotsView(BaseModel):
-    """Each point's shot, in the order of the mask, frame after frame."""
+    """Shot table of a scan: columns with one value for each point, in the order of the mask, frame after frame."""
 
     points: list[int] = Field(description="Indices into the mask")
     frames: list[int] = Field(description="Which frame, from 0: how often, or at which excitation wavelength")
@@ -128,7 +128,7 @@ class ShotsView(BaseModel):
 
 
 class LatestView(ArrayView):
-    """The A-line that was stored last."""
+    """Most recently stored A-line of a scan."""
 
     row: int = Field(description="Its place in the array of A-lines: point of the mask, frame after frame")
     point: int = Field(description="Index into the mask")
@@ -166,10 +166,10 @@ async def read_scan_file(
 def read_scan_shots(
     services: ServicesDep, scan_id: SCAN_ID, points: Points = None, since: ChangeCursor = None
 ) -> ShotsView:
-    """Show status, shot number, time, energy and quality of each point, also while the scan runs.
+    """Return status, shot number, time, energy and quality of each point, also while the scan runs.
 
-    Who follows a scan sends ``next`` of each answer as ``since`` of the next request and is told only what has changed,
-    A-lines that were measured again or do not count any more among it.
+    A client that follows a scan sends ``next`` of each response as ``since`` of the next request and receives only the
+    points that have changed, including A-lines that were measured again or no longer count.
     """
     with opened(services, scan_id) as file:
         marks = np.stack([file["alines/crc32c"][:], file["alines/status"][:]], axis=1)
@@ -210,7 +210,7 @@ def read_scan_shots(
 def read_scan_alines(
     services: ServicesDep, request: Request, scan_id: SCAN_ID, conditions: ReadPreconditionsDep, slice: Slice = None
 ) -> Response:
-    """Read A-lines (points, samples) in digitiser counts, also while the scan runs; an ETag comes when it is over."""
+    """Return A-lines (points, samples) in digitiser counts, also while the scan runs; ETag only after its end."""
     kind = negotiate(request, (NPY, RAW, JSON))
     path = file_of(services, scan_id)
     headers = {"X-Axes": "point,time", "Vary": "Accept"}
@@ -231,7 +231,7 @@ def read_scan_alines(
 def read_scan_latest_aline(
     services: ServicesDep, request: Request, scan_id: SCAN_ID, conditions: ReadPreconditionsDep
 ) -> Response:
-    """Read the newest A-line in digitiser counts; headers or JSON fields give its index and its time axis in s."""
+    """Return the newest A-line in digitiser counts; headers or JSON fields give its index and its time axis in s."""
     kind = negotiate(request, (NPY, RAW, JSON))
     with opened(services, scan_id) as file:
         row = latest_row(file)
@@ -255,14 +255,14 @@ def read_scan_latest_aline(
 
 @router.get("/{scan_id}/coverage", summary="How much of the mask is measured")
 def read_scan_coverage(services: ServicesDep, scan_id: SCAN_ID) -> CoverageView:
-    """Count points and the area they stand for, also while the scan runs."""
+    """Return the coverage of a scan: counts of A-lines and share of the area, also while the scan runs."""
     with opened(services, scan_id) as file:  # two columns of twelve: this is asked for again and again
         status, quality = file["alines/status"][:], file["alines/quality"][:]
         return CoverageView.of(file, status == schema.STORED, quality)
 
 
 def file_of(services: ServiceContainer, scan_id: str) -> Path:
-    """Find the file; one that is not kept yet its scanner's node has."""
+    """Return the path of a scan's file; raises :class:`ForwardToPeer` while only the scanner's node has the file."""
     scan = services.scans.get(scan_id)
     try:
         return open_or_404(services.arrays, scan_name(scan_id), "file of scan", scan_id)
@@ -274,7 +274,7 @@ def file_of(services: ServiceContainer, scan_id: str) -> Path:
 
 @contextmanager
 def opened(services: ServiceContainer, scan_id: str) -> Iterator[h5py.File]:
-    """Open a scan's file to read; errors name the scan."""
+    """Open a scan's file for reading; errors contain the scan's identifier."""
     path = file_of(services, scan_id)
     try:
         with open_for_reading(path) as file:

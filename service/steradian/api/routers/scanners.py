@@ -47,7 +47,7 @@ class LeaseRequest(Value):
 
 
 class ClearRequest(Value):
-    """Why the fault may be cleared."""
+    """Request to clear a scanner's latched fault, with the reason."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "the enclosure is closed again"}]})
 
@@ -55,7 +55,7 @@ class ClearRequest(Value):
 
 
 class StopRequest(Value):
-    """Why the scanner must stop."""
+    """Request to press the emergency stop, with the reason."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"reason": "smoke"}]})
 
@@ -120,7 +120,7 @@ def take_scanner_lease(
 def return_scanner_lease(
     services: ServicesDep, who: CurrentPrincipal, scanner_id: SCANNER_ID, lease: Number
 ) -> Response:
-    """End the lease; nothing happens when there is none. An admin may end another's."""
+    """Release the lease of a scanner; without a lease nothing happens. An admin may release another's lease."""
     (scanner := services.scanner.of(scanner_id)).get(scanner_id)
     scanner.release(lease, who.name, whoever=who.may(Scope.ADMIN))
     return Response(status_code=204)
@@ -150,7 +150,7 @@ async def press_emergency_stop(
 async def press_stop(
     services: ServiceContainer, request: Request, who: Principal, scanner_id: str, reason: str | None
 ) -> EmergencyAnswer:
-    """Press the stop of one scanner, locally or through the relay."""
+    """Press the emergency stop of one scanner, locally or through the relay."""
     if (desk := services.local_stop_controller(scanner_id)) is None:
         services.nodes.reject_forwarding_loop(request, scanner_id)
         return await services.courier.press(scanner_id, who, reason)
@@ -172,7 +172,7 @@ def release_emergency_stop(
     ] = None,
     reason: Annotated[str | None, Query(max_length=500, description="Why it may be released; in its event")] = None,
 ) -> ScannerView:
-    """Allow scans again; none begins by itself."""
+    """Release the emergency stop of a scanner; no scan starts by itself."""
     services.scanner.get(scanner_id)
     if (desk := services.local_stop_controller(scanner_id)) is not None:
         desk.release(who.name, number, reason)

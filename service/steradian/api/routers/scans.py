@@ -1,4 +1,4 @@
-"""``/scans``: running plans on the scanner."""
+"""``/scans``: scans, the runs of plans on a scanner."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def list_scans(
 
 @router.get("/{scan_id}", summary="One scan")
 async def read_scan(services: ServicesDep, scan_id: SCAN_ID, wait: Wait, conditions: ReadPreconditionsDep) -> ScanView:
-    """Show a scan."""
+    """Return a scan: its state, progress and summary."""
     row = await wait.wait_for(lambda: services.scans.get(scan_id), is_settled)
     view = ScanView.of(row)
     conditions.tag(resource_etag(row.id, row.revision, view))
@@ -109,7 +109,7 @@ async def read_scan(services: ServicesDep, scan_id: SCAN_ID, wait: Wait, conditi
 def change_scan(
     services: ServicesDep, scan_id: SCAN_ID, wanted: ScanChange, conditions: WritePreconditionsDep
 ) -> ScanView:
-    """Set or take away labels; with If-Match only if the scan has not changed since."""
+    """Set or remove labels of a scan; with If-Match only if the scan has not changed since."""
     row = services.scans.label(scan_id, wanted.labels, conditions.revision(scan_id))
     view = ScanView.of(row)
     conditions.tag(resource_etag(row.id, row.revision, view))
@@ -147,5 +147,5 @@ def set_scan_desired_state(
 
 
 def is_settled(row: ScanRow) -> bool:
-    """Whether a scan changes only when a person asks."""
+    """Return whether a scan changes only at a person's request: it has ended or is interrupted."""
     return row.state in SETTLED_SCAN_STATES

@@ -38,7 +38,7 @@ class SessionView(BaseModel):
 
     @classmethod
     def of(cls, principal: Principal, seen: ValidSession | None, tickets: StopTickets) -> SessionView:
-        """Show a caller, with a new stop ticket."""
+        """Return the view of a principal and session, with a new stop ticket."""
         return cls(
             principal=principal.name,
             scopes=sorted(principal.scopes),
@@ -52,7 +52,7 @@ class SessionView(BaseModel):
 async def create_session(
     services: ServicesDep, request: Request, response: Response, who: CurrentPrincipal
 ) -> SessionView:
-    """Open a session of the key in Authorization; its cookie, which scripts cannot read, is as good as the key.
+    """Create a session for the key in Authorization; its HttpOnly cookie authenticates as the key does.
 
     It lasts for 12 hours and ends with its key. What changes something must bring the header X-CSRF-Token besides.
     """

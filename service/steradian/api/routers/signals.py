@@ -1,4 +1,4 @@
-"""``/scans/{id}/signals``: a scan's A-lines before any image is made of them."""
+"""``/scans/{id}/signals``: statistics of a scan's A-lines, without reconstruction."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class HistogramView(BaseModel):
 
 
 class SpectrumView(BaseModel):
-    """Power of the A-lines' quiet parts: of each the quietest of eight equal windows."""
+    """Noise power spectrum, from the quietest of eight equal windows of each A-line."""
 
     frequencies: list[float] = Field(description="Hz")
     mean: list[float]
@@ -50,7 +50,7 @@ class SpectrumView(BaseModel):
 
 
 class SignalMapsView(BaseModel):
-    """Figures of A-lines by their place: of all, or of every second, third …; 20,000 at most."""
+    """Maps of A-line statistics by position; of every n-th A-line, so that there are 20,000 at most."""
 
     x: list[float] = Field(description="m")
     y: list[float] = Field(description="m")
@@ -61,7 +61,7 @@ class SignalMapsView(BaseModel):
 
 
 class PartView(BaseModel):
-    """Figures of a beam's or a frame's A-lines."""
+    """Statistics of the A-lines of one beam or one frame."""
 
     beam: int | None = None
     frame: int | None = None
@@ -75,7 +75,7 @@ class PartView(BaseModel):
 
 
 class BadLineView(BaseModel):
-    """An A-line that looks bad; nothing was done to it."""
+    """A-line detected as bad; the scan file is not changed."""
 
     aline: int = Field(description="Its place in the array of A-lines: point of the mask, frame after frame")
     x: float = Field(description="m")
@@ -126,7 +126,7 @@ async def read_scan_signals(
 
 
 def _check(file: h5py.File, scan_id: str, frame: int) -> None:
-    """Refuse a frame that is not there, has no A-line yet, or is too large."""
+    """Reject a frame that does not exist, has no A-line yet, or is too large."""
     points, samples = len(file["mask/weights"]), file["alines/samples"]
     frames = len(samples) // points
     if frame >= frames:

@@ -15,7 +15,7 @@ router = APIRouter(prefix=f"{V1}/storage", tags=["service"], route_class=Authori
 
 
 class StorageView(BaseModel):
-    """The data folder and the disk under it."""
+    """Disk usage of the data folder, with its quota and the free and reserved bytes."""
 
     used_bytes: dict[str, int] = Field(
         description="Contents of the folder by purpose",
@@ -30,7 +30,7 @@ class StorageView(BaseModel):
 
 @router.get("", summary="Usage of the data folder, and reserved bytes")
 async def read_storage(services: ServicesDep) -> StorageView:
-    """Return the bytes used by all files; concurrent requests share one count."""
+    """Return the disk usage of the data folder; concurrent requests share one count."""
     try:
         used = await services.usage.load(None)
         return await run_in_threadpool(_view, services, used)

@@ -46,7 +46,7 @@ Offset: TypeAlias = Annotated[
 
 
 class UploadPreviewRequest(Value):
-    """Description that accompanies a file, as in a job of kind ``import``."""
+    """Request to preview an import: description of the file, as in a job of kind ``import``."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"description": {"sampling_interval": 8e-9}}]})
 
@@ -71,7 +71,7 @@ class MissingView(BaseModel):
 
 
 class UploadPreviewView(BaseModel):
-    """Preview of an import of a file."""
+    """Preview of an import: the interpretation of an uploaded file, and missing values."""
 
     model_config = ConfigDict(from_attributes=True)
 
@@ -93,7 +93,7 @@ class UploadPreviewView(BaseModel):
 
 
 class UploadView(BaseModel):
-    """A file that waits to be imported."""
+    """Upload: a complete or partial file to be imported."""
 
     id: str
     bytes: int = Field(description="That have come")
@@ -113,10 +113,10 @@ class UploadView(BaseModel):
 async def create_upload(
     services: ServicesDep, request: Request, response: Response, length: Length = None
 ) -> UploadView:
-    """Keep the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
+    """Store the body as a file: IPASC, k-Wave or MATLAB HDF5, npy, npz, CSV, .sgl, or a scan of this program.
 
     Then POST /jobs with kind ``import``. A file that nobody imports is deleted after a day. With Upload-Length the body
-    is empty, and the bytes follow by PATCH; what broke off is gone on with where HEAD says that it ends (tus 1.0).
+    is empty, and the bytes follow by PATCH; after an interruption, continue at the Upload-Offset of HEAD (tus 1.0).
     """
     identifier = new_id("u")
     here = link(f"/uploads/{identifier}")
@@ -172,7 +172,7 @@ def read_upload(services: ServicesDep, response: Response, upload_id: UPLOAD_ID)
 async def append_upload(services: ServicesDep, request: Request, upload_id: UPLOAD_ID, offset: Offset) -> Response:
     """Append the body to an upload created with Upload-Length; bytes received before an interruption are kept.
 
-    With the last byte it is a whole upload; Repr-Digest then has its SHA-256. Nothing comes for a day: it is deleted.
+    The last byte completes the upload; Repr-Digest then has its SHA-256. An upload without data for a day is deleted.
     """
     part = await run_in_threadpool(Part.find, services.data.uploads, upload_id)
     size = offset
@@ -201,7 +201,7 @@ async def append_upload(services: ServicesDep, request: Request, upload_id: UPLO
 
 @router.post("/{upload_id}/preview", summary="Preview of an upload's interpretation", response_model=UploadPreviewView)
 async def preview_upload(services: ServicesDep, upload_id: UPLOAD_ID, wanted: UploadPreviewRequest) -> Response:
-    """Look into a file as an import would, in a process that is shut in; nothing is made of it."""
+    """Inspect an upload in a sandboxed process as an import would, without importing it."""
     names = [upload_id, *([wanted.companion_id] if wanted.companion_id else [])]
     for name in names:
         if not _is_name(name) or await run_in_threadpool(services.arrays.stat, upload_name(name)) is None:
@@ -212,7 +212,7 @@ async def preview_upload(services: ServicesDep, upload_id: UPLOAD_ID, wanted: Up
 
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")
 def delete_upload(services: ServicesDep, upload_id: UPLOAD_ID) -> Response:
-    """Delete the file; nothing happens when there is none. One that an import has still to read stays."""
+    """Delete an upload; nothing happens if it does not exist. An upload that an import still needs is not deleted."""
     with suppress(NotFound):
         deletion.delete_upload(services.database, services.arrays, upload_id)
     with suppress(NotFound):
@@ -234,7 +234,7 @@ def _inspect(description: dict[str, Any] | None, *uploads: Path) -> bytes:
 
 
 def _room(services: ServiceContainer, come: Callable[[], int]) -> Callable[[int], None]:
-    """Read the disk's free space; return a function that rejects uploads which do not fit beside concurrent ones."""
+    """Return a function that rejects uploads which do not fit on the disk beside concurrent ones."""
     measured, taken = services.refresh_disk_usage(), _reserve(services)
 
     def require(count: int) -> None:

@@ -1,1 +1,1 @@
-"""Response schemas."""
+"""Request and response schemas (pydantic models) of the API."""

@@ -48,7 +48,7 @@ class BatchRequest(Value):
     requires: Required = Field(default=Required(), description="Capabilities required of each job's worker")
 
     def expand_grid(self, excitation: list[float]) -> dict[str, list[Any]]:
-        """Return the varied values with the shorthand "each" expanded.
+        """Return the values of each swept parameter, with ``each`` expanded to frame numbers.
 
         ``excitation`` is the wavelength of each frame.
         """
@@ -105,7 +105,7 @@ class MemberView(BaseModel):
 
 
 class BatchView(BaseModel):
-    """A batch and how its jobs stand."""
+    """Batch: its state and the states of its jobs."""
 
     id: str
     scan_id: str
@@ -122,7 +122,7 @@ class BatchView(BaseModel):
 
     @classmethod
     def of(cls, row: BatchRow, members: list[ReconstructionRow], jobs: dict[str, JobStatus]) -> Self:
-        """Show a row with its jobs."""
+        """Return the view of a batch from its row and jobs."""
         counts = Counter(str(jobs[member.id].state) for member in members)
         if forgotten := math.prod(len(values) for values in row.vary.values()) - len(members):
             counts["forgotten"] = forgotten

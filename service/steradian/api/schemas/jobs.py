@@ -1,4 +1,4 @@
-"""Response schemas of jobs (merge with queue_views.py)."""
+"""Response schema of jobs of all kinds."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class JobView(BaseModel):
 
     @classmethod
     def of(cls, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
-        """Show a job."""
+        """Return the view of a job with its queue position."""
         here = link(f"/jobs/{job.id}")
         result = {name: value for name, value in job.result.items() if name != "files"}
         return cls(
@@ -76,7 +76,7 @@ class JobView(BaseModel):
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing of it will change any more."""
+        """Whether the job has ended, so that its state no longer changes."""
         return is_terminal(self.state)
 
 

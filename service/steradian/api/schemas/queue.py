@@ -1,4 +1,4 @@
-"""Queue position and requirements of a waiting job."""
+"""Response schemas of a queued job's position and requirements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from steradian.jobs.queue.estimates import QueueEstimate
 
 
 class RequirementsView(BaseModel):
-    """Requirements of a job on its worker."""
+    """Requirements of a job on its worker, such as memory and GPU."""
 
     memory: int = Field(description="Bytes; of a volume whose size is known, what its values alone take")
     cores: int = Field(description="Threads that the worker's jobs may use")
@@ -21,7 +21,7 @@ class RequirementsView(BaseModel):
 
     @classmethod
     def of(cls, wanted: Requirements) -> Self:
-        """Show them."""
+        """Return the view of a job's requirements."""
         return cls(**asdict(wanted))
 
 
@@ -42,5 +42,5 @@ class QueueView(BaseModel):
 
     @classmethod
     def of(cls, seen: QueueEstimate | None) -> Self | None:
-        """Show a forecast."""
+        """Return the view of a queue estimate; ``None`` for a job that has ended."""
         return None if seen is None else cls(**asdict(seen))

@@ -1,7 +1,6 @@
 """Response schemas of stored reports (scan summary, plan preview, job results).
 
-They were noted some time ago, perhaps by another version: what is not named here is passed on as it is; what that
-version did not note, or wrote otherwise, is null.
+Another version may have written them: unknown fields are passed on unchanged; missing or invalid fields are null.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from pydantic import (
 
 
 class ReportBase(BaseModel):
-    """Figures that were noted some time ago, by this version or another."""
+    """Base class of stored reports, which another version may have written; invalid fields become null."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -38,7 +37,7 @@ class ReportBase(BaseModel):
 
 
 class HistoryView(ReportBase):
-    """A change of state."""
+    """Change of state of a scan or job: new state, time, author and reason."""
 
     state: str = Field(description="What it became", examples=["running"])
     at: datetime
@@ -47,7 +46,7 @@ class HistoryView(ReportBase):
 
 
 class AttemptView(ReportBase):
-    """A start of a job, and its end."""
+    """Attempt: one execution of a job, with its worker and outcome."""
 
     number: int = Field(description="Counts starts, but not those that were put back", examples=[1])
     worker: str | None = Field(default=None, examples=["worker-0"])
@@ -58,7 +57,7 @@ class AttemptView(ReportBase):
 
 
 class SummaryView(ReportBase):
-    """Counts of a scan that is over."""
+    """Summary of a finished scan: counts of A-lines and shots."""
 
     points: int | None = Field(default=None, description="A-lines that were planned, of all frames")
     stored: int | None = Field(default=None, description="Stored A-lines")
@@ -66,7 +65,7 @@ class SummaryView(ReportBase):
 
 
 class RemarkView(BaseModel):
-    """One remark about a plan: an error refuses the scan, a warning does not."""
+    """Finding about a plan: an error rejects the scan, a warning does not."""
 
     severity: Literal["error", "warning"]
     field: str = Field(description="The field of the plan to change", examples=["pulse_rate"])
@@ -122,7 +121,7 @@ class FitView(ReportBase):
 
 
 class BadLinesView(ReportBase):
-    """Bad A-lines and their treatment."""
+    """Numbers of bad A-lines that were left out or mended in a reconstruction."""
 
     treatment: Literal["leave-out", "mend"] | None = None
     looked_at: int | None = Field(default=None, description="A-lines that were compared with their neighbours")
@@ -136,7 +135,7 @@ class BadLinesView(ReportBase):
 
 
 class UnevennessView(ReportBase):
-    """Variation between A-lines, and the number of excluded A-lines."""
+    """Variation of energy, time zero and sensitivity between A-lines, and the excluded A-lines."""
 
     left_out: dict[str, int] = Field(default_factory=dict, description="A-lines not used, by flag")
     energy: list[float] | None = Field(default=None, description="Least and greatest pulse energy, relative to nominal")
@@ -148,7 +147,7 @@ class UnevennessView(ReportBase):
 
 
 class ReportView(ReportBase):
-    """Figures and provenance of a reconstruction."""
+    """Report of a reconstruction: figures and provenance."""
 
     shape: list[int] | None = Field(default=None, description="Voxels along each axis", examples=[[226, 226, 512]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")
@@ -195,7 +194,7 @@ class ObjectWidth(ReportBase):
 
 
 class SoundSpeedView(ReportBase):
-    """The speed of sound at which a scan is fitted best, and the sharpness of images over the speed."""
+    """Result of a sound-speed search: best speed, and sharpness of images by speed."""
 
     sound_speeds: list[float] | None = Field(default=None, description="Speeds tried, rising (m/s)")
     sharpness: list[float] | None = Field(default=None, description="At each of them, normalised")
@@ -208,7 +207,7 @@ class SoundSpeedView(ReportBase):
 
 
 class ComparisonView(ReportBase):
-    """Similarity of two volumes."""
+    """Result of a comparison: similarity of two volumes."""
 
     figures: dict[str, float | None] | None = Field(
         default=None, description="Correlations, sharpness and error", examples=[{"volume_correlation": 0.48}]
@@ -216,7 +215,7 @@ class ComparisonView(ReportBase):
 
 
 class WidthView(ReportBase):
-    """The width of an object in an image."""
+    """Result of a width measurement of an object in an image."""
 
     width: ObjectWidth | None = Field(default=None, description="Width, point spread and corrected diameter")
 
@@ -239,7 +238,7 @@ class ImportView(ReportBase):
 
 
 class ImageView(ReportBase):
-    """The voxels of an image that grows with its scan."""
+    """Voxel grid of a live reconstruction's revision."""
 
     shape: list[int] | None = Field(default=None, examples=[[226, 226, 256]])
     spacing_m: list[float] | None = Field(default=None, description="Distance of voxels along each axis (m)")

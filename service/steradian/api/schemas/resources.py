@@ -43,7 +43,7 @@ class ProgressView(BaseModel):
 
 
 class ErrorView(BaseModel):
-    """Why work failed."""
+    """Error of a failed scan or job: code and detail."""
 
     code: str
     detail: str
@@ -66,7 +66,7 @@ class MaskView(BaseModel):
 
     @classmethod
     def of(cls, row: MaskRow) -> Self:
-        """Show a row."""
+        """Return the view of a mask from its row."""
         here = link(f"/masks/{row.id}")
         return cls(
             id=row.id,
@@ -108,7 +108,7 @@ class MaskPreviewView(BaseModel):
 
 
 class PointsView(BaseModel):
-    """The points of a mask."""
+    """Points of a mask with their weights."""
 
     id: str
     count: int
@@ -148,7 +148,7 @@ class PlanView(BaseModel):
 
     @classmethod
     def of(cls, row: PlanRow) -> Self:
-        """Show a row."""
+        """Return the view of a plan from its row."""
         preview = PreviewView.model_validate(row.preview)
         links = {"self": link(f"/plans/{row.id}"), "mask": link(f"/masks/{row.mask_id}")}
         return cls(id=row.id, mask_id=row.mask_id, created=row.created, links=links, preview=preview, **row.parameters)
@@ -180,7 +180,7 @@ class ScanView(BaseModel):
 
     @classmethod
     def of(cls, row: ScanRow) -> Self:
-        """Show a row."""
+        """Return the view of a scan from its row."""
         here = link(f"/scans/{row.id}")
         parts = {name: f"{here}/{name}" for name in ("file", "shots", "alines", "coverage")}
         return cls(
@@ -240,7 +240,7 @@ class ReconstructionView(BaseModel):
 
     @classmethod
     def of(cls, row: ReconstructionRow, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
-        """Show a row and its job."""
+        """Return the view of a reconstruction from its row and its job."""
         here = link(f"/reconstructions/{row.id}")
         job_at = link(f"/jobs/{row.id}")
         mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}

@@ -19,7 +19,7 @@ from steradian.storage.db.tables import ScannerRow
 
 
 class LeaseView(BaseModel):
-    """Lease of a scanner: its holder and expiry."""
+    """Lease of a scanner: its holder, expiry and fencing token."""
 
     holder: str = Field(description="Name given by the holder")
     principal: str = Field(description="Whose key it is: the lease is of no use to others", examples=["local"])
@@ -37,7 +37,7 @@ UNANSWERED = "the scanner could not be asked: the acquisition process has not an
 
 
 class EmergencyView(BaseModel):
-    """Active emergency stop."""
+    """Active emergency stop: author, reason, and confirmed state of the laser."""
 
     number: str = Field(description="Of this press; a release may name it", examples=["01k0000000000000000000000"])
     at: datetime
@@ -56,7 +56,7 @@ class EmergencyView(BaseModel):
 
     @classmethod
     def of(cls, press: StopPress, deed: StopOutcome | None, *, recorded: bool) -> Self:
-        """Return the view of a press and its outcome."""
+        """Return the view of an emergency stop and its outcome."""
         return cls(
             number=press.number,
             at=datetime.fromisoformat(press.at),
@@ -70,7 +70,7 @@ class EmergencyView(BaseModel):
 
     @classmethod
     def of_row(cls, row: ScannerRow) -> Self | None:
-        """Show the press that stands, of another node's scanner, as the database knows it."""
+        """Return the active stop of another node's scanner from its database row; ``None`` without a stop."""
         if row.stopped_at is None:
             return None
         return cls(
@@ -139,20 +139,20 @@ class ScannerView(BaseModel):
     def of(
         cls, row: ScannerRow, status: ScannerStatus | None, now: datetime, *, held: bool, stop: EmergencyView | None
     ) -> Self:
-        """Show a scanner.
+        """Return the view of a scanner from its row, reported status, lease and emergency stop.
 
         Parameters
         ----------
         row
-            What the database knows of it.
+            Database row of the scanner.
         status
-            What it says, if it is this node's.
+            Status that this node's scanner reports; ``None`` for another node's.
         now
             The present time, UTC.
         held
-            Whether somebody's lease runs.
+            Whether the scanner is leased.
         stop
-            The stop that stands.
+            The active emergency stop.
         """
         here = link(f"/scanners/{row.id}")
         lease = None
@@ -197,7 +197,7 @@ def _age(row: ScannerRow, now: datetime) -> float | None:
 
 
 def _status(row: ScannerRow, age: float | None) -> ScannerStatus:
-    """Return the database's record of another node's scanner state."""
+    """Return the status of another node's scanner as recorded in the database; unknown if outdated."""
     if age is None or age > CURRENT_ELSEWHERE:
         return ScannerStatus(error=row.last_error)
     return ScannerStatus(
@@ -213,7 +213,7 @@ def _status(row: ScannerRow, age: float | None) -> ScannerStatus:
 
 
 def _state(row: ScannerRow, seen: ScannerStatus) -> str:
-    """Return the scanner's state: that of this service's scan, unless the device reports a more specific one."""
+    """Return the scanner's state in the database, unless the device reports a more specific one."""
     if seen.laser in {"armed", "on"}:
         return "scanning"
     return "fault" if seen.fault and row.state == "idle" else row.state

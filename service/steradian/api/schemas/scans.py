@@ -13,7 +13,7 @@ Text = Annotated[str, StringConstraints(max_length=200)]
 
 
 class ScanRequest(Value):
-    """Request to run a plan."""
+    """Request for a scan: a plan to run on a scanner."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"plan_id": "p0123456789abcdef01234567", "labels": {"phantom": "yarn"}}]}

@@ -1,6 +1,6 @@
 """Event broadcaster: one poller of the event log serves all subscribers.
 
-A listener that reads slowly costs nothing but its own time: what it has not read stays in the log.
+A slow subscriber does not delay the others: events that it has not read stay in the log.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class Progress:
 
     @cached_property
     def sse_frame(self) -> bytes:
-        """Return the server-sent event of this progress, encoded once for all streams."""
+        """Server-sent event of this progress, encoded once for all streams."""
         return format_sse_event(event="progress", data_str=json.dumps(asdict(self)))
 
 
 class Event:
-    """An event of the log, and how it is written into streams."""
+    """Event of the event log, encoded once as a server-sent event."""
 
     def __init__(self, row: EventRow, epoch: str) -> None:
         self.sequence, self.kind, self.scan_id = row.sequence, row.kind, row.scan_id
@@ -85,7 +85,7 @@ class EventBroadcaster:
         self._stages: dict[str, tuple[str | None, float, int]] = {}
 
     async def subscribe(self, *, progress: bool = True) -> AsyncGenerator[None, None]:
-        """Yield when there may be a new event or, optionally, progress, and at regular intervals."""
+        """Yield when there may be new events or, optionally, new progress, and at regular intervals."""
         self._listeners += 1
         self._watchers += progress
         self._joined |= progress
@@ -107,7 +107,7 @@ class EventBroadcaster:
                 self._task = None
 
     def progress(self, since: float) -> Iterable[Progress]:
-        """Return the progress of all scans and jobs, omitting values read before ``since``."""
+        """Return the present progress of all scans and jobs; empty if last polled before ``since``."""
         return self._progress.values() if self._looked >= since else ()
 
     async def log_bounds(self) -> LogBounds:
@@ -115,7 +115,7 @@ class EventBroadcaster:
         return await self._bounds.load(None)
 
     async def events_after(self, sequence: int, epoch: str, limit: int) -> list[Event]:
-        """Return events after a number, oldest first: from memory, or at most ``limit`` from the log."""
+        """Return events after an event number, oldest first: from memory, or at most ``limit`` from the log."""
         if not self._since <= sequence <= self.last:
             return [Event(row, epoch) for row in await run_in_threadpool(self._services.log.after, sequence, limit)]
         if sequence == self.last:
@@ -170,7 +170,7 @@ class EventBroadcaster:
         return found
 
     def _eta(self, identifier: str, stage: str | None, done: int, total: int) -> float | None:
-        """Extrapolate a stage from when and where it was first seen."""
+        """Return the remaining seconds of a stage, extrapolated from its first observation."""
         now = time.monotonic()
         seen = self._stages.get(identifier)
         if seen is None or seen[0] != stage or done < seen[2]:

@@ -1,4 +1,4 @@
-"""Pre-submission checks of job requests: referenced rows exist, sizes and memory fit."""
+"""Admission checks before jobs are queued: existence of inputs, size of volumes, estimates of disk and memory."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def check_reconstruction(services: ServiceContainer, wanted: ReconstructionReque
 
 
 def estimate_resources(services: ServiceContainer, scan: ScanRow, wanted: ReconstructionRequest) -> ResourceEstimate:
-    """Return the estimated bytes and work of a reconstruction.
+    """Return the estimated disk and memory bytes of a reconstruction.
 
-    It leaves its values, their coarser copies and three projections (float32); one that follows a scan holds the last
-    image beside the one that it writes.
+    The volume file contains the voxels, their coarser copies and three projections (float32); a live reconstruction
+    holds the last image beside the one that it writes.
     """
     *across, deep = _shape(services, scan, wanted.parameters)
     disk = file_size((*across, deep)) * (2 if wanted.follow else 1)
@@ -65,7 +65,7 @@ def estimate_resources(services: ServiceContainer, scan: ScanRow, wanted: Recons
 
 
 def check_references(services: ServiceContainer, scan: ScanRow, wanted: ReconstructionRequest) -> None:
-    """Reject jobs whose inputs are missing or unsuitable; return the estimated resources of the others."""
+    """Reject a reconstruction whose volume is too large, or whose frames or what-if mask do not fit the scan."""
     _check_size(services, scan, wanted.parameters)
     lights = frames_of(services.plans.get(scan.plan_id).parameters)
     wanted.frames.pick([Frame(number, light, 0) for number, light in enumerate(lights)])
@@ -76,7 +76,7 @@ def check_references(services: ServiceContainer, scan: ScanRow, wanted: Reconstr
 
 
 def check_job(services: ServiceContainer, wanted: WorkRequest) -> ResourceEstimate:
-    """Reject other jobs that cannot succeed; return their estimated resources.
+    """Reject jobs of the other kinds that cannot succeed; return the estimated resources of accepted jobs.
 
     Raises
     ------
@@ -106,19 +106,19 @@ def check_job(services: ServiceContainer, wanted: WorkRequest) -> ResourceEstima
 
 
 def frames_of(plan: dict[str, Any]) -> list[float]:
-    """Return the excitation wavelength of each frame in m, 0 where the laser stays as it stands."""
+    """Return the excitation wavelength of each frame in m; 0 if the plan does not change the laser's wavelength."""
     return [value for value in plan.get("excitation") or (0.0,) for _ in range(plan.get("frames", 1))]
 
 
 def volume_size(services: ServiceContainer, reconstruction_id: str, field: str) -> int:
-    """Return how many bytes the volume has that a reconstruction left.
+    """Return the size in bytes of a reconstruction's volume file.
 
     Raises
     ------
     NotFound, NotReady, Conflict
-        When there is no such reconstruction, or no volume of it yet, or there will be none.
+        When there is no such reconstruction, or it has no volume yet, or it ended without one.
     InvalidInput
-        When it is larger than a job may read.
+        When the volume is larger than a job may read.
     """
     services.reconstructions.get(reconstruction_id)
     job = services.ledger.status(reconstruction_id)
@@ -140,14 +140,14 @@ def _size(services: ServiceContainer, name: str, what: str, identifier: str) -> 
 
 
 def _check_alines(services: ServiceContainer, scan: ScanRow) -> None:
-    """Refuse a scan without A-lines; raises :class:`Conflict`."""
+    """Reject a scan without A-lines; raises :class:`Conflict`."""
     is_there = services.nodes.is_remote(scan.scanner_id) or services.arrays.stat(scan_name(scan.id)) is not None
     if not is_there or not (scan.summary or {}).get("stored", scan.done):
         raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
 
 
 def _check_size(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> None:
-    """Refuse a volume that is too large; raises :class:`InvalidInput`."""
+    """Reject a volume that is too large; raises :class:`InvalidInput`."""
     shape = _shape(services, scan, parameters)
     size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
     if size > limit:
@@ -166,7 +166,7 @@ def _check_size(services: ServiceContainer, scan: ScanRow, parameters: Reconstru
 
 
 def _shape(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
-    """Return how many voxels an image has along each axis across, of which a line of sensors has one, and in depth."""
+    """Return the voxels of an image along its lateral axes (one for a line of sensors, else two) and in depth."""
     modes = parameters.modes or _default_modes(services, scan.mask_id)
     across = 1 if services.masks.is_line(scan.mask_id) else 2
     deep = _slices(services.plans.get(scan.plan_id).parameters, parameters)
@@ -178,9 +178,9 @@ def _default_modes(services: ServiceContainer, mask_id: str) -> int:
 
 
 def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
-    """Return how many slices an image has: one a sample, and more where the record begins later and they are wanted.
+    """Return the number of depth slices of an image: one a sample, more for a delayed record or a depth range.
 
-    When a record begins only its file says; what is known here is the delay that is asked for, and the range.
+    Only the scan file contains the time zero of the record; known here are the requested delay and depth range.
     """
     samples: int = plan["samples"]
     interval, speed = plan.get("sampling_interval"), parameters.sound_speed or plan.get("sound_speed")
@@ -194,7 +194,7 @@ def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
 
 
 def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:
-    """Return the bytes of the image alone (float32), where it is known beforehand how many voxels deep it becomes."""
+    """Return the bytes of the image alone (float32), a lower bound of memory; 0 if its depth is not known yet."""
     is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
     return 4 * math.prod(shape) if is_whole else 0
 

@@ -1,4 +1,4 @@
-"""Decommission a scanner after verifying that its node is down; close its open scans."""
+"""Decommissioning of a scanner, after a check that its node is down; ends its unfinished scans."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ ANSWER_TIMEOUT = 3.0
 def decommission_scanner(
     services: ServiceContainer, request: Request, who: Principal, scanner_id: str, reason: str | None, *, abandon: bool
 ) -> None:
-    """Retire a scanner.
+    """Decommission a scanner, after a check that its node is down.
 
     Parameters
     ----------
     abandon
-        Whether its scans that are not over are given up.
+        Whether to end the scanner's unfinished scans.
 
     Raises
     ------
     NotFound
         When there is no such scanner.
     InUse
-        When its node lives, or a scan of it is not over.
+        When the scanner's node runs, or a scan is unfinished.
     NodeUnavailable
-        When whether it lives cannot be told.
+        When the database does not report whether the node runs.
     """
     scanner = services.scanner.of(scanner_id)
     scanner.get(scanner_id)
@@ -57,7 +57,7 @@ def decommission_scanner(
 
 @contextmanager
 def _hold_node_lock(settings: Settings, scanner_id: str) -> Iterator[None]:
-    """Hold the lock of a scanner's node, so that no node of it starts before the block ends."""
+    """Hold the advisory lock of a scanner's node, so that the node cannot start before the block ends."""
     if settings.database_url is None:  # then there are no nodes
         yield
         return
@@ -74,7 +74,7 @@ def _hold_node_lock(settings: Settings, scanner_id: str) -> Iterator[None]:
 
 
 def _require_no_response(services: ServiceContainer, scanner_id: str, who: Principal) -> None:
-    """Refuse when the node, which may have lost the database only, says itself that it has the scanner."""
+    """Raise :class:`InUse` if the scanner's node still answers; it may have lost only the database."""
     question = PeerRequest("DELETE", f"{BASE}/scanners/{scanner_id}", who)
     with suppress(NodeUnavailable):
         if services.nodes.request_json(scanner_id, question, ANSWER_TIMEOUT)[0] == HTTPStatus.CONFLICT:
@@ -82,7 +82,7 @@ def _require_no_response(services: ServiceContainer, scanner_id: str, who: Princ
 
 
 def _abandon_scan(services: ServiceContainer, scan: ScanRow, who: str) -> None:
-    """Move an abandoned scan to a terminal state."""
+    """Move an unfinished scan of a decommissioned scanner to a terminal state."""
     why, end = "its scanner is retired", services.scans.transition
     if scan.state is ScanState.QUEUED:
         end(scan.id, ScanState.ABORTED, why=why, who=who)

@@ -62,7 +62,7 @@ def submit_scan(
 
 
 def _require_completable(services: ServiceContainer, scan_id: str, plan: PlanRow) -> ScanRow:
-    """Refuse a scan that cannot be completed by another one of a plan."""
+    """Return the scan to be completed; reject a scan that a new scan of the plan cannot complete."""
     row = services.scans.get(scan_id)
     if row.plan_id != plan.id:
         raise InvalidInput("plan_id", plan.id, f"{row.plan_id}, the plan of the scan that is to be completed")
@@ -99,7 +99,7 @@ def _scanner_for(services: ServiceContainer, requested: str | None) -> ScannerRo
 def require_lease(
     services: ServiceContainer, session: Session, lease: int | None, principal: Principal, scanner_id: str
 ) -> int:
-    """Return the lease number with which a caller may start the laser; see :meth:`ScannerRepository.check_fence`."""
+    """Return the lease number (fencing token) with which a caller may start the laser; raises if not permitted."""
     stop = services.local_stop_controller(scanner_id)
     if stop is not None and stop.active is not None:
         raise EmergencyStopped("the emergency stop is pressed; release it first")

@@ -29,7 +29,7 @@ from steradian.storage.repositories.references import lock_references
 
 
 class Admitted(NamedTuple):
-    """Admitted submission.
+    """Admitted submission: requests, disk reservation, and the function that inserts the rows.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ def submit_reconstruction(
 def submit_batch(
     services: ServiceContainer, principal: Principal, request: BatchRequest, key: IdempotencyKey | None
 ) -> StoredResponse:
-    """Queue a reconstruction for each combination of values, all or none; errors as :func:`submit_reconstruction`."""
+    """Queue a reconstruction for each combination of values, all or none; raises as :func:`submit_reconstruction`."""
 
     def admit() -> Admitted:
         plan_id = services.scans.get(request.scan_id).plan_id
@@ -108,7 +108,10 @@ def submit_batch(
 def submit_job(
     services: ServiceContainer, principal: Principal, request: WorkRequest, key: IdempotencyKey | None
 ) -> StoredResponse:
-    """Queue a job of another kind; errors as :func:`steradian.api.use_cases.admission.check_job`, and DiskFull."""
+    """Queue a job that is not a reconstruction and return the response for this and for repeated requests.
+
+    Raises the errors of :func:`steradian.api.use_cases.admission.check_job`, and DiskFull.
+    """
 
     def admit() -> Admitted:
         estimate = check_job(services, request)
@@ -130,7 +133,7 @@ def submit_job(
 def _submit_once(
     services: ServiceContainer, key: IdempotencyKey | None, admit: Callable[[], Admitted]
 ) -> StoredResponse:
-    """Return the stored response of a repeated request; otherwise check, reserve and insert."""
+    """Return the stored response of a repeated request; otherwise check the request, reserve disk and insert rows."""
     if (stored := services.answers.get(key)) is not None:
         return stored
     admitted = admit()

@@ -1,4 +1,4 @@
-"""The paper's experiments done again with simulated data, with its figures beside ours."""
+"""Reproduction of the paper's experiments with simulated data, with the paper's figures beside ours."""
 
 from steradian.benchmarks.paper.run import paper
 

@@ -1,4 +1,4 @@
-"""Speed of sound and film response."""
+"""Section on speed of sound and film response: measurements and Markdown."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DEPTH, _SIDE, _MODES, _INTERVAL, _SAMPLES, _SPEED = 1.4e-3, 6.4e-3, 80, 10e-9, 
 
 
 def measure(run: SectionContext) -> SectionResult:
-    """Find speeds of sound, and bring back a ball seen from the side."""
+    """Measure the error of the estimated speed of sound, and the film correction of a ball seen at large angles."""
     speeds = SPEEDS[1:2] if run.quick else SPEEDS
     found = []
     for seed, speed in enumerate(speeds):
@@ -68,7 +68,7 @@ def _curve(speed: float, seed: int, quick: bool) -> SoundSpeedCurve:
 
 
 def _film() -> SectionResult:
-    """Take a ball that the sensors of a ring see under ``ANGLES``, through the simulated scanner's film."""
+    """Simulate a ball seen at ``ANGLES`` through the simulated film, and reconstruct with each inverse filter."""
     axis = (np.arange(_MODES) - _MODES // 2) * _SIDE / _MODES
     points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     angle = np.degrees(np.arctan(np.hypot(*points.T) / _DEPTH))
@@ -105,7 +105,7 @@ class MiscalibratedFilm:
     def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
     ) -> NDArray[np.complex128]:
-        """As :meth:`steradian.imaging.film_response.FilmResponse.evaluate`."""
+        """Return the complex response at given frequencies and angles."""
         return SimulatedFilmResponse().evaluate(1.25 * np.asarray(frequencies, np.float64), sines, sound_speed)
 
 
@@ -134,7 +134,7 @@ def _draw(run: SectionContext, found: list[SectionResult]) -> None:
 
 
 def write(part: SectionResult) -> str:
-    """Write the section."""
+    """Return the section on speed of sound and film response as Markdown."""
     speeds = [
         [
             f"{number(row['speed'], 0)} m/s",
@@ -171,7 +171,7 @@ def write(part: SectionResult) -> str:
 
 
 def claims(part: SectionResult) -> list[Claim]:
-    """Speeds within 0.3 %, amplitudes within 10 %, noise within its bound."""
+    """Return the claims: speeds within 0.3 %, amplitudes within 10 %, noise within its bound."""
     off = [abs(row["best"] / row["speed"] - 1) for row in part["speeds"]]
     mended = [row for row in part["film"]["rows"] if row["max_gain"] is not None]
     left = [abs(row["amplitude"] - 1) for row in mended]

@@ -13,7 +13,7 @@ IMPROVEMENT_TARGET = {
 
 
 def write(part: SectionResult) -> str:
-    """Write the section."""
+    """Return the section on iterative reconstruction as Markdown."""
     options, cost = part["options"], part["cost"]
     rows = [[f"yarn, seed {row['seed']}", *_cells(row)] for row in part["rows"]]
     if part["kwave"] is not None:
@@ -67,7 +67,7 @@ def _cells(row: SectionResult) -> list[str]:
 
 
 def claims(part: SectionResult) -> list[Claim]:
-    """Claims: volumes improve by 10 % over a filter alone, projections do not deteriorate."""
+    """Return the claims: volumes improve by 0.10 over direct reconstruction, projections do not deteriorate."""
     rows = [*part["rows"], *([part["kwave"]] if part["kwave"] is not None else [])]
     gains, mips = ([_gain(row, of) for row in rows] for of in ("volume", "mip"))
     low, high = (number(bound(_gain(row, "volume", (DIRECT,)) for row in rows), 2) for bound in (min, max))
@@ -88,7 +88,7 @@ def claims(part: SectionResult) -> list[Claim]:
 
 
 def _price(part: SectionResult) -> list[Claim]:
-    """Return the cost of the iterative method and its benefit."""
+    """Return the claims on the time, memory and benefit of the iterative method."""
     yarns = [row["images"][ITERATIVE]["volume"] for row in part["rows"]]
     run, outputs = part["cost"]["run"], [row["outputs"] for row in part["rows"] if "outputs" in row]
     memory = Claim(
@@ -104,7 +104,7 @@ def _price(part: SectionResult) -> list[Claim]:
 
 
 def _gain(row: SectionResult, of: str, others: tuple[str, ...] = (DIRECT, FILTERED)) -> float:
-    """Return the improvement of the iterative method over the best other method."""
+    """Return the gain in correlation of the iterative method over the best other method."""
     gain: float = row["images"][ITERATIVE][of] - max(row["images"][name][of] for name in others)
     return gain
 

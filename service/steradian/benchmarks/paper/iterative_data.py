@@ -37,7 +37,7 @@ DIRECT, FILTERED, ITERATIVE = "direct", "direct, low-passed", "iterative"
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Sizes in SI units; the paper's, or smaller ones to see whether it runs."""
+    """Parameters of the experiment in SI units: the paper's by default, smaller ones for a quick test."""
 
     aperture: float = 13.56e-3
     depth: float = 3.6e-3
@@ -54,7 +54,7 @@ class Scenario:
 
     @property
     def grid(self) -> ImageGrid:
-        """Voxels of all images of the scene."""
+        """Voxel grid of all images of the scenario."""
         return ImageGrid(self.modes, depth=self.shown)
 
     def acquisition(
@@ -71,7 +71,7 @@ class Scenario:
         )
 
     def record(self, where: NDArray[Any], seed: int) -> tuple[phantoms.Balls, NDArray[np.float32]]:
-        """Return a yarn and its A-lines with noise."""
+        """Return a simulated yarn and its A-lines with noise."""
         balls = phantoms.yarn(seed, centre=(0.0, 0.0, self.depth), radius=self.radius)
         clean = phantoms.pressure(
             balls, where, samples=self.samples, sampling_interval=self.interval, sound_speed=self.speed
@@ -85,7 +85,7 @@ SMALL = Scenario(
 
 
 def measure(run: SectionContext) -> SectionResult:
-    """Reconstruct yarns of several seeds, and k-Wave's, both ways."""
+    """Reconstruct yarns of several seeds, and k-Wave's yarn, with direct and iterative methods."""
     scene = SMALL if run.quick else Scenario()
     if not run.quick and not KWAVE.exists():
         raise InvalidInput("only", "iterative", f"a checkout, which has k-Wave's yarn as {KWAVE}; or --quick")
@@ -165,7 +165,7 @@ def _about(volume: Volume) -> SectionResult:
 
 
 def _kwave() -> SectionResult:
-    """Reconstruct k-Wave's yarn; compared on its own voxels, whose rows of depth lie between ours."""
+    """Reconstruct k-Wave's yarn and compare on k-Wave's voxels, whose depths lie between ours."""
     with np.load(KWAVE) as file:
         data = dict(file)
     pitch, interval, speed = (float(data[name]) for name in ("dx", "dt", "c"))
@@ -191,7 +191,7 @@ def _kwave() -> SectionResult:
 
 
 def _cost(scene: Scenario, where: NDArray[Any], weights: NDArray[Any]) -> SectionResult:
-    """Time products and a whole run in units of one direct reconstruction of all depths, in turns."""
+    """Time products with the model and a whole iterative run, in units of one direct reconstruction."""
     traces = np.random.default_rng(0).standard_normal((len(where), scene.samples), np.float32)
     geometry, grid = scene.acquisition(traces, where, weights).geometry, ImageGrid(scene.modes)
     plan, operator = ReconstructionPlan(geometry, grid, compute=CPU), ForwardOperator(geometry, grid, compute=CPU)

@@ -1,4 +1,4 @@
-"""Small pieces of Markdown."""
+"""Formatters for Markdown tables, pictures and numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Write a table; the first column is text, the others are aligned to the right."""
+    """Return a Markdown table; the first column is text, the others are aligned to the right."""
     lines = [_row(columns), "|" + "|".join(["---"] + ["--:"] * (len(columns) - 1)) + "|"]
     return "\n".join(lines + [_row([*map(str, row)]) for row in rows]) + "\n"
 
@@ -18,24 +18,24 @@ def picture(name: str, words: str) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with fixed digits behind the point, and a dash for none."""
+    """Format a number with a fixed number of decimals; None as a dash."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:,.{digits}f}".replace("-", "−")
 
 
 def with_error(value: float | None, error: float | None, digits: int = 1) -> str:
-    """Write a value and its spread, such as 33.4 ± 8.0."""
+    """Format a value and its spread, such as 33.4 ± 8.0."""
     return f"{number(value, digits)} ± {number(error, digits)}"
 
 
 def percent(share: float | None, digits: int = 0) -> str:
-    """Write a share of 1 as a percentage."""
+    """Format a fraction as a percentage."""
     return number(None if share is None else 100 * share, digits) + " %"
 
 
 def spread(values: Sequence[float], digits: int = 3) -> str:
-    """Write the range of several runs, such as 0.951–0.962."""
+    """Format the range of several runs, such as 0.951–0.962."""
     low, high = number(min(values), digits), number(max(values), digits)
     return low if low == high else f"{low}–{high}"
 

@@ -1,4 +1,4 @@
-"""The page and the README's block: pure functions of the JSON document."""
+"""Renderer of the paper's benchmark page and the README's summary from the JSON document of measurements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BEGIN, END = "<!-- paper: begin, written by `steradian benchmark paper` -->", "<
 
 
 def page(document: dict[str, Any]) -> str:
-    """Write the page.
+    """Return the whole benchmark page as Markdown.
 
     Parameters
     ----------
@@ -47,13 +47,13 @@ def page(document: dict[str, Any]) -> str:
 
 
 def readme_block(document: dict[str, Any]) -> str:
-    """Write the README's summary, with its markers."""
+    """Return the README's summary of the benchmark, with its markers."""
     claims = claims_of(document)
     return f"{BEGIN}\n{_counted(claims)}\n\n{_summary([c for c in claims if c.headline])}{END}"
 
 
 def put_into_readme(text: str, document: dict[str, Any]) -> str:
-    """Replace the block between the markers.
+    """Replace the block between the markers of the README.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Common parts of the sections' pictures: panels in millimetres, small files."""
+"""Shared plotting functions of the sections: panels in millimetres, small PNG files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMATS = {"xy": ("x (mm)", "y (mm)"), "xz": ("x (mm)", "z, depth (mm)"), "yz": 
 
 
 def figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
-    """Make a figure of some size in inches and its panels, row by row."""
+    """Create a matplotlib figure of given size in inches; return it and its panels, row by row."""
     made = Figure(figsize=(width, height), dpi=_DPI, layout="constrained")
     panels = made.subplots(rows, columns, squeeze=False, **options)
     return made, list(panels.ravel())
@@ -36,7 +36,7 @@ def show(
     plane: str = "xy",
     highest: float | None = None,
 ) -> None:
-    """Show an image [across, up] in grey, negative values black; coordinates in metres."""
+    """Draw an image [across, up] in grey, negative values black; coordinates in metres."""
     dx, dy = 1e3 * (across[1] - across[0]), 1e3 * (up[1] - up[0])
     left, right = 1e3 * across[0] - dx / 2, 1e3 * across[-1] + dx / 2
     low, high = 1e3 * up[0] - dy / 2, 1e3 * up[-1] + dy / 2
@@ -64,7 +64,7 @@ def curves(
     *,
     bold: str | None = None,
 ) -> None:
-    """Draw named curves with a legend; the bold one in front."""
+    """Draw named curves with a legend; the emphasised one in front."""
     for name, values in series.items():
         y = [np.nan if value is None else value for value in values]
         axes.plot(x, y, ".-", markersize=3, linewidth=2.2 if name == bold else 1.0, label=name)
@@ -76,7 +76,7 @@ def curves(
 
 
 def few_colours(picture: Image.Image) -> Image.Image:
-    """Return an RGB picture with a palette of 256 colours, which is small, or as it is where that would be seen."""
+    """Reduce an RGB picture to a palette of 256 colours, unless the difference would be visible."""
     fewer = picture.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     off = np.asarray(ImageChops.difference(picture, fewer.convert("RGB"))).max(-1)
     seen = off.max() > _OFF_ANYWHERE or np.count_nonzero(off > _OFF) > off.size / 1000
@@ -84,7 +84,7 @@ def few_colours(picture: Image.Image) -> Image.Image:
 
 
 def save(made: Figure, path: Path) -> None:
-    """Write a PNG with few colours, which keeps it small, under a temporary name first."""
+    """Write a figure into a small palette PNG by an atomic write."""
     drawn = io.BytesIO()
     made.savefig(drawn, format="png")
     picture = few_colours(Image.open(drawn).convert("RGB"))

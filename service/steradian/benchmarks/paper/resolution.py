@@ -29,7 +29,7 @@ def gain(ours: float | None, theirs: float | None) -> float | None:
 
 
 def write(part: SectionResult) -> str:
-    """Write the section."""
+    """Return the section on resolution as Markdown."""
     ner, linear, kwave = (_row(part, name) for name in ("NER", "linear", KWAVE))
     lines = []
     for key, title in (("axial", "FWHM axial LSF (µm)"), ("lateral", "FWHM lateral LSF (µm)")):
@@ -109,13 +109,13 @@ def _reasons(part: SectionResult) -> list[str]:
 
 
 def _gain_with_error(ours: tuple[float, float], theirs: tuple[float, float], count: int) -> tuple[float, float]:
-    """Give the gain of two means and its standard error, from the means' own by propagation."""
+    """Return the gain of two means and its standard error, by error propagation."""
     (a, da), (b, db) = ours, theirs
     return b / a - 1, b / a * float(np.hypot(da / a, db / b)) / count**0.5
 
 
 def claims(part: SectionResult) -> list[Claim]:
-    """Axial and lateral resolution, the star at 10 lp/mm."""
+    """Return the claims on axial and lateral resolution, and on the star at 10 lp/mm."""
     ner, linear = _row(part, "NER"), _row(part, "linear")
     kwave = _row(part, KWAVE)
     found = []

@@ -1,4 +1,4 @@
-"""The paper's section 3: NER against interpolation in frequency, on a bar chart and a star.
+"""Measurements of the paper's section 3: NER against linear interpolation in frequency, on a bar chart and a star.
 
 Both targets lie 4 mm deep under 146 × 146 points 70 µm apart. They are closed-form balls of s = 9 µm, whose spectrum
 falls to −3 dB at 22 MHz as the film's does, so the sharpest line that the data hold is 21 µm wide.
@@ -50,7 +50,7 @@ METHODS: dict[str, dict[str, Any]] = {
 
 
 class Target:
-    """A target and its A-lines.
+    """Simulated resolution target and its A-lines.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Target:
     def plan(
         self, *, method: DirectMethod, samples: int = SAMPLES, finer: int = 2, depths: bool = True, **voxels: Any
     ) -> ReconstructionPlan:
-        """Plan a reconstruction with ``finer`` times as many modes as sensors."""
+        """Create a reconstruction plan with ``finer`` times as many lateral modes as sensors."""
         geometry = AcquisitionGeometry(self.positions, samples, dt=INTERVAL, sound_speed=SPEED, aperture=self.aperture)
         grid = ImageGrid(finer * self.side, depth=SHOWN if depths else None, **voxels)
         return ReconstructionPlan(geometry, grid, method, compute=Compute(device="cpu"))
@@ -83,7 +83,7 @@ class Target:
         return volume
 
     def seconds(self, repeats: int) -> dict[str, dict[str, float]]:
-        """Time NER and linear interpolation of the whole volume in turns, by clock and processors; medians."""
+        """Time NER and linear interpolation of the whole volume; return medians of wall-clock and processor time."""
         plans = {name: self.plan(depths=False, **METHODS[name]) for name in ("NER", "linear")}
         times: dict[str, list[tuple[float, float]]] = {name: [] for name in plans}
         for _ in range(repeats + 1):
@@ -96,7 +96,7 @@ class Target:
 
 
 def measure(run: SectionContext) -> SectionResult:
-    """Measure widths, modulation and times."""
+    """Measure line and edge widths, modulation and reconstruction times."""
     steps = 5
     run.step(0, steps)
     size, groups = (1.2e-3, 2) if run.quick else (3e-3, 4)
@@ -134,7 +134,7 @@ def measure(run: SectionContext) -> SectionResult:
 
 
 def _widths(volume: Volume, bars: Sequence[tuple[float, float, float, float]]) -> SectionResult:
-    """Fit 49 lines along z in a wide bar, and the long sides of the wide upright and lying bars."""
+    """Measure resolution: 49 line-spread fits along z in a wide bar, and edge-spread fits of the wide bars."""
     x, y, z = volume.axes.x, _y(volume), volume.axes.z
     left, right, low, high = bars[1]
     i, j = _nearest(x, (left + right) / 2), _nearest(y, (low + high) / 2)
@@ -165,7 +165,7 @@ def _edges(
     y: NDArray[np.float64],
     bars: Sequence[tuple[float, float, float, float]],
 ) -> tuple[list[float], list[float]]:
-    """Fit both long sides of each bar that is wide enough; widths and direct widths in µm.
+    """Fit the edge spread of both long sides of each wide bar; return fitted and model-free widths in µm.
 
     Fits that are uncertain by a third of the width or wider than the bar are left out; the paper does likewise.
     """
@@ -192,13 +192,13 @@ def _edges(
 
 
 def _summary(values: Sequence[float]) -> list[float | None]:
-    """Mean and standard deviation of the finite values."""
+    """Return mean and standard deviation of the finite values."""
     finite = [value for value in values if np.isfinite(value)]
     return [float(np.mean(finite)), float(np.std(finite))] if finite else [None, None]
 
 
 def _object_width() -> list[float | None]:
-    """Width that the object itself has in the same fit of eight points, over where the samples may lie."""
+    """Return the axial width of the true object in the same fit of eight points, over all sample offsets."""
     z = SPEED * INTERVAL * np.arange(-20, 21)
     found = []
     for shift in np.linspace(-0.5, 0.5, 21) * SPEED * INTERVAL:
@@ -210,7 +210,7 @@ def _object_width() -> list[float | None]:
 
 
 def _modulations(volume: Volume) -> list[float | None]:
-    """Depth of the star's line pairs on circles: its Fourier component there over half of the mean."""
+    """Return the modulation depth of the star's line pairs on circles, from their Fourier component."""
     from scipy.ndimage import map_coordinates
 
     image, x, y = np.clip(volume.mip("z"), 0, None), volume.axes.x, _y(volume)

@@ -28,7 +28,7 @@ def paper(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Document:
-    """Redo the paper's experiments and write ``paper.md``, ``paper/paper.json`` and the pictures into ``output``.
+    """Reproduce the paper's experiments and write ``paper.md``, ``paper/paper.json`` and the pictures into ``output``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Section of the paper's benchmark: a measuring function and a writing function.
+"""Data classes of the sections and claims of the paper's benchmark.
 
 To add one, write a module in this package with a ``SECTION`` and put the module's name into ``NAMES``, in the order of
 the page. ``measure`` returns plain JSON values; ``write`` turns exactly those into Markdown, so that no figure on the
@@ -26,7 +26,7 @@ SECTION_NAMES = ("resolution", "tree", "yarn", "iterative", "focus")
 
 @dataclass(frozen=True, slots=True)
 class SectionContext:
-    """Context given to a section's ``measure``.
+    """Context of a section's measurements: output folder, progress and options.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class SectionContext:
     step: Callable[[int, int], None]
 
     def picture(self, name: str) -> Path:
-        """Path of a picture; show it on the page with :func:`~steradian.benchmarks.paper.markdown.picture`."""
+        """Return the path of a picture file; :func:`.markdown.picture` embeds the picture in the page."""
         return self.folder / f"{name}.png"
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of the benchmark.
+    """Section of the benchmark page: name, title, and its functions measure, write and claims.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Section:
 
 
 class Verdict(StrEnum):
-    """Verdict on a claim, by one rule for all."""
+    """Verdict on a claim, determined by :data:`RULE`."""
 
     HOLDS = "yes"
     SIGN = "sign only"
@@ -90,7 +90,7 @@ RULE = (
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One line of the summary at the top of the page.
+    """Claim of the paper with its measured margins: one line of the summary at the top of the page.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Claim:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the runs bear it out, see :data:`RULE`."""
+        """Verdict of the measured runs on the claim, according to :data:`RULE`."""
         if min(self.runs) <= 0:
             return Verdict.FAILS
         deviation = stdev(self.runs) if len(self.runs) > 1 else 0.0
@@ -126,7 +126,7 @@ class Claim:
 
 
 def sections(only: tuple[str, ...] = ()) -> list[Section]:
-    """Load the sections, all or those named, in the order of the page.
+    """Return all sections, or the named ones, in the order of the page.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The paper's section 5: 32 of 1,024 sensors on a line, equispaced against equiangular, and gaps filled linearly.
+"""The paper's section 5: 32 of 1,024 sensors on a line, equispaced or equiangular, or the gaps interpolated.
 
 A tree of our own, in three degrees of detail, since how much 32 sensors can show depends on it more than on anything
 else; waves from :func:`steradian.phantoms.propagate_2d`, 30 dB noise by the rms convention, as k-Wave counts it.
@@ -32,7 +32,7 @@ PAPER_SHARPNESS = {"equiangular": 23001, "interpolated": 21474}
 
 
 class LineScan:
-    """Line scan of one tree: its A-lines at all sensors, and reconstructions from subsets.
+    """Simulated 2-D scan of one tree: its A-lines at all sensors, and reconstructions from subsets.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class LineScan:
 
     @property
     def aperture(self) -> float:
-        """Length of the line of all sensors in m."""
+        """Length in m of the line of sensors."""
         return self.columns * SPACING
 
     def image(
@@ -65,7 +65,7 @@ class LineScan:
         method: DirectMethod = Nufft(),
         weights: NDArray[np.float64] | None = None,
     ) -> NDArray[Any]:
-        """Reconstruct from some sensors, at the truth's pixels."""
+        """Reconstruct an image from selected sensors, on the pixels of the true object."""
         acquisition = Acquisition(
             self.traces[columns],
             self.truth.axes.x[columns],
@@ -78,27 +78,27 @@ class LineScan:
         return volume.values[:, : 2 * len(self.truth.axes.z) : 2]
 
     def score(self, image: NDArray[Any]) -> dict[str, float]:
-        """Correlation with the truth in the disc, and sharpness of the rectangle around it, on a scale to 255."""
+        """Return correlation with the truth in the disc, and sharpness of the enclosing rectangle."""
         positive = np.clip(image, 0, None)
         peak = float(positive[self.region].max()) or 1.0
         sharpness = quality.tenenbaum(255 / peak * positive, self.region)
         return {"correlation": quality.correlation(image, self.truth.values, self.region), "sharpness": sharpness}
 
     def equispaced(self, interval: int) -> NDArray[np.int64]:
-        """Columns of 32 sensors at an interval, centred."""
+        """Return the indices of 32 sensors at an equal interval, centred."""
         columns = self.columns // 2 + np.floor((np.arange(COUNT) - (COUNT - 1) / 2) * interval).astype(np.int64)
         inside: NDArray[np.int64] = np.clip(columns, 0, self.columns - 1)
         return inside
 
     def equiangular(self) -> tuple[NDArray[np.int64], Mask]:
-        """Columns of 32 equiangular sensors and their mask."""
+        """Return the indices of 32 equiangular sensors, and their mask."""
         grid = ScannerGrid(count=self.columns, interval=SPACING)
         mask = equiangular_mask(self.aperture, self.depth, COUNT, grid=grid, weighting="analytic")
         return np.rint(mask.positions[:, 0] / SPACING).astype(np.int64) + self.columns // 2, mask
 
 
 def measure(run: SectionContext) -> SectionResult:
-    """Judge all arrangements on all trees."""
+    """Measure the image quality of all sensor arrangements on all trees."""
     shape = (256, 64) if run.quick else (1024, 256)
     samples = 512 if run.quick else 2048
     seeds = range(1 if run.quick else 5)
@@ -166,7 +166,7 @@ def _draw(run: SectionContext, line: LineScan, row: SectionResult) -> None:
 
 
 def write(part: SectionResult) -> str:
-    """Write the section."""
+    """Return the section on the tree as Markdown."""
     rows = part["rows"]
     lines = []
     for (kind, samples), some in _grouped(rows).items():
@@ -259,7 +259,7 @@ def _range(rows: list[SectionResult], name: str, key: str = "correlation", digit
 
 
 def claims(part: SectionResult) -> list[Claim]:
-    """Equiangular beats equispaced, and NEDNER beats filled gaps."""
+    """Return the claims: equiangular is better than equispaced, and NEDNER than interpolated gaps."""
     rows = [row for row in part["rows"] if row["samples"] == part["samples"]]
     gains = [row["closer"] for row in rows]
     over = [row["equiangular"]["correlation"] - row["interpolated"]["correlation"] for row in rows]

@@ -26,13 +26,13 @@ def relative_improvement(row: SectionResult, name: str) -> float:
 
 
 def win_fraction(row: SectionResult) -> float:
-    """Share of the discs of 2–8 mm in which it beats every grid."""
+    """Return the fraction of discs of 2–8 mm in which the equi-steradian mask is better than every grid."""
     ours, *theirs = (near(row["masks"][mask]["by_diameter"]) for mask in (EQUI, *(f"interval {k}" for k in GRIDS)))
     return float(np.mean(np.array(ours) > np.max(theirs, axis=0)))
 
 
 def write(part: SectionResult) -> str:
-    """Write the section."""
+    """Return the section on the yarn as Markdown."""
     main = [row for row in part["rows"] if row["setting"] == part["main"]]
     yarns = [row for row in main if row["object"] == "yarn"]
     return "\n".join(
@@ -124,7 +124,7 @@ def _reasons(part: SectionResult, yarns: list[SectionResult]) -> list[str]:
 
 
 def claims(part: SectionResult) -> list[Claim]:
-    """Equi-steradian against the best grid, yarns and every row; NEDNER against filled gaps."""
+    """Return the claims: equi-steradian against the best grid, and NEDNER against interpolated gaps."""
     main = [row for row in part["rows"] if row["setting"] == part["main"] and row["object"] == "yarn"]
     gains = [relative_improvement(row, row["best"]) for row in main]
     every = [relative_improvement(row, row["best"]) for row in part["rows"]]

@@ -1,4 +1,4 @@
-"""The paper's section 6: 3 % of a yarn scan, by an equi-steradian mask against square grids of as many points.
+"""Measurements of the paper's section 6: 3 % of a yarn scan, by an equi-steradian mask against square grids.
 
 The yarn is a closed-form knot, the scan 226 × 226 points with noise. Its reconstruction from all points is the model
 standard, as in the paper; the truth, which the paper did not have, stands beside it.
@@ -36,7 +36,7 @@ EQUI, FILLED = "equi-steradian", "gaps filled"
 
 @dataclass(frozen=True, slots=True)
 class ExperimentSetting:
-    """Parameters of recording and reconstruction of the yarn.
+    """Parameters of the simulated recording and reconstruction of the yarn.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ExperimentSetting:
     double: bool = True
 
     def words(self) -> str:
-        """Describe it."""
+        """Return a short text that describes the setting."""
         noise = "no noise" if self.noise_db is None else f"{self.noise_db:g} dB noise"
         band = "all frequencies" if self.low_pass is None else f"to {self.low_pass / 1e6:g} MHz"
         return f"{noise}, {band}, {'twice the' if self.double else 'as many'} modes"
@@ -85,21 +85,21 @@ class PointSelection:
         self.positions = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def equi_steradian(self) -> tuple[NDArray[np.int64], Mask]:
-        """Points of the equi-steradian mask, which sits on the scan's grid."""
+        """Return the indices of the equi-steradian mask's points in the dense scan, and the mask."""
         grid = ScannerGrid(count=self.side, interval=self.pitch)
         mask = equi_steradian_mask(self.aperture, DEPTH, POINTS // self.scale**2, grid=grid, weighting="analytic")
         columns = np.rint(mask.positions / self.pitch).astype(np.int64) + self.side // 2
         return columns[:, 0] * self.side + columns[:, 1], mask
 
     def grid(self, interval: int) -> NDArray[np.int64]:
-        """Points of a centred square grid."""
+        """Return the indices of a centred square grid of points in the dense scan."""
         count = GRID // self.scale
         line = self.side // 2 + (np.arange(count) - count // 2) * interval
         return (line[:, None] * self.side + line[None, :]).ravel()
 
 
 class Scan(PointSelection):
-    """Dense scan of one object, and reconstructions from subsets of its points.
+    """Simulated dense scan of one object, and reconstructions from subsets of its points.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class Scan(PointSelection):
         method: DirectMethod = Nufft(),
         weights: NDArray[np.float64] | None = None,
     ) -> Volume:
-        """Reconstruct from some points of the scan; ``None``: from all."""
+        """Reconstruct a volume from selected points of the scan; None: from all."""
         some: Any = slice(None) if points is None else points
         recorded: dict[str, Any] = {"dt": self.interval, "sound_speed": SPEED, "aperture": self.aperture}
         acquisition = Acquisition(self.traces[some], self.positions[some], weights=weights, **recorded)
@@ -141,7 +141,7 @@ class Scan(PointSelection):
 
 
 def cases(quick: bool) -> list[tuple[str, int, ExperimentSetting]]:
-    """Objects, seeds and settings; the first one is drawn."""
+    """Return the experiments: objects, seeds and settings; the first one is drawn."""
     seeds = range(1 if quick else 5)
     found = [("yarn", seed, MAIN_SETTING) for seed in seeds]
     found += [("vessels", seed, MAIN_SETTING) for seed in list(seeds)[:2]]
@@ -149,7 +149,7 @@ def cases(quick: bool) -> list[tuple[str, int, ExperimentSetting]]:
 
 
 def measure(run: SectionContext) -> SectionResult:
-    """Judge all masks on all objects and settings."""
+    """Measure the image quality of all masks on all objects and settings."""
     chosen, rows = cases(run.quick), []
     for done, case in enumerate(chosen):
         run.step(done, len(chosen))
@@ -169,7 +169,7 @@ def measure(run: SectionContext) -> SectionResult:
 
 
 def measure_case(run: SectionContext, kind: str, seed: int, setting: ExperimentSetting, *, draw: bool) -> SectionResult:
-    """Judge all masks on one object under one setting."""
+    """Measure the image quality of all masks on one object under one setting."""
     balls: phantoms.Balls = getattr(phantoms, kind)(seed)
     row = _row(run, Scan(balls, setting, seed, run.quick), balls, draw=draw)
     return {"object": kind, "seed": seed, "setting": setting.words(), **row}
@@ -227,7 +227,7 @@ def _figures(volume: Volume, model: NDArray[Any], truth: Volume) -> SectionResul
 
 
 def _volume_correlation(volume: Volume, truth: Volume) -> float:
-    """Correlate every second column along x and y: enough of a hundred million voxels."""
+    """Return the correlation of two volumes over every second column along x and y, to save time."""
     return quality.correlation(volume.values[::2, ::2], truth.values[::2, ::2])
 
 
@@ -236,7 +236,7 @@ def _correlation(a: NDArray[Any], b: NDArray[Any], region: NDArray[np.bool_]) ->
 
 
 def _by_pixels(full: Volume, model: NDArray[Any], mips: dict[str, NDArray[Any]]) -> SectionResult:
-    """Correlation over the brightest pixels of the model standard in the disc, ever more of them."""
+    """Return the correlation over the n brightest pixels of the reference in the disc, for increasing n."""
     inside = np.flatnonzero(quality.disc(full.axes.x, _y(full), DRAWN_DIAMETER).ravel())
     order = inside[np.argsort(-model.ravel()[inside], kind="stable")]
     counts = [int(n) for n in np.linspace(0.02, 1.0, 25) * len(order)]
@@ -258,7 +258,7 @@ def _y(volume: Volume) -> NDArray[np.float64]:
 
 
 def near(values: list[float | None]) -> list[float]:
-    """Take the values for discs of 2 to 8 mm."""
+    """Return the values for discs of 2 to 8 mm."""
     low, high = (1e3 * d for d in EVALUATED_DIAMETERS)
     return [v for d, v in zip(_diameters(), values, strict=True) if low <= d <= high and v is not None]
 

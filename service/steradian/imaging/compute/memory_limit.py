@@ -1,4 +1,4 @@
-"""Refuse a reconstruction that exceeds the memory limit."""
+"""Check of a reconstruction's memory needs against the memory limit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from steradian.core.system_resources import available_memory
 
 
 def check_memory(needed: int, limit: int | None, shape: tuple[int, ...], images: int = 1) -> None:
-    """Refuse a reconstruction that needs more than ``limit`` bytes, or than there are; before they are taken.
+    """Raise an error, before allocation, if a reconstruction needs more than ``limit`` or the available bytes.
 
     Parameters
     ----------

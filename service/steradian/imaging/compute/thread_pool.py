@@ -1,4 +1,4 @@
-"""Run chunks of GIL-free work on threads with progress and cancellation."""
+"""Thread pool for GIL-free chunks of work, with progress and cancellation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ THREAD_LIMIT: Final = "OMP_NUM_THREADS"
 
 
 def available_threads() -> int:
-    """Processors this process may use, or fewer where :data:`THREAD_LIMIT` says so."""
+    """Return the number of processors available to this process, limited by :data:`THREAD_LIMIT`."""
     asked = os.environ.get(THREAD_LIMIT, "").partition(",")[0].strip()  # a list is for nested teams
     there = cpu_count()
     return min(there, max(1, int(asked))) if asked.isdecimal() else there

@@ -22,7 +22,7 @@ from steradian.imaging.volume import RealArray
 
 
 class ProgressMonitor(NamedTuple):
-    """Progress and cancellation callbacks; see :mod:`steradian.core.progress`."""
+    """Progress and cancellation callbacks (:mod:`steradian.core.progress`)."""
 
     progress: Progress | None = None
     cancelled: CancelCheck | None = None
@@ -32,7 +32,7 @@ NO_MONITOR = ProgressMonitor()
 
 
 class Engine(Protocol):
-    """The three steps and their transposes. All may raise ``Cancelled``."""
+    """Protocol of compute engines: three transform steps and their adjoints, all of which may raise ``Cancelled``."""
 
     @property
     def tables(self) -> TransformTables:
@@ -47,33 +47,33 @@ class Engine(Protocol):
         sensors: NDArray[Any] | None = None,
         onto: Any = None,
     ) -> Any:
-        """Modes over time of traces (M, N_t), times ``scale``.
+        """Return the lateral modes over time of traces (M, N_t), times ``scale``.
 
         ``sensors`` (K,) are the numbers of those whose traces (K, N_t) are given, None all. ``onto`` are modes that
         these are added to; they are changed.
         """
 
     def to_depth(self, modes: Any, watch: ProgressMonitor = ..., *, kept: bool = False) -> Any:
-        """Modes over depth of modes over time, which are used up unless they are to be ``kept``."""
+        """Return the modes over depth of modes over time, which are overwritten unless ``kept``."""
 
     def to_image(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
-        """Image [x, y, z] ([x, z] in 2-D) of modes over depth, which are used up."""
+        """Return the image [x, y, z] ([x, z] in 2-D) of modes over depth, which are overwritten."""
 
     def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
-        """Traces (M, N_t) of modes over time."""
+        """Return the traces (M, N_t) of modes over time: the adjoint of :meth:`lateral`."""
 
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> Any:
-        """Modes over time of modes over depth, which are used up."""
+        """Return the modes over time of modes over depth, which are overwritten."""
 
     def to_image_adjoint(self, image: Any, watch: ProgressMonitor = ...) -> Any:
-        """Modes over depth of an image."""
+        """Return the modes over depth of an image: the adjoint of :meth:`to_image`."""
 
 
 def run_inverse(engine: Engine, traces: Any, watch: ProgressMonitor = NO_MONITOR, *, scale: float = 1.0) -> RealArray:
-    """Make the image of traces: the inversion, or the adjoint of the model."""
+    """Compute the image of traces with an engine: the inversion, or the adjoint of the forward model."""
     return engine.to_image(engine.to_depth(engine.lateral(traces, watch, scale=scale), watch), watch)
 
 
 def run_forward(engine: Engine, image: Any, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-    """Make the A-lines of an image, by tables of the model."""
+    """Compute the A-lines of an image with an engine, by the tables of the forward model."""
     return engine.lateral_adjoint(engine.to_depth_adjoint(engine.to_image_adjoint(image, watch), watch), watch)

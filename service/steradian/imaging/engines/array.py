@@ -1,4 +1,4 @@
-"""The array engine: the transforms in whole arrays, to be read, and to compare the fast engine with.
+"""Reference engine: the transforms in whole-array operations, readable and used to verify the fast engines.
 
 It computes in the library of the arrays it is given, if that speaks the array API (2024.12), as NumPy, CuPy and JAX
 do. Modes are complex arrays [x, y, n] here, without symmetry made use of. It reports no progress, nobody cancels it.
@@ -51,7 +51,7 @@ class ReferenceEngine:
         sensors: Any = None,
         onto: Any = None,
     ) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the lateral modes over time of traces (NUFFT type 1)."""
         xp, lateral = self._xp, self.tables.lateral
         which = np.arange(len(lateral.scale)) if sensors is None else sensors
         values = xp.asarray(traces, dtype=self._real) * self._array(scale * lateral.scale[which])[:, None]
@@ -69,7 +69,7 @@ class ReferenceEngine:
         return modes if onto is None else onto + modes
 
     def to_depth(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the modes over depth, by interpolation of the time spectrum at κ."""
         xp, g = self._xp, self.tables.geometry
         rising = xp.concat([self._interpolated(modes, i) for i in range(modes.shape[0])], axis=0)
         # those of −κ, as the traces are real: the conjugates at the opposite modes
@@ -85,7 +85,7 @@ class ReferenceEngine:
         return xp.concat(rows, axis=0)
 
     def to_image(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the image of modes over depth, by inverse FFT."""
         xp, fine = self._xp, self.tables.image_modes
         more = 1.0
         for axis, n in enumerate(fine):
@@ -96,7 +96,7 @@ class ReferenceEngine:
         return xp.reshape(image * more, self.tables.geometry.shape)
 
     def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the traces of modes over time (NUFFT type 2)."""
         xp, lateral = self._xp, self.tables.lateral
         spectrum = modes * xp.conj(self._factor)
         for axis, n in enumerate(lateral.grid):
@@ -109,7 +109,7 @@ class ReferenceEngine:
         return traces * self._array(lateral.scale)[:, None]
 
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the modes over time of modes over depth."""
         xp, time, (first, last) = self._xp, self.tables.time, self.tables.geometry.depth
         record = self.tables.geometry.record  # that of the model: its depths are no fewer
         left = xp.zeros((*modes.shape[1:2], first), dtype=self._complex)
@@ -132,7 +132,7 @@ class ReferenceEngine:
         return xp.concat(rows, axis=0)
 
     def to_image_adjoint(self, image: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the modes over depth of an image, by FFT."""
         xp, ((x, nx), (y, ny)) = self._xp, self.tables.visible_region
         values = xp.reshape(xp.asarray(image, dtype=self._real), (nx, ny, -1))
         for axis, (first, n) in enumerate(((x, nx), (y, ny))):
@@ -147,7 +147,7 @@ class ReferenceEngine:
         return self._xp.asarray(np.asarray(values), dtype=self._complex if complex else self._real)
 
     def _spread(self, which: Any) -> Any:
-        """Cells of the flat grid, sensors (by their place in ``which``) and weights, a tap after the other."""
+        """Yield flat grid cells, sensor indices within ``which`` and weights, one stencil tap at a time."""
         xp, lateral = self._xp, self.tables.lateral
         s, (nx, ny) = lateral.sensors, lateral.grid
         if isinstance(s, Stencils):
@@ -164,7 +164,7 @@ class ReferenceEngine:
         yield xp.asarray(cells), xp.asarray(row[s.sensors[some]]), self._array(s.weights[some])
 
     def _interpolated(self, modes: Any, i: int) -> Any:
-        """Depth frequencies l ≥ 0 of the modes [i, y] from κ > 0."""
+        """Return the depth frequencies l ≥ 0 of the modes [i, y], interpolated at κ > 0."""
         xp, time = self._xp, self.tables.time
         line = modes[i, ...] * self._array(time.divided)
         gap = xp.zeros((line.shape[0], time.length - time.samples), dtype=self._complex)
@@ -176,7 +176,7 @@ class ReferenceEngine:
         return (found * factor)[None, ...]
 
     def _stencils(self, i: int) -> tuple[list[Any], list[Any], Any]:
-        """Cells and weights, a tap after the other, and the factor, of the modes [i, y] at each l ≥ 0 (float64)."""
+        """Return grid cells, tap weights and phase factors of the modes [i, y] at each l ≥ 0 (float64)."""
         time, rule = self.tables.time, self.tables.rule
         l = np.arange((self.tables.geometry.depth_points + 1) // 2)  # noqa: E741
         across = np.hypot(rule.scales[0] * self._numbers[0][i], rule.scales[1] * self._numbers[1])[:, None]
@@ -197,14 +197,14 @@ class ReferenceEngine:
         return cells, [self._array(tap) for tap in taps], self._array(factor * (kappa < rule.band), complex=True)
 
     def _added(self, target: Any, index: Any, values: Any) -> Any:
-        """Add rows to some of the target's, which may come up more than once: the array API has no word for it."""
+        """Add rows to a target at indices that may repeat, which the array API standard cannot express."""
         if hasattr(target, "at"):  # JAX, whose arrays do not change
             return target.at[index].add(values)
         self._xp.add.at(target, index, values)
         return target
 
     def _refined(self, modes: Any, axis: int, count: int) -> Any:
-        """Place modes into a transform of ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
+        """Zero-pad modes to ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
         xp, n = self._xp, modes.shape[axis]
         if count == n:
             return modes
@@ -218,7 +218,7 @@ class ReferenceEngine:
 
 
 def _interpolate_response(table: Any, steps: Any, kappa: Any, sine: Any) -> Any:
-    """Response at κ and the sine: amplitude and phase in turns, linear in both."""
+    """Interpolate the response bilinearly at κ and the sine: amplitude and phase in turns of 2π."""
     if table.shape[1] == 1:
         return 1.0
     u = np.minimum(kappa * steps[0], table.shape[1] - 1.000001)

@@ -1,4 +1,4 @@
-"""NumPy and CuPy array helpers."""
+"""Helper functions for NumPy and CuPy arrays."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 
 def is_gpu_array(values: Any) -> bool:
-    """Whether these are an array of a CUDA device, of any library that says so (CuPy, PyTorch, JAX, Numba)."""
+    """Return whether a value is an array on a CUDA device, of any library (CuPy, PyTorch, JAX, Numba)."""
     return hasattr(values, "__cuda_array_interface__")
 
 
 def to_numpy(values: Any) -> NDArray[Any]:
-    """NumPy array of an array, wherever it is."""
+    """Return an array of any library or device as NumPy array."""
     if not is_gpu_array(values):
         return np.asarray(values)
     if hasattr(values, "get"):  # CuPy's
@@ -28,10 +28,10 @@ def to_numpy(values: Any) -> NDArray[Any]:
 
 
 def like(values: NDArray[Any], other: Any) -> Any:
-    """Bring an array to where another one is."""
+    """Convert an array to the library and device of another array."""
     return np.asarray(values, like=other) if is_gpu_array(other) else values
 
 
 def iter_rows(values: Any) -> Iterable[Any]:
-    """Return views to be worked on one after the other: rows, which caches hold; of a GPU's array all at once."""
+    """Return views for processing in turn: single rows of a NumPy array (cache-sized), a GPU array as a whole."""
     return (values,) if is_gpu_array(values) else (row[None] for row in values)

@@ -20,7 +20,7 @@ AnyEngine: TypeAlias = "NumbaEngine | CudaEngine"
 
 
 class EngineSelector:
-    """Engine for the device of the execution options.
+    """Selector of the CPU or GPU engine according to the execution options.
 
     Parameters
     ----------
@@ -54,11 +54,11 @@ class EngineSelector:
 
     @property
     def resident(self) -> bool:
-        """Whether images stay on a GPU."""
+        """Whether images remain in GPU memory."""
         return not isinstance(self.engine, NumbaEngine) and self.engine.room.fits_in_one_pass
 
     def as_engine_array(self, field: str, values: Any) -> Any:
-        """Return an array of the GPU as it is, as CuPy's, and anything else as NumPy's.
+        """Convert an array: GPU arrays to CuPy without a copy, anything else to NumPy.
 
         Raises
         ------
@@ -72,7 +72,7 @@ class EngineSelector:
         return self.engine.backend.array(values)
 
     def run_with_fallback(self, work: Callable[[AnyEngine], Any], *, keep: bool) -> Any:
-        """Do some work with the engine, and return its result as an array of the GPU (``keep``), or as NumPy's.
+        """Run a function with the engine, on the CPU if GPU memory is full; return its result.
 
         Where the GPU's memory turns out too small, the work is done again with half as much of it, in pieces, and at
         last, with "auto", by the processor; what is to be kept on the GPU has to fit.
@@ -97,7 +97,7 @@ class EngineSelector:
             self._fall_back(engine)  # not earlier: until here the error holds what was computed
 
     def run_on_device(self, work: Callable[[Any], Any], values: Any) -> Any:
-        """Do some work on an array, which is brought to the GPU; if that is then too full, on the array as it is."""
+        """Run a function on an array copied to the GPU; on the original array if GPU memory is full."""
         try:
             assert not isinstance(self.engine, NumbaEngine)  # noqa: S101
             return work(self.engine.array(values))
@@ -108,7 +108,7 @@ class EngineSelector:
         return work(values)
 
     def is_full(self, error: BaseException) -> bool:
-        """Whether an error says that the GPU has no memory left."""
+        """Return whether an exception means that GPU memory is full."""
         return not isinstance(self.engine, NumbaEngine) and self.engine.backend.is_out_of_memory(error)
 
     def _too_small(self) -> InvalidInput:

@@ -19,7 +19,7 @@ LATE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Times of a record in samples, which are depths in slices c·dt apart.
+    """Time range of a record in samples, equal to the depth range in slices c·dt apart.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ class Extent:
 
     @property
     def late(self) -> bool:
-        """Whether the record begins so late that the default image does not reach up to the film."""
+        """Whether the record begins so late that the default image does not include the film's surface."""
         return self.begins > LATE * self.samples
 
     @property
     def ahead(self) -> int:
-        """Samples from the pulse to the record, rounded up; 0 where the record begins before the pulse."""
+        """Samples from the laser pulse to the record, rounded up; 0 if the record begins before the pulse."""
         return max(0, ceil(self.begins))
 
     @property
     def first(self) -> int:
-        """First slice of the default image: 0, or that of t₀ where the record is late."""
+        """First slice of the default image: 0, or that of t₀ if the record is late."""
         return self.ahead if self.late else 0
 
     @property

@@ -16,7 +16,7 @@ rounding."""
 
 
 def rectangle(low: ArrayLike, high: ArrayLike) -> Outline:
-    """Outline between two corners, an interval on a line; ``low`` and ``high`` have one coordinate an axis."""
+    """Return the rectangle between two corners, on a line an interval; corners have one coordinate an axis."""
     a, b = np.asarray(low, np.float64), np.asarray(high, np.float64)
     if len(a) == 1:
         return np.array([a, b])
@@ -24,7 +24,7 @@ def rectangle(low: ArrayLike, high: ArrayLike) -> Outline:
 
 
 def disc(centre: ArrayLike, radius: float, corners: int = CORNERS) -> Outline:
-    """Polygon of a disc's area; its sides' middles, which lie within the disc, are on the axes."""
+    """Return a polygon with a disc's area, symmetric to the axes, as its approximation."""
     angle = (np.arange(corners) + 0.5) * (2 * np.pi / corners)
     reach = radius * np.sqrt(2 * np.pi / corners / np.sin(2 * np.pi / corners))
     found: Outline = np.asarray(centre, np.float64) + reach * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -32,7 +32,7 @@ def disc(centre: ArrayLike, radius: float, corners: int = CORNERS) -> Outline:
 
 
 def area(outline: Outline) -> float:
-    """Area in m², on a line length in m."""
+    """Return a polygon's area in m², on a line its length in m."""
     if outline.shape[1] == 1:
         return float(outline[1, 0] - outline[0, 0])
     x, y = (outline - outline.mean(axis=0)).T
@@ -40,7 +40,7 @@ def area(outline: Outline) -> float:
 
 
 def convex_hull(points: NDArray[np.float64]) -> Outline:
-    """Convex hull of points (N, d); the two ends of points on one line, and one point of points at one place."""
+    """Return the convex hull of points (N, d): both ends for collinear points, one for coincident points."""
     from scipy.spatial import ConvexHull, QhullError
 
     if points.shape[1] == 1:
@@ -94,7 +94,7 @@ def intersection(outline: Outline, other: Outline) -> Outline:
 
 
 def is_convex(outline: Outline) -> bool:
-    """Whether given corners form a simple convex polygon in anticlockwise order."""
+    """Return whether corners form a simple convex polygon in anticlockwise order."""
     if outline.shape[1] == 1:
         return len(outline) == 2 and bool(outline[0, 0] < outline[1, 0])
     if len(outline) < 3 or not area(outline) > 0:
@@ -109,7 +109,7 @@ def is_convex(outline: Outline) -> bool:
 
 
 def contains(outline: Outline, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points (N, 2) lie within a polygon or on its sides."""
+    """Return whether each of points (N, 2) lies within a polygon or on its sides."""
     middle = outline.mean(axis=0)
     corners, wanted = outline - middle, points - middle
     angle = np.arctan2(corners[:, 1], corners[:, 0])

@@ -1,4 +1,4 @@
-"""Validated geometry of one reconstruction: sensors, periods, modes and depths."""
+"""Validated geometry of a reconstruction: sensors, periods, modes and depths."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIN_CYCLES = 2
 
 @dataclass(frozen=True, slots=True)
 class ReconstructionGeometry:
-    """Everything the formula needs except the traces. Lengths in metres, times in seconds.
+    """Validated geometry of a reconstruction, complete except for the traces; lengths in metres, times in seconds.
 
     Parameters
     ----------
@@ -70,17 +70,17 @@ class ReconstructionGeometry:
 
     @property
     def sensed_area(self) -> float:
-        """Σ h_m in m² (m in 2-D): the area that the sensors stand for."""
+        """Sum of the sensors' weights, Σ h_m in m² (m in 2-D): the area covered by the sensors."""
         return float(self.weights.sum())
 
     @property
     def depth_step(self) -> float:
-        """Δz in metres: c·dt, times N_t/N_z."""
+        """Depth step Δz in metres: c·dt, times N_t/N_z."""
         return self.sound_speed * self.sampling_interval * self.record / self.depth_points
 
     @property
     def band(self) -> float:
-        """Bound of κ, in cycles a record."""
+        """Upper bound of κ, in cycles a record."""
         nyquist = 0.5 * self.record
         if self.highest_frequency is None:
             return nyquist
@@ -97,7 +97,7 @@ class ReconstructionGeometry:
         return (*(X / n / self.upsampling for X, n in zip(self.aperture, self.modes, strict=True)), self.depth_step)
 
     def axes(self) -> VoxelAxes:
-        """Coordinates of the voxels: lateral index i is (i/upsampling − N//2)·X/N, depth index n is n·Δz."""
+        """Return voxel coordinates: lateral (i/upsampling − N//2)·X/N of index i, depth n·Δz of index n."""
         lateral = [
             (np.arange(n * self.upsampling, dtype=np.float64) / self.upsampling - n // 2) * (X / n)
             for X, n in zip(self.aperture, self.modes, strict=True)
@@ -106,7 +106,7 @@ class ReconstructionGeometry:
         return VoxelAxes(lateral[0], lateral[1] if len(lateral) == 2 else None, depth)
 
     def normalised_positions(self) -> NDArray[np.float64]:
-        """Sensor positions in periods from the first point of the padded image, in [0, 1), shape (M, d−1)."""
+        """Return sensor positions relative to the padded image, in periods [0, 1), shape (M, d−1)."""
         period, count = np.array(self.period), np.array(self.padded_modes)
         places = (self.positions + (count // 2) * period / count) / period
         return np.asarray(places - np.floor(places))
@@ -127,7 +127,7 @@ def _weights(
 def depth_slice_range(
     depth: tuple[float, float] | None, extent: Extent, record: int, points: int, fine: float
 ) -> tuple[int, int]:
-    """Return the first index and one past the last of ``points`` in a period of ``record`` steps of ``fine`` metres.
+    """Return first and end index of depth slices for ``points`` in a period of ``record`` steps of ``fine`` metres.
 
     Without a range: from the film, or where the record is late from c·t₀, to the last sample's depth c·(t₀ + N_t·dt).
     """
@@ -142,7 +142,7 @@ def depth_slice_range(
 
 
 def check_upper_frequency(value: object, record: int, interval: float, field: str = "max_frequency") -> float | None:
-    """Return the highest frequency that is used, in Hz, which must have 2 cycles a record at least."""
+    """Return the validated upper frequency in Hz, at least 2 cycles a record."""
     if value is None:
         return None
     least = MIN_CYCLES / (record * interval)
@@ -172,7 +172,7 @@ def _depth_points(highest: float | None, depth_step: float | None, record: int, 
 def resolve_geometry(
     acquisition: AcquisitionGeometry, grid: ImageGrid, max_frequency: object = None
 ) -> ReconstructionGeometry:
-    """Validate and complete the geometry of an acquisition and an image grid.
+    """Return the validated geometry of an acquisition and an image grid, with defaults filled in.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ longer side."""
 
 @dataclass(frozen=True)
 class SensorGrid:
-    """A rectangular grid of sensors.
+    """Rectangular grid of sensors.
 
     Attributes
     ----------
@@ -45,12 +45,12 @@ class SensorGrid:
 
     @property
     def outline(self) -> Outline:
-        """All cells together: they reach half an interval beyond the outermost sensors."""
+        """Rectangle of all grid cells, half an interval beyond the outermost sensors."""
         return outlines.rectangle(self.first - self.pitch / 2, self.first + (self.counts - 0.5) * self.pitch)
 
 
 def detect_sensor_grid(points: NDArray[np.float64], *, filled: float = 1.0) -> SensorGrid | None:
-    """Return the rectangular grid of at least two places along each axis that points (M, d) lie on, each place once.
+    """Return the rectangular grid formed by points (M, d), at least 2 by 2 and each node once; None if there is none.
 
     ``filled`` is the share of its places that must have a point; ``None`` where there is no such grid.
     """
@@ -78,7 +78,7 @@ def detect_sensor_grid(points: NDArray[np.float64], *, filled: float = 1.0) -> S
 
 
 def sensed_region(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> Outline:
-    """Outline of the area covered by sensors, from their positions alone.
+    """Return the outline of the area covered by sensors, from their positions alone.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _number_of_places(positions: NDArray[np.float64]) -> int:
 
 
 def _mean_spacing(bare: Outline, count: int) -> float:
-    """Solve M·s² = A + P·s/2 + π·s²/4, the area of a hull of area A and perimeter P widened by s/2."""
+    """Return the mean spacing s that solves M·s² = A + P·s/2 + π·s²/4, for a hull of area A and perimeter P."""
     if bare.shape[1] == 1:
         return outlines.area(bare) / (count - 1)
     inside = max(0.0, outlines.area(bare)) if len(bare) > 2 else 0.0
@@ -123,7 +123,7 @@ def _mean_spacing(bare: Outline, count: int) -> float:
 
 
 def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[float]) -> NDArray[np.float64]:
-    """Areas of the cells within :func:`sensed_region`, (M,) in m² (m on a line).
+    """Return the areas of the sensors' cells within :func:`sensed_region`, (M,) in m² (m on a line).
 
     Those of a grid are equal and cost a sort along each axis; else Voronoi cells are drawn (0.5 s and 100 MB for fifty
     thousand sensors, about proportional).
@@ -136,7 +136,7 @@ def sensor_areas(positions: NDArray[np.float64], aperture: float | Sequence[floa
 
 
 def voronoi_weights(positions: ArrayLike, aperture: float | tuple[float, ...]) -> NDArray[np.float64]:
-    """Areas of the sensors' Voronoi cells within their outline: the meaning of ``weights=None`` and "voronoi".
+    """Return the areas of the sensors' Voronoi cells within their outline, as ``weights=None`` and "voronoi" do.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ FAR_RADIUS = 8.0
 
 
 def voronoi_cell_areas(positions: NDArray[np.float64], outline: Outline) -> NDArray[np.float64]:
-    """Areas of the Voronoi cells within an outline.
+    """Return the areas of the points' Voronoi cells, clipped to an outline.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ def voronoi_cell_areas(positions: NDArray[np.float64], outline: Outline) -> NDAr
 
 
 def _segments(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]:
-    """Lengths of the cells of ascending places."""
+    """Return the lengths of the 1-D Voronoi cells of ascending positions."""
     bounds = np.concatenate([edge[0], (places[:-1] + places[1:]) / 2, edge[1]])
     return np.diff(np.clip(bounds, edge[0, 0], edge[1, 0]))
 
 
 def _polygons(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]:
-    """Areas (K,) of the cells of distinct places.
+    """Return the areas (K,) of the 2-D Voronoi cells of distinct points.
 
     A cell's corners are the circumcentres of the Delaunay triangles around its point; what a cell that reaches beyond
     the edge has within is the edge's polygon, cut by the perpendicular bisectors to the point's neighbours.
@@ -79,7 +79,7 @@ def _polygons(places: NDArray[np.float64], edge: Outline) -> NDArray[np.float64]
 
 
 def _clip_to_outline(edge: Outline, point: NDArray[np.float64], neighbours: NDArray[np.float64]) -> float:
-    """Area of a point's Voronoi cell, clipped to the outline."""
+    """Return the area of a point's Voronoi cell, clipped to the outline."""
     cell = edge
     away = neighbours - point
     limits = (away * (neighbours + point)).sum(axis=1) / 2
@@ -95,7 +95,7 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
 
 
 def _circumcentres(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centres (T, 2) of the circles through triangles (T, 3, 2), counted from their first corner for precision."""
+    """Return the circumcentres (T, 2) of triangles (T, 3, 2), relative to the first corner for precision."""
     b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     twice = 2 * _cross(b, c)
     twice = np.where(twice == 0, np.finfo(float).tiny, twice)

@@ -14,7 +14,7 @@ StopReason = Literal["discrepancy", "change", "misfit", "iterations"]
 
 
 class IterativeSolver:
-    """One run.
+    """Base class of a single run of an iterative solver: operator, data, stopping rules, progress.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class IterativeSolver:
         self.stopped: StopReason = "iterations"
 
     def run(self) -> RealArray:
-        """Return the image."""
+        """Iterate until a stopping rule applies and return the image."""
         raise NotImplementedError
 
     def _forward(self, image: RealArray) -> RealArray:

@@ -20,10 +20,10 @@ _SAFETY = 1.1  # of the largest singular value found by so many power steps
 
 
 class Fista(IterativeSolver):
-    """FISTA (Beck and Teboulle 2009) with the restart of O'Donoghue and Candès (2015)."""
+    """FISTA solver (Beck and Teboulle 2009) with the restart of O'Donoghue and Candès (2015)."""
 
     def run(self) -> RealArray:
-        """Return the image."""
+        """Run FISTA until a stopping rule applies and return the image."""
         back = self._adjoint(self._data)
         norm = float(np.linalg.norm(self._data)) or 1.0
         curvature = self._curvature(back)
@@ -75,7 +75,7 @@ class Fista(IterativeSolver):
         return image
 
     def _curvature(self, start: RealArray) -> float:
-        """Largest singular value of A squared, by power steps from Aᵀg; a little more, to be sure."""
+        """Return an upper estimate of A's largest squared singular value (Lipschitz constant), by power iteration."""
         noise = like(np.random.default_rng(0).standard_normal(start.shape, start.dtype), start)
         vector: RealArray = start + start.dtype.type(1e-3 * float(np.abs(start).max())) * noise
         value = 1.0

@@ -38,7 +38,7 @@ _SMOOTH = np.array([1, 2, 3, 2, 1]) / 9  # over depths
 
 
 class IterativeSoftThresholding(IterativeSolver):
-    """One run, with B of the model's sensors and voxels."""
+    """ISTA solver preconditioned with the direct inverse B on the model's sensors and voxels."""
 
     def __init__(self, direct: ReconstructionPlan, *others: Any) -> None:
         super().__init__(*others)
@@ -50,7 +50,7 @@ class IterativeSoftThresholding(IterativeSolver):
         self.residuals.append(_norm(self._data) / self._norm)
 
     def run(self) -> RealArray:
-        """Return the image."""
+        """Run iterative soft thresholding until a stopping rule applies and return the image."""
         image: RealArray = np.zeros(self._model.volume_shape, self._data.dtype, like=self._data)
         residual = self._data.copy()
         while self.done < self._options.iterations:
@@ -77,7 +77,7 @@ class IterativeSoftThresholding(IterativeSolver):
         return self._refitted(image, residual)
 
     def _step(self, image: RealArray, residual: RealArray) -> RealArray:
-        """Return T(f + B r)."""
+        """Return the image after one ISTA step: soft threshold of image plus back-projected residual."""
         signs = like(self._signs.choice(np.array([-1, 1], residual.dtype), len(residual)), residual)
         streaks = rms_per_depth(self._back(residual * signs[:, None]))
         new = self._back(residual)
@@ -87,7 +87,7 @@ class IterativeSoftThresholding(IterativeSolver):
         return new
 
     def _refitted(self, image: RealArray, residual: RealArray) -> RealArray:
-        """Scale the image to the data, then fit the voxels that are not zero; neither further than to the noise."""
+        """Scale the image to the data and refit its non-zero voxels, without fitting the noise."""
         if self._options.non_negative and image.min() < 0:  # steps longer than 1 go beyond
             np.maximum(image, 0, out=image)
             residual = self._misfit(image)
@@ -113,7 +113,7 @@ class IterativeSoftThresholding(IterativeSolver):
         return image
 
     def _no_further(self, length: float, residual: RealArray, explained: RealArray) -> float:
-        """Shorten the step that fits best to one that leaves the noise."""
+        """Return the step length at which the residual equals the noise, if shorter than the optimal step."""
         size, left = _norm(explained), _norm(residual)
         if left <= 1.001 * self._enough or length <= 0:  # rounded, just there
             return 0.0
@@ -122,7 +122,7 @@ class IterativeSoftThresholding(IterativeSolver):
     def _take(
         self, length: float, image: RealArray, new: RealArray, residual: RealArray, explained: RealArray
     ) -> float:
-        """Go towards ``new``, all in place, and return how far; ``explained`` is A of the whole way."""
+        """Move image and residual by a step towards ``new``, in place; return the norm of the change."""
         factor = image.dtype.type(length)
         new -= image
         new *= factor
@@ -133,7 +133,7 @@ class IterativeSoftThresholding(IterativeSolver):
         return _norm(new)
 
     def _beyond(self, misfit: float) -> float:
-        """Return the part of the residual that exceeds the noise."""
+        """Return the norm of the residual in excess of the noise."""
         return float(np.sqrt(max(0.0, (misfit * self._norm) ** 2 - self._noise**2)))
 
     def _misfit(self, image: RealArray) -> RealArray:
@@ -155,7 +155,7 @@ def noise_level(values: RealArray) -> NDArray[np.float64]:
 
 
 def rms_per_depth(values: RealArray) -> NDArray[np.float64]:
-    """Root mean square at each depth, shape (Nz,)."""
+    """Return the root mean square of the image at each depth, shape (Nz,)."""
     squares = sum(
         to_numpy(np.einsum("...z,...z->...z", part, part).reshape(-1, part.shape[-1]).sum(axis=0))
         for part in iter_rows(values)
@@ -164,7 +164,7 @@ def rms_per_depth(values: RealArray) -> NDArray[np.float64]:
 
 
 def soft_threshold(values: RealArray, cut: RealArray, *, non_negative: bool) -> None:
-    """Soft thresholding in place, row by row: no second image in memory."""
+    """Apply soft thresholding in place, row by row to save memory."""
     for part in iter_rows(values):
         part -= cut if non_negative else np.clip(part, -cut, cut)
         if non_negative:
@@ -176,7 +176,7 @@ def _smooth(levels: RealArray) -> NDArray[np.float64]:
 
 
 def _optimal_step(residual: RealArray, explained: RealArray) -> float:
-    """Length of a step that leaves least of the residual; 0 where it explains nothing."""
+    """Return the step length that minimises the residual; 0 if the step explains nothing."""
     size = float(np.vdot(explained, explained))
     return float(np.vdot(residual, explained)) / size if size > 0 else 0.0
 

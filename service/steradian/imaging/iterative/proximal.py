@@ -26,7 +26,7 @@ _ROWS = 4  # rows along x a piece of work has
 def proximal(
     kind: Regularisation, *, non_negative: bool, shape: tuple[int, ...], spacing: tuple[float, ...], threads: int
 ) -> Proximal:
-    """Return the step of a regulariser for images of that shape; ``step(u, x, length)`` writes x and may change u."""
+    """Return a regulariser's proximal operator for an image shape; ``step(u, x, length)`` writes x, may change u."""
     if kind == "total-variation":
         return _TotalVariation(non_negative, shape, spacing, threads)
 
@@ -45,7 +45,7 @@ def proximal(
 
 
 class _TotalVariation:
-    """The step for total variation, with its dual variables."""
+    """Proximal operator of total variation, by its dual problem."""
 
     def __init__(self, non_negative: bool, shape: tuple[int, ...], spacing: tuple[float, ...], threads: int) -> None:
         self._shape = (shape[0], shape[1] if len(shape) == 3 else 1, shape[-1])
@@ -85,7 +85,7 @@ class _TotalVariation:
         workers.parallel_for("regularisation", pieces, lambda: None, descend, **how)
 
     def _by_arrays(self, u: RealArray, x: RealArray, length: float) -> None:
-        """Compute the step with whole arrays, as a GPU needs (see :mod:`steradian.imaging.iterative.tv_kernels`)."""
+        """Compute the proximal operator with whole-array operations for a GPU (:mod:`.tv_kernels` on the CPU)."""
         dual, kind = self._dual, u.dtype.type
         assert dual is not None  # noqa: S101
         rate = 1 / (max(length, 1e-30) * 4 * float(np.sum(np.square(self._rates))))

@@ -1,4 +1,4 @@
-"""Iterative reconstruction: the image whose A-lines fit the measured ones, among those a regulariser prefers.
+"""Iterative reconstruction: regularised least-squares fit of the image to the A-lines.
 
 By thresholding (:mod:`.thresholding`), or by accelerated proximal gradients (:mod:`.descent`).
 
@@ -144,7 +144,7 @@ def solve(
 
 
 def _since_pulse(data: RealArray, geometry: AcquisitionGeometry) -> tuple[RealArray, AcquisitionGeometry]:
-    """Exclude samples before the laser pulse, in which the model would predict sound."""
+    """Exclude samples before the laser pulse, at which the model would predict sound."""
     extent = Extent.of(geometry.samples, geometry.dt, geometry.t0)
     before = max(0, ceil(-extent.begins))
     if not before:
@@ -156,7 +156,7 @@ def _since_pulse(data: RealArray, geometry: AcquisitionGeometry) -> tuple[RealAr
 def _nearest_heard(
     positions: NDArray[np.float64], aperture: float | Sequence[float] | None, extent: Extent, step: float
 ) -> int:
-    """Return the slice nearest to the film from which a late record can hold sound, to sensors far to the side.
+    """Return the shallowest slice whose sound a late record can contain, at sensors far to the side.
 
     The model takes it in, though the image begins deeper: it would explain that sound by something deeper else.
     """
@@ -166,7 +166,7 @@ def _nearest_heard(
 
 
 def _scale_unit(data: RealArray, scale: float, dtype: str) -> float:
-    """Power of two close to the largest sample, by which iterations are scaled, so that squares do not overflow."""
+    """Return a power of two close to the largest sample, as scale that prevents overflow of squares."""
     largest = float(np.abs(data).max(initial=0.0)) * abs(scale)
     if not largest < 2.0 ** checks.MAX_EXPONENT[dtype]:
         raise InvalidInput("traces", "beyond the range of the working precision", "finite numbers")
@@ -176,7 +176,7 @@ def _scale_unit(data: RealArray, scale: float, dtype: str) -> float:
 def _memory_bound(
     model: ForwardOperator, measured: RealArray, options: IterativeOptions, factor: int, upsampling: int, depths: int
 ) -> int:
-    """Upper bound of a run's allocations: modes, scratch, traces and images of the iterations, or the fine image."""
+    """Return an upper bound of a run's allocations: modes, scratch, traces and images, or the upsampled image."""
     item = measured.dtype.itemsize
     image = int(np.prod(model.volume_shape)) * item
     dual = 3 * image if options.regularisation == "total-variation" else 0

@@ -11,7 +11,7 @@ from steradian.core.jit import jit
 
 @jit
 def primal_step(u: Any, dual: Any, x: Any, first: int, last: int, length: Any, rates: Any, low: Any) -> None:
-    """Set x = max(low, u − length·Dᵀ dual) in rows ``first`` … ``last``; D are forward differences times ``rates``."""
+    """Compute x = max(low, u − length·Dᵀ dual) in rows ``first`` … ``last``; D: forward differences times ``rates``."""
     ny, nz = u.shape[1], u.shape[2]
     a, b, c = length * rates[0], length * rates[1], length * rates[2]
     for i in range(first, last):
@@ -33,7 +33,7 @@ def primal_step(u: Any, dual: Any, x: Any, first: int, last: int, length: Any, r
 
 @jit
 def dual_step(x: Any, dual: Any, first: int, last: int, rate: Any, rates: Any) -> None:
-    """Project dual + rate·D x onto vectors no longer than 1, in rows ``first`` … ``last``."""
+    """Project dual + rate·D x onto vectors of norm ≤ 1, in rows ``first`` … ``last``."""
     nx, ny, nz = x.shape
     one = x.dtype.type(1)
     a, b, c = rate * rates[0], rate * rates[1], rate * rates[2]

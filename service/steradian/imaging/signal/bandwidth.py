@@ -19,7 +19,7 @@ _CHUNK = 512  # traces filtered together
 
 
 def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, float]:
-    """Highest frequency with signal, in Hz, and the white noise's standard deviation a sample.
+    """Return the highest frequency with signal, in Hz, and the white noise's standard deviation a sample.
 
     The noise is taken from the top quarter of frequencies, where a film's signal has ended; the band ends where the
     mean power of all traces falls below twice the noise's for good.
@@ -36,7 +36,7 @@ def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, flo
 def resolve_upper_frequency(
     highest: float | Literal["signal"] | None, traces: RealArray, sampling_interval: float
 ) -> float | None:
-    """Return the highest frequency to use, in Hz: as given, or of "signal" where that ends, two cycles at least.
+    """Return the upper frequency in Hz, at least two cycles a record; "signal": end of the signal's band.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def resolve_upper_frequency(
 
 
 def power_fraction_above(frequency: float, traces: RealArray, sampling_interval: float) -> float:
-    """Share of the A-lines' power that lies above a frequency in Hz."""
+    """Return the fraction of the A-lines' power above a frequency in Hz."""
     power = _mean_power(traces)
     power[1 : (traces.shape[1] + 1) // 2] *= 2  # those of negative frequencies
     above = np.arange(len(power)) / (traces.shape[1] * sampling_interval) >= frequency
@@ -63,7 +63,7 @@ def power_fraction_above(frequency: float, traces: RealArray, sampling_interval:
 
 
 def _mean_power(traces: RealArray) -> NDArray[np.float64]:
-    """Mean of |G|²/N_t at each frequency that is not negative."""
+    """Return the mean power spectrum |G|²/N_t at non-negative frequencies."""
     samples = traces.shape[1]
     power = np.zeros(samples // 2 + 1)
     for first in range(0, len(traces), _CHUNK):
@@ -74,12 +74,12 @@ def _mean_power(traces: RealArray) -> NDArray[np.float64]:
 
 
 def decimation_factor(highest: float, sampling_interval: float) -> int:
-    """Return the decimation factor for a band that ends at ``highest``."""
+    """Return the integer decimation factor for a band that ends at ``highest``."""
     return max(1, int(0.5 / sampling_interval / (_MARGIN * highest)))
 
 
 def decimate(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> RealArray:
-    """Decimate: low-pass filter to the new Nyquist frequency and take every ``factor``-th sample, scaled.
+    """Decimate by a low-pass filter to the new Nyquist frequency and every ``factor``-th sample, scaled.
 
     Zero-padded to a multiple.
     """
@@ -99,7 +99,7 @@ def decimate(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> 
 
 
 def sinc_upsample(values: RealArray, factors: tuple[int, ...], depths: slice = slice(None)) -> RealArray:
-    """Sinc interpolation: ``factors`` points a voxel along each axis, the first of them on the voxel itself.
+    """Upsample an image by sinc interpolation: ``factors`` points a voxel along each axis, the first on the voxel.
 
     Along depth the image is continued with zeros, laterally periodically. Only the refined ``depths`` are made.
     """

@@ -1,4 +1,4 @@
-"""Preprocessing of A-lines (band-pass, offset removal, apodisation).
+"""Preprocessing of A-lines (band-pass, offset removal, apodisation) and postprocessing of images.
 
 The steps run in the order of the fields. Nothing is done by default.
 """
@@ -23,7 +23,7 @@ _CHUNK = 2048  # A-lines filtered at a time, which bounds the memory
 
 @dataclass(frozen=True, slots=True)
 class Conditioning:
-    """Treatment of the A-lines.
+    """Preprocessing options of A-lines: offset removal, band-pass, deconvolution, apodisation.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class Conditioning:
         aperture: float | tuple[float, ...] | None = None,
         scale: float = 1.0,
     ) -> NDArray[np.float32]:
-        """Treat A-lines.
+        """Return the preprocessed A-lines.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Conditioning:
         return data
 
     def gain(self, frequencies: RealArray) -> NDArray[Any]:
-        """Gain of band and response at frequencies in Hz."""
+        """Return the filter gain (band-pass and response) at frequencies in Hz."""
         gain: NDArray[Any] = np.ones(len(frequencies))
         if self.band is not None:
             low, high = (float(b or 0.0) for b in self.band)
@@ -139,7 +139,7 @@ class Conditioning:
 
 
 def rim_weights(positions: ArrayLike, aperture: float | tuple[float, ...], width: float) -> NDArray[np.float64]:
-    """Raised-cosine weights, shape (M,): 1 inside, falling to 0 at the sides of the aperture over ``width`` metres."""
+    """Return raised-cosine apodisation weights (M,): 1 inside, 0 at the aperture's sides, over ``width`` metres."""
     x = np.asarray(positions, np.float64)
     x = x[:, None] if x.ndim == 1 else x
     inside = np.asarray(aperture, np.float64) / 2 - np.abs(x)
@@ -147,12 +147,12 @@ def rim_weights(positions: ArrayLike, aperture: float | tuple[float, ...], width
 
 
 def _step(x: RealArray) -> NDArray[np.float64]:
-    """0 below −1/2, 1 above 1/2, a raised cosine between."""
+    """Return a raised-cosine step: 0 below −1/2, 1 above 1/2."""
     return np.asarray(np.sin(np.pi / 2 * np.clip(x + 0.5, 0, 1)) ** 2)
 
 
 def _filter(data: NDArray[np.float32], gain: NDArray[Any]) -> None:
-    """Filter the rows in place, padded to twice their length so that nothing wraps."""
+    """Filter the rows in place by FFT, zero-padded to twice their length to avoid wrap-around."""
     from scipy import fft
 
     samples = data.shape[1]
@@ -164,7 +164,7 @@ def _filter(data: NDArray[np.float32], gain: NDArray[Any]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Display:
-    """Treatment of a finished image, for looking at it.
+    """Postprocessing options of a finished image for display.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ class Display:
         return bool(self.gain_db_per_mm or self.envelope or self.log_range_db is not None or self.non_negative)
 
     def apply(self, volume: Volume) -> Volume:
-        """Return a new volume of the same shape and coordinates."""
+        """Return a postprocessed volume of the same shape and coordinates."""
         values: RealArray = np.array(volume.values)
         if self.gain_db_per_mm:
             values *= (10 ** (self.gain_db_per_mm * volume.axes.z * 1e3 / 20)).astype(values.dtype)

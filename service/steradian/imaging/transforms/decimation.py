@@ -1,4 +1,4 @@
-"""A-lines with fewer samples: as many as a band of frequencies needs."""
+"""Decimation of A-lines to the sampling rate that a frequency band needs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROWS = 256  # A-lines decimated together
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decimation:
-    """A low-pass and a coarser sampling in one, whose transform over time is the A-lines' own within the band.
+    """Decimation by a low-pass filter and resampling, which preserves the time spectrum within the band.
 
     Sample n of the result, at ``first`` + n·``every``, is the sum of the A-line's samples times a windowed sinc about
     that place. The result reaches beyond both ends of the A-line as far as the sinc does: nothing of it is cut off.
@@ -44,11 +44,11 @@ class Decimation:
 
     @property
     def samples(self) -> int:
-        """Of the result."""
+        """Number of samples after decimation."""
         return len(self.starts)
 
     def bytes(self, count: int, threads: int, dtype: str) -> int:
-        """Memory that :meth:`apply` takes for ``count`` A-lines."""
+        """Return the memory in bytes that :meth:`apply` needs for ``count`` A-lines."""
         longest = int(self.starts[-1]) + self.taps.shape[1]
         numbers = count * self.samples + self.taps.size + threads * _ROWS * longest
         return int(numbers) * np.dtype(dtype).itemsize
@@ -62,7 +62,7 @@ class Decimation:
         progress: Progress | None = None,
         cancelled: CancelCheck | None = None,
     ) -> RealArray:
-        """Decimate A-lines (M, N), of any real type; values that are not finite stay so."""
+        """Decimate A-lines (M, N) of any real type; non-finite values remain non-finite."""
         from steradian.imaging.transforms.sparse_sums import weighted_sums
 
         result: RealArray = np.empty((len(traces), self.samples), dtype)
@@ -82,7 +82,7 @@ class Decimation:
 
 
 def plan_decimation(samples: int, band: float, accuracy: float) -> Decimation | None:
-    """Return the decimation for frequencies below ``band``; None where it saves little.
+    """Return the decimation for frequencies below ``band``; None if the benefit is small.
 
     Parameters
     ----------

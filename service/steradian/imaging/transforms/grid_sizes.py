@@ -1,4 +1,4 @@
-"""Choose FFT sizes and interpolation windows by a cost model.
+"""Selection of FFT sizes and interpolation windows by a cost model.
 
 The costs are nanoseconds of one core for a cell of 32 numbers, measured (docs/performance.md); only their ratios count.
 """
@@ -20,7 +20,7 @@ GATHER_COST = 4.0  # a tap of 16 modes at one depth index
 
 
 def fast_size(least: float) -> int:
-    """Smallest size ≥ ``least`` with few cheap passes: a power of two times one of a few odd numbers."""
+    """Return the smallest fast FFT size ≥ ``least``: a power of two times a small odd number."""
     least = max(1, int(np.ceil(least - 1e-9)))
     best = 1 << (least - 1).bit_length()
     for odd in (1, 3, 5, 9, 15, 25, 27, 45, 75):
@@ -32,7 +32,7 @@ def fast_size(least: float) -> int:
 
 
 def fast_record_length(samples: int) -> int:
-    """Length of the record, at least ``samples``: more where a prime factor above :data:`MAX_PRIME` would cost."""
+    """Return the FFT length of the record ≥ ``samples``, longer if a prime factor exceeds :data:`MAX_PRIME`."""
     rest = samples
     for prime in range(2, MAX_PRIME + 1):
         while rest % prime == 0:
@@ -45,7 +45,7 @@ def fast_record_length(samples: int) -> int:
 
 
 def fast_multiple(least: float) -> int:
-    """Smallest fast size ≥ ``least`` that is a multiple of :data:`LINE`."""
+    """Return the smallest fast FFT size ≥ ``least`` that is a multiple of :data:`LINE`."""
     from scipy.fft import next_fast_len
 
     return LINE * int(next_fast_len(-(-int(least) // LINE)))
@@ -60,7 +60,7 @@ def _sized(window: Shape | Window, share: float, needed: int, size: int) -> Wind
 def lateral_grid(
     modes: tuple[int, int], sensors: int, window: Shape | Window, share: float
 ) -> tuple[tuple[int, int], Window]:
-    """Grid (nx, ny) and window for ``sensors`` non-uniform sensors; nx = 1 in 2-D (modes[0] = 1)."""
+    """Return grid size (nx, ny) and window for ``sensors`` non-uniform sensors; nx = 1 in 2-D (modes[0] = 1)."""
     best: tuple[float, tuple[int, int], Window] | None = None
     for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):
         sizes = [1 if n == 1 else fast_size(factor * n) for n in modes]
@@ -78,7 +78,7 @@ def lateral_grid(
 
 
 def time_grid(samples: int, record: float, window: Shape | Window, share: float) -> tuple[int, Window]:
-    """Length of the time transform, and window, for records with ``samples`` non-zero around their centre."""
+    """Return FFT length and window over time for records with ``samples`` non-zero around their centre."""
     best: tuple[float, int, Window] | None = None
     for factor in _OVERSAMPLINGS if not isinstance(window, Window) else (window.oversampling,):
         length = fast_size(factor * samples)

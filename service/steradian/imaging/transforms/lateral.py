@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stencils:
-    """Sensors anywhere: sensor m has ``tx[m, t]``·``ty[m, u]`` at point (``first[m, 0]`` + t, ``first[m, 1]`` + u).
+    """Spreading stencils: sensor m has ``tx[m, t]``·``ty[m, u]`` at point (``first[m, 0]`` + t, ``first[m, 1]`` + u).
 
     Shapes (M, 2), (M, w) and (M, w), or (M, 1) along an axis that 2-D does not have; points count modulo the grid.
     """
@@ -33,7 +33,7 @@ class Stencils:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridEntries:
-    """Entries of sensors on the grid.
+    """Sparse entries (line, cell, sensor, weight) of sensors on grid points.
 
     Point (``lines[e]``, ``cells[e]``) takes ``weights[e]`` of sensor ``sensors[e]``.
     """
@@ -46,7 +46,7 @@ class GridEntries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LateralTransform:
-    """Grid, sensors and modes.
+    """Tables of the lateral transform: grid size, sensors and modes.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ class LateralTransform:
 
     @property
     def replicated(self) -> bool:
-        """The grid is coarser than the modes, so that its spectrum repeats."""
+        """Whether the grid is coarser than the modes, so that its spectrum repeats."""
         return self.grid[0] < self.modes[0] or self.grid[1] < self.modes[1]
 
     def factor(self, axis: int, numbers: Ints) -> NDArray[Any]:
-        """Factor from mode j of the grid to that of the sensors: e^{−2πi j·shift/n} over the window's transform."""
+        """Return the correction factor of mode j: shift e^{−2πi j·shift/n}, divided by the window's transform."""
         n, shift, window = self.grid[axis], self.shift[axis], self.windows[axis]
         found = np.exp(-2j * np.pi / n * shift * numbers) if shift else np.ones(numbers.shape)
         if window is None:
@@ -87,7 +87,7 @@ class LateralTransform:
 
 
 def numbers_of(count: int) -> Ints:
-    """Mode numbers in transform order, Nyquist as −N/2."""
+    """Return the mode numbers in FFT order, Nyquist as −N/2."""
     n = np.arange(count)
     return np.where(2 * n < count, n, n - count)
 
@@ -95,7 +95,7 @@ def numbers_of(count: int) -> Ints:
 def detect_grid(
     places: Floats, modes: tuple[int, ...], accuracy: float, rounding: float = 0.0
 ) -> list[tuple[int, float]] | None:
-    """Per axis the grid (points a period, displacement in cells) all sensors are on, or None.
+    """Return for each axis the grid (points a period, shift in cells) of all sensors, or None.
 
     They may be beside its points by ``accuracy`` cells, or ``rounding`` periods if that is more.
 
@@ -124,7 +124,7 @@ def detect_grid(
 
 
 def on_grid(places: Floats, scale: Floats, modes: tuple[int, int], grid: list[tuple[int, float]]) -> LateralTransform:
-    """Sensors on the points of a grid (NER); several on one point add up."""
+    """Return the lateral transform of sensors on grid points (NER); several on one point add up."""
     counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
     lines, cells = (np.rint(places[:, a] * counts[a] - shift[a]).astype(np.int64) % counts[a] for a in (0, 1))
     entries = GridEntries(lines, cells, np.arange(len(places)), np.ones(len(places)))
@@ -134,7 +134,7 @@ def on_grid(places: Floats, scale: Floats, modes: tuple[int, int], grid: list[tu
 def linearly_gridded(
     places: Floats, cell_scale: float, modes: tuple[int, int], grid: list[tuple[int, float]]
 ) -> LateralTransform:
-    """Fill a grid linearly from the sensors; ``cell_scale`` is the weight of one grid point."""
+    """Return the lateral transform by linear interpolation to a grid; ``cell_scale``: weight of a grid point."""
     counts, shift = (grid[0][0], grid[1][0]), (grid[0][1], grid[1][1])
     return LateralTransform(
         counts,
@@ -148,7 +148,7 @@ def linearly_gridded(
 def non_uniform(
     places: Floats, scale: Floats, modes: tuple[int, int], window: Window, grid: tuple[int, int]
 ) -> LateralTransform:
-    """Sensors anywhere (NED), at ``places`` (M, 2) in periods; ``grid[0]`` is 1 in 2-D."""
+    """Return the NUFFT for arbitrary positions ``places`` (M, 2) in periods (NED); ``grid[0]`` is 1 in 2-D."""
     windows = (None if grid[0] == 1 else window, window)
     first, taps = np.zeros((len(places), 2), np.int64), []
     for axis, shape in enumerate(windows):

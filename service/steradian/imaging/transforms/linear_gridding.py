@@ -13,7 +13,7 @@ Ints = NDArray[np.int64]
 def linear_gridding_weights(
     places: NDArray[np.float64], grid: tuple[int, int], shift: tuple[float, float]
 ) -> tuple[Ints, Ints, Ints, NDArray[np.float64]]:
-    """Weights with which sensors fill the grid's points.
+    """Return the weights of linear interpolation from scattered sensors to the grid's points.
 
     Parameters
     ----------

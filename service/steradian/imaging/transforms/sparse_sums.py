@@ -9,7 +9,7 @@ from steradian.core.jit import jit
 
 @jit
 def weighted_sums(lines: Any, starts: Any, taps: Any, result: Any) -> None:
-    """Σ_t taps[n, t]·lines[m, starts[n] + t] to result[m, n]."""
+    """Compute result[m, n] = Σ_t taps[n, t]·lines[m, starts[n] + t]."""
     width, last, nothing = taps.shape[1], lines.shape[0] - 1, lines.dtype.type(0)
     for m in range(0, last + 1, 2):  # two lines for each time that the taps are read; an odd one as both
         o = min(m + 1, last)

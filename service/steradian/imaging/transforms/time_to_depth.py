@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeInterpolation:
-    """The transform over time of a record, at any frequency (paper, NER-NUFFT, equation 5).
+    """NUFFT over time: interpolation of a record's spectrum at any frequency (paper, NER-NUFFT, equation 5).
 
     Sample n, times ``divided[n]``, goes to cell (n − ``centre``) mod ``length`` of a transform of that length. At the
     frequency κ (in cycles a record of ``record`` samples) its place is u = κ·length/record; tap t stands at the cell
@@ -48,7 +48,7 @@ class TimeInterpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KappaMap:
-    """Frequency of each depth frequency, with its Jacobian factor (dispersion relation).
+    """Dispersion relation: time frequency κ of each depth frequency, with its Jacobian factor.
 
     Lateral mode j and depth frequency ±l, in cycles a record, come from κ = √(l² + |scales·j|²), if that is below
     ``band``. With X(κ) the transform over time and R the response,
@@ -83,7 +83,7 @@ class KappaMap:
 def window_interpolation(
     samples: int, record: float, window: Shape | Window, share: float, accuracy: float
 ) -> TimeInterpolation:
-    """Interpolate with a window, to the relative error ``share``; its taps to ``accuracy``."""
+    """Return the time interpolation by a window, to the relative error ``share``; its taps to ``accuracy``."""
     centre = samples // 2
     length, found = time_grid(2 * max(centre, samples - centre), record, window, share)
     divided = 1.0 / found.transform((np.arange(samples) - centre) / length)
@@ -91,7 +91,7 @@ def window_interpolation(
 
 
 def nearest_or_linear(samples: int, record: int, nearest: bool) -> TimeInterpolation:
-    """Take the nearest frequency, or interpolate linearly, as k-Wave does.
+    """Return the time interpolation by nearest frequency or linearly, as in k-Wave.
 
     The transform of the record's even extension, which k-Wave takes, has this spacing of frequencies.
     """

@@ -1,4 +1,4 @@
-"""Windows of the non-uniform transforms: shape, Fourier transform, error, polynomial per tap.
+"""Window functions of the NUFFT: shape, Fourier transform, error, polynomial of each tap.
 
 A window φ lives on |x| ≤ w/2 in units of the oversampled grid. Its transform ψ(ξ) = ∫ φ(x) cos(2πξx) dx, ξ in cycles
 per grid cell, is divided out. Paper section 3: φ is Ψ-hat, ψ is Ψ, w = 2K, and the oversampling is c.
@@ -25,7 +25,7 @@ STEEPNESS = QuantityRange(0, 500, "β", above=True)
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A window of ``width`` taps for grids oversampled at least ``oversampling`` times.
+    """NUFFT window function of ``width`` taps for grids oversampled at least ``oversampling`` times.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Window:
         STEEPNESS.check("beta", self.beta)
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """φ(x), x in grid cells, any shape; zero beyond half the width."""
+        """Return the window's value φ(x), x in grid cells, any shape; zero beyond half the width."""
         inside = 1.0 - (2.0 * np.asarray(x, np.float64) / self.width) ** 2
         root = np.sqrt(np.maximum(inside, 0.0))
         if self.shape == "semicircle":
@@ -67,7 +67,7 @@ class Window:
         return np.where(inside >= 0.0, value, 0.0)
 
     def transform(self, xi: NDArray[np.float64]) -> NDArray[np.float64]:
-        """ψ(ξ) for ξ in cycles per grid cell, by Gauss-Legendre quadrature."""
+        """Return the window's Fourier transform ψ(ξ), ξ in cycles per grid cell, by Gauss-Legendre quadrature."""
         nodes, weights = np.polynomial.legendre.leggauss(8 * self.width + 32)
         # x = w/2·sin(πs/2) takes the square root's edge away
         angle = np.pi / 2 * nodes
@@ -78,7 +78,7 @@ class Window:
         return result.reshape(np.shape(xi))
 
     def taps(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values at the w grid points around each place: shape (…, w) for fractions in [0, 1).
+        """Return the window's values at the w grid points around each position: (…, w) for fractions in [0, 1).
 
         The first grid point is ⌊u − w/2⌋ + 1 and the fraction that of u − w/2.
         """
@@ -86,7 +86,7 @@ class Window:
         return self(steps - np.asarray(fraction, np.float64)[..., None])
 
     def error(self) -> float:
-        """Root mean square relative error of one dimension, over the modes |ξ| ≤ 1/(2σ) and all fractions."""
+        """Return the RMS relative error of a 1-D NUFFT over the modes |ξ| ≤ 1/(2σ) and all fractions."""
         xi = (np.arange(48) + 0.5) / 48 / (2 * self.oversampling)
         fraction = (np.arange(16) + 0.5) / 16
         steps = np.arange(self.width) + 1.0 - self.width / 2
@@ -97,7 +97,7 @@ class Window:
         return float(np.sqrt(np.mean(relative**2)))
 
     def polynomials(self, accuracy: float) -> NDArray[np.float64]:
-        """Coefficients (w, D+1), lowest power first, of each tap in y = 2·fraction − 1 ∈ [−1, 1].
+        """Return polynomial coefficients (w, D+1), lowest power first, of each tap in y = 2·fraction − 1 ∈ [−1, 1].
 
         The degree D is the smallest with which the taps differ by less than ``accuracy`` of the window's peak.
         """
@@ -116,7 +116,7 @@ class Window:
 
 @lru_cache(maxsize=256)
 def kaiser_bessel(half_width: float, oversampling: float) -> Window:
-    """Return the paper's window: K taps on either side, oversampling c, α = π(2c − 1) as in section 3.
+    """Return the paper's Kaiser-Bessel window: K taps a side, oversampling c, α = π(2c − 1) (section 3).
 
     Raises
     ------
@@ -139,7 +139,7 @@ def semicircle(width: int, oversampling: float) -> Window:
 
 @lru_cache(maxsize=256)
 def narrowest_window(shape: Shape, tolerance: float, oversampling: float) -> Window | None:
-    """Return the narrowest window of that shape whose error in one dimension is below ``tolerance``, if there is one.
+    """Return the narrowest window of a shape whose 1-D error is below ``tolerance``; None if there is none.
 
     With little oversampling and twenty taps there is none below 1e-11.
     """

@@ -1,1 +1,1 @@
-"""Job queue: client, ledger, fair queueing, estimates and the DBOS engine."""
+"""Job queue: client, ledger, fair queueing, estimates and the queue engine (DBOS)."""

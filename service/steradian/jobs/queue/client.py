@@ -46,12 +46,12 @@ _R = ReconstructionState
 
 
 class JobQueue:
-    """The client's side of the queue; may be used from many threads.
+    """Thread-safe client of the job queue: submit, cancel, reprioritise and wait for jobs.
 
     Parameters
     ----------
     settings
-        Whose database or data directory holds the queue; both are made when missing.
+        Settings with the database or data directory of the queue; both are created if missing.
 
     Raises
     ------
@@ -71,19 +71,19 @@ class JobQueue:
         self._doubted: frozenset[str] = frozenset()
 
     def submit(self, request: JobRequest) -> str:
-        """Queue a job and return its identifier; one that is queued already is left as it is."""
+        """Queue a job and return its identifier; a job that is already queued stays unchanged."""
         with self._database.write() as session:
             self.add(session, request)
         return request.id
 
     def add(self, session: Session, request: JobRequest) -> JobRow:
-        """Note a job and queue it in the present transaction: both happen or neither does."""
+        """Store a job's row and enqueue the job in the caller's transaction, so that both happen or neither."""
         row = self.ledger.add(session, request)
         self._enqueue(session, row)
         return row
 
     def _enqueue(self, session: Session, row: JobRow) -> None:
-        """Hand a job to the engine; doing it twice does it once, and one that follows a scan waits."""
+        """Enqueue a job in the queue engine (idempotent), unless the job has ended or its scan is still queued."""
         if is_terminal(row.state) or self.ledger.waits_for_scan(session, row):
             return
         self._client.enqueue_in_transaction(
@@ -100,7 +100,7 @@ class JobQueue:
         )
 
     def _queue_of(self, session: Session, row: JobRow) -> str:
-        """Return the queue of a job.
+        """Return the name of the engine's queue for a job.
 
         Jobs that follow a scan prefer the node of its file, if a worker there can run them.
         """
@@ -114,7 +114,7 @@ class JobQueue:
         return self.ledger.status(job_id)
 
     def cancel(self, job_id: str, who: str = "local", reason: str | None = None) -> JobStatus:
-        """Cancel a job that waits or runs; its process is killed. Cancelling it again changes nothing.
+        """Cancel a queued or running job and kill its process; repeated calls have no effect.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class JobQueue:
         return self.status(job_id)
 
     def set_priority(self, job_id: str, priority: int, revision: int | None = None, who: str = "local") -> JobStatus:
-        """Move a waiting job in the queue; see :meth:`JobLedger.set_priority`."""
+        """Change the priority of a queued job in the ledger and in the queue engine."""
         move = text(
             f"UPDATE {workflow_table(self._database)} SET priority = :place"  # noqa: S608 - one of two names
             " WHERE workflow_uuid = :job AND status IN ('ENQUEUED', 'DELAYED')"
@@ -161,10 +161,10 @@ class JobQueue:
             sleep(POLL_INTERVAL)
 
     def reconcile(self) -> None:
-        """Reconcile jobs with the engine after crashes, a full disk or an upgrade; call it about once a second.
+        """Repair differences between ledger and queue engine after crashes; to be called about once a second.
 
-        A disagreement counts when it is seen twice in a row: a single one may be an operation under way. What waits
-        and is unknown to the engine, because it followed a scan that waited too, for example, it is given at once.
+        A difference is repaired when it is seen twice in a row, because a single one may be an operation under way.
+        Queued jobs that are unknown to the engine, live jobs of a queued scan for example, are enqueued at once.
         """
         rows = {row.id: row for row in self.ledger.unfinished()}
         found = (
@@ -179,7 +179,7 @@ class JobQueue:
         self._doubted = frozenset(doubted)
 
     def _leave_to_others(self, waiting: Sequence[tuple[JobRow, str | None]]) -> None:
-        """Move jobs from a scanner's queue to the common queue if its workers are gone or cannot run them.
+        """Move jobs from a scanner's queue to the common queue if the scanner's workers are gone or too small.
 
         Parameters
         ----------
@@ -205,12 +205,12 @@ class JobQueue:
                     _log.warning("job %s is open to all workers: no worker on its scanner's node can run it", row.id)
 
     def forget(self, job_ids: Sequence[str]) -> None:
-        """Delete ended jobs from the engine."""
+        """Delete ended jobs from the tables of the queue engine."""
         if job_ids:
             self._client.delete_workflows(list(job_ids))
 
     def close(self) -> None:
-        """Close the connections."""
+        """Close the connections to the database and the queue engine."""
         self._client.destroy()
         self._database.close()
 
@@ -231,7 +231,7 @@ class JobQueue:
 
 
 def new_job_id() -> str:
-    """Make an identifier for a job that belongs to no resource."""
+    """Return a new identifier (j and a ULID) for a job without a resource of its own."""
     return f"j{str(ULID()).lower()}"
 
 
@@ -240,6 +240,6 @@ def _states_differ(state: ReconstructionState, engine_state: str | None) -> bool
 
 
 def _exceeds_scanner_workers(row: JobRow, scanner_id: str, known: Mapping[str, Capabilities]) -> bool:
-    """Whether a scanner's own workers are there and none of them can do it."""
+    """Return whether a scanner has workers of its own but none of them meets a job's requirements."""
     own = [has for has in known.values() if has.scanner_id == scanner_id]
     return bool(own) and not any(has.satisfies(requirements_of(row)) for has in own)

@@ -1,4 +1,4 @@
-"""DBOS configuration: database URL, queue names, migrations.
+"""Configuration of the queue engine (DBOS): database URL, queue names, migrations.
 
 :mod:`steradian.jobs.queue.client` is the client's side, :mod:`steradian.jobs.worker.main` a worker's; nothing else
 knows it. The engine decides who runs a job and when; how a job stands is written in the ledger, which everybody reads.
@@ -30,7 +30,7 @@ WORKFLOW: Final = "job"
 
 
 def queue_url(settings: Settings) -> str:
-    """Return the URL of the queue's database, beside the metadata."""
+    """Return the URL of the queue engine's database, which is the metadata database."""
     if settings.database_url is None:
         return with_subseconds(metadata_url(settings))
     timeouts = {name: str(value) for name, value in TIMEOUTS.items()}
@@ -38,7 +38,7 @@ def queue_url(settings: Settings) -> str:
 
 
 def migrate_queue(settings: Settings) -> str:
-    """Bring the tables of ledger and engine to the newest version and return the engine's URL; workers never do this.
+    """Migrate the tables of ledger and queue engine, and return the engine's URL; workers do not call this.
 
     Raises
     ------
@@ -62,10 +62,10 @@ def migrate_queue(settings: Settings) -> str:
 
 
 def workflow_table(database: Database) -> str:
-    """Name the engine's table of jobs."""
+    """Return the name of the database table in which the queue engine stores jobs."""
     return "workflow_status" if database.is_file else "dbos.workflow_status"
 
 
 def scanner_queue(scanner_id: str) -> str:
-    """Name the queue of a scanner's own workers."""
+    """Return the name of the queue for the workers of one scanner's node."""
     return f"{QUEUE}-{scanner_id}"

@@ -1,4 +1,4 @@
-"""Version of the queue's engine, recorded in the database by the service that made the engine's tables."""
+"""Version of the queue engine (DBOS), recorded in the database by the service that migrated the engine's tables."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ ENGINE_VERSION_FACT: Final = "queue-engine"
 
 
 def engine_version() -> str:
-    """Return the version of the installed engine."""
+    """Return the version of the installed queue engine (DBOS)."""
     return version("dbos")

@@ -32,7 +32,7 @@ _SORT: Final = (JobRow.kind, _METHOD, _FORMAT, JobRow.promised)
 
 @dataclass(frozen=True)
 class QueueEstimate:
-    """Estimate of a queued or running job: position, start and end.
+    """Estimate for a queued or running job: position in the queue and expected end.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class QueueEstimate:
 
 
 def forecast(session: Session, job_id: str, workers: int, now: datetime) -> QueueEstimate | None:
-    """Return a job's estimate; ``None`` once it has ended or was deleted.
+    """Return the queue position and expected end of a job; ``None`` if the job has ended or was deleted.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Queu
 
 @dataclass(frozen=True)
 class Backlog:
-    """Backlog of the queue: the figures for scaling the number of workers.
+    """Backlog of the queue, for autoscaling of workers: seconds of queued work and age of the oldest job.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Backlog:
 
 
 def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.Capabilities]) -> Backlog:
-    """Return the backlog of the present workers, with up to :data:`MAX_JOBS` jobs in detail."""
+    """Estimate the seconds of queued work for the present workers, and the age of the oldest queued job."""
     waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_skipped(present)]
     count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
     if not count:
@@ -116,13 +116,13 @@ def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.
 
 
 def _skipped(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
-    """Exclude jobs that no present worker can run, because they do not delay others."""
+    """Return SQL conditions that exclude jobs which no present worker can run, because they delay no other job."""
     able = capabilities.eligible_workers(None, present)
     return [or_(JobRow.kind.in_(LIVE_KINDS), capabilities.satisfiable_clause(able))] if able else []
 
 
 def _last_end(free: list[datetime], lasting: list[float]) -> datetime:
-    """Assign each job to the first free worker; return the end of the last one."""
+    """Simulate the assignment of queued jobs to the first free worker, and return the end of the last job."""
     heapq.heapify(free)
     end = free[0]
     for seconds in lasting:
@@ -136,26 +136,26 @@ def _in_future(end: datetime | None, now: datetime) -> datetime | None:
 
 
 class _DurationModel:
-    """Duration model of jobs: the median of recent jobs of the same class."""
+    """Estimator of job durations: the median of recent jobs of the same class."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._past: dict[str, dict[Hashable, list[float]]] = {}
 
     def seconds(self, row: JobRow) -> float | None:
-        """Return the estimated duration of a job; ``None`` without enough similar jobs, or if it follows a scan."""
+        """Return the estimated duration of a job in seconds; ``None`` for live jobs or with too few similar jobs."""
         parameters = row.payload.get("parameters") or {}
         return self.of(row.kind, parameters.get("method"), row.payload.get("format"), row.promised)
 
     def of(self, kind: str, method: str | None, form: str | None, promised: int) -> float | None:
-        """Return the estimated duration of a class of jobs."""
+        """Return the median duration in seconds of recent jobs of a class; ``None`` with too few jobs."""
         if kind in LIVE_KINDS:
             return None
         taken = self._of_kind(kind).get(_job_class(method, form, promised), [])
         return median(taken) if len(taken) >= MIN_SAMPLES else None
 
     def end_of(self, row: JobRow) -> datetime | None:
-        """Return the estimated end of a running job."""
+        """Return the estimated end time of a running job."""
         seconds = self.seconds(row)
         if seconds is None or not row.attempts:
             return None
@@ -176,7 +176,7 @@ class _DurationModel:
 
 
 def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
-    """Return the duration of the last attempt in seconds; ``None`` if it was not recorded."""
+    """Return the duration of a job's last attempt in seconds; ``None`` if it was not recorded."""
     last = attempts[-1] if attempts else {}
     if not (last.get("started") and last.get("ended")):
         return None
@@ -184,5 +184,5 @@ def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
 
 
 def _job_class(method: str | None, form: str | None, promised: int) -> Hashable:
-    """Return the class of a job with similar durations: the same method, format and order of output size."""
+    """Return the key of jobs with similar durations: method, format and order of magnitude of the output."""
     return method, form, round(math.log2(promised + 1))

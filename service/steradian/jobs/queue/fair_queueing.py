@@ -1,4 +1,4 @@
-"""Fair queueing between API keys within a priority level (start-time fair queueing).
+"""Start-time fair queueing between the owners of jobs (API keys) within a priority level.
 
 A job's turn is the start tag of start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length: one
 more than the newest of whoever asked for it, but not before the first that waits. Each priority has turns of its own; a
@@ -30,7 +30,7 @@ _WAITING, _RUNNING = ReconstructionState.QUEUED, ReconstructionState.RUNNING
 
 
 def next_start_tag(session: Session, owner: str, priority: int) -> int:
-    """Return the start tag of the owner's next job; it is later than all others of that owner and priority.
+    """Return the fair-queueing start tag of an owner's next job, later than the owner's other tags.
 
     Nobody else takes one before this transaction ends. Jobs that follow a scan count with nobody: most are done where
     the scanner is, whatever else waits.
@@ -48,12 +48,12 @@ def next_start_tag(session: Session, owner: str, priority: int) -> int:
 
 
 def queue_priority(row: JobRow) -> int:
-    """Return a job's queue priority for the engine: from 1, smaller values first, equal ones by age."""
+    """Return the engine's numeric priority of a job, computed from priority and start tag; smaller runs first."""
     return row.priority * TAG_LIMIT + row.turn + 1
 
 
 def renumber_waiting(session: Session, engine_table: str) -> None:
-    """Assign current start tags to queued jobs of an earlier version or a restored backup.
+    """Recompute the engine's priorities of queued jobs after an upgrade or the restore of a backup.
 
     Parameters
     ----------

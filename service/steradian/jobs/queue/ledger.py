@@ -1,4 +1,4 @@
-"""Job repository: the only writer of job states, with fencing and history."""
+"""Job ledger: the repository that alone changes job states, with fencing tokens and history."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ _UNFINISHED = [state for state in _R if not is_terminal(state)]
 
 
 class JobLedger(Repository[JobRow]):
-    """Jobs, their states, attempts and progress."""
+    """Repository of jobs with their states, attempts, progress and history."""
 
     kind, table = "job", JobRow
 
     def add(self, session: Session, request: JobRequest) -> JobRow:
-        """Note a job that the engine does not have yet; one that is noted already is left as it is."""
+        """Insert a job's row in state queued; an existing row with the same identifier is returned unchanged."""
         found = session.scalars(select(JobRow).where(JobRow.id == request.id)).one_or_none()
         if found is not None:
             return found
@@ -87,7 +87,7 @@ class JobLedger(Repository[JobRow]):
         return to_status(self.get(job_id))
 
     def state_and_fence(self, job_id: str) -> tuple[ReconstructionState, int]:
-        """Return a job's state and the number of its newest attempt; raises :class:`NotFound`."""
+        """Return a job's state and fencing token (number of its newest attempt); raises :class:`NotFound`."""
         with self.database.read() as session:
             found = session.execute(select(JobRow.state, JobRow.fence).where(JobRow.id == job_id)).one_or_none()
         if found is None:
@@ -95,25 +95,25 @@ class JobLedger(Repository[JobRow]):
         return found.state, found.fence
 
     def statuses(self, job_ids: list[str]) -> dict[str, JobStatus]:
-        """Return the status of several jobs."""
+        """Return the status of several jobs, by identifier."""
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
 
     def waits_for_scan(self, session: Session, row: JobRow) -> bool:
-        """Whether a job follows a scan that waits itself: it would hold a worker for nothing."""
+        """Return whether a live job must wait because its scan is still queued."""
         if row.kind not in LIVE_KINDS:
             return False
         return session.scalar(select(JobRow.id).where(JobRow.id == row.id, WAITS_FOR_SCAN)) is not None
 
     def unfinished(self) -> list[JobRow]:
-        """Return all that are not over and do not wait for their scan, oldest first."""
+        """Return all unfinished jobs, oldest first, except live jobs whose scan is still queued."""
         waits = (JobRow.state == _R.QUEUED) & WAITS_FOR_SCAN
         query = select(JobRow).where(JobRow.state.in_(_UNFINISHED), ~waits).order_by(JobRow.sequence)
         with self.database.read() as session:
             return list(session.scalars(query))
 
     def lock_row(self, session: Session, job_id: str) -> JobRow:
-        """Find a job in the present transaction, held until it ends; raises :class:`NotFound`."""
+        """Return a job's row, locked until the transaction ends; raises :class:`NotFound`."""
         return self._find(session, job_id, lock=True)
 
     def counts(self) -> dict[str, int]:
@@ -126,7 +126,7 @@ class JobLedger(Repository[JobRow]):
         return {str(state): count for state, count in session.execute(query)}
 
     def start_attempt(self, job_id: str, worker: str, after: int = 0) -> JobRow:
-        """Begin the next attempt, or end the job when too many died; the row's state says which.
+        """Start the next attempt of a queued job; a running job's attempt is first recorded as crashed.
 
         An attempt that is still open belongs to a worker that is gone, or cut off: from now on its number, ``fence``
         of the row, is not the current one.
@@ -152,7 +152,7 @@ class JobLedger(Repository[JobRow]):
         return self._transact(job_id, change)
 
     def finish_attempt(self, job_id: str, fence: int, outcome: Outcome, worker: str) -> JobRow:
-        """Note how a start ended; a death queues the job again until it has died too often.
+        """Record the outcome of an attempt; a crashed job is queued again until it has used all its attempts.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class JobLedger(Repository[JobRow]):
         return self._fenced(job_id, fence, change)
 
     def requeue(self, job_id: str, fence: int, worker: str, why: str = "the worker was stopped") -> JobRow:
-        """Queue a running job again and do not count its start; raises :class:`StaleFence`."""
+        """Queue a running job again without counting the attempt; raises :class:`StaleFence`."""
 
         def change(session: Session, row: JobRow) -> None:
             if row.state is _R.RUNNING:
@@ -183,7 +183,7 @@ class JobLedger(Repository[JobRow]):
         return self._fenced(job_id, fence, change)
 
     def request_cancellation(self, job_id: str, who: str, reason: str | None) -> JobRow:
-        """Note that a person wants a job cancelled; repeating it changes nothing.
+        """Set the desired state of a job to cancelled and its state to cancelling; repeated calls have no effect.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class JobLedger(Repository[JobRow]):
         return self._transact(job_id, change)
 
     def cancelled(self, job_id: str, who: str, fence: int | None = None) -> JobRow:
-        """Note that nothing of a job runs any more that a person wants cancelled.
+        """Change a job from cancelling to cancelled, after its process has ended.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class JobLedger(Repository[JobRow]):
     def set_priority(
         self, session: Session, job_id: str, priority: int, revision: int | None = None, who: str = "local"
     ) -> JobRow:
-        """Change the priority and log an event; with ``revision``, only if the job has not changed since.
+        """Change a job's priority and append an event; with ``revision``, only if the row is unchanged since.
 
         Raises
         ------
@@ -239,9 +239,9 @@ class JobLedger(Repository[JobRow]):
         return row
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
-        """Note how far a start has come; raises :class:`StaleFence` like :meth:`finish_attempt`.
+        """Store the progress of a job's current attempt; raises :class:`StaleFence` for an older attempt.
 
-        The job's revision stays, as nothing has changed that anybody could change.
+        The row's revision stays unchanged, because clients cannot change progress.
         """
 
         def change(session: Session, row: JobRow) -> None:
@@ -294,7 +294,7 @@ class JobLedger(Repository[JobRow]):
                     self._fail(session, row, worker, "interrupted", f"again and again, last: {message}")
 
     def _put_back(self, session: Session, row: JobRow, outcome: str, worker: str, why: str) -> None:
-        """Queue a job again without counting its start."""
+        """Queue a job again without counting the attempt."""
         self._note_end(row, outcome, why)
         row.attempt, row.stage, row.done, row.total = row.attempt - 1, f"put back: {why}"[:120], 0, 1
         self._move(session, row, _R.QUEUED, worker, why)
@@ -332,7 +332,7 @@ class JobLedger(Repository[JobRow]):
 
 
 def to_status(row: JobRow) -> JobStatus:
-    """Convert a row to a job's status."""
+    """Convert a job's database row to a :class:`JobStatus`."""
     return JobStatus(
         id=row.id,
         kind=row.kind,

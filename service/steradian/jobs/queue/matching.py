@@ -1,4 +1,4 @@
-"""Worker capabilities, job requirements and the matching between them.
+"""Matching of jobs to workers: worker capabilities, job requirements and worker registration.
 
 A job says what it requires: memory and cores if it states them, memory at least for its volume, a GPU if it insists on
 one. A worker notes what it has in the database every few seconds and takes jobs whose requirements it meets, in the
@@ -41,18 +41,18 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Capabilities:
-    """Capabilities of a worker: processors, memory, GPU, node.
+    """Capabilities of a worker: memory, cores, GPU, and the scanner whose live jobs it runs.
 
     Attributes
     ----------
     memory
-        Bytes of its machine or container, or what its setting allows; ``None`` where the system does not say.
+        Bytes of memory of the machine, container or setting; ``None`` where the system does not report them.
     cores
         Threads that a job may use.
     gpu
         Name of the GPU, if it uses one.
     scanner_id
-        The scanner whose growing images are all that it makes; ``None``: it does everybody's jobs.
+        Scanner whose live jobs are the only ones that the worker runs; ``None``: the worker runs all jobs.
     """
 
     memory: int | None
@@ -67,7 +67,7 @@ class Capabilities:
         return cls(memory, settings.threads_per_job, gpu, settings.scanner_id if settings.is_scanner_node else None)
 
     def satisfies(self, wanted: Requirements) -> bool:
-        """Whether the capabilities satisfy a job's requirements."""
+        """Return whether the worker meets a job's requirements."""
         has_room = self.memory is None or wanted.memory <= self.memory
         return has_room and wanted.cores <= self.cores and (self.gpu is not None or not wanted.gpu)
 
@@ -77,14 +77,14 @@ class Capabilities:
 
 
 def unsatisfied_clause(has: Capabilities) -> ColumnElement[bool]:
-    """Return the SQL condition that selects jobs which a worker with these capabilities cannot run."""
+    """Return the SQL condition that selects the jobs whose requirements exceed a worker's capabilities."""
     without_gpu = JobRow.requires_gpu if has.gpu is None else false()
     too_large = false() if has.memory is None else JobRow.requires_memory > has.memory
     return or_(too_large, JobRow.requires_cores > has.cores, without_gpu)
 
 
 def present_workers(session: Session, now: datetime, within: timedelta = PRESENCE_TIMEOUT) -> dict[str, Capabilities]:
-    """Return the capabilities of the workers seen within :data:`PRESENCE_TIMEOUT`, by name.
+    """Return the capabilities of the workers seen within the time ``within``, by worker name.
 
     Hosts' clocks need not agree to the second; one that is minutes ahead or behind is not believed.
     """
@@ -94,7 +94,7 @@ def present_workers(session: Session, now: datetime, within: timedelta = PRESENC
 
 
 def dedicated_scanner(session: Session, kind: str, scan_id: str | None) -> str | None:
-    """Return the scanner whose own workers may run a live job: that of an unfinished scan, where its file grows."""
+    """Return the scanner whose own workers run a live job; ``None`` for other jobs or a finished scan."""
     if kind not in LIVE_KINDS:
         return None
     scan = (ScanRow.scanner_id == ScannerRow.id) & (ScanRow.id == scan_id) & ScanRow.ended.is_(None)
@@ -102,12 +102,12 @@ def dedicated_scanner(session: Session, kind: str, scan_id: str | None) -> str |
 
 
 def eligible_workers(scanner_id: str | None, known: Mapping[str, Capabilities]) -> list[Capabilities]:
-    """Return the workers that may run a job: those of all nodes, and those of its :func:`dedicated_scanner`'s node."""
+    """Return the workers that may run a job: all general workers and those of the given scanner's node."""
     return [has for has in known.values() if has.scanner_id in {None, scanner_id}]
 
 
 def require_satisfiable(session: Session, now: datetime, scanner_id: str | None, wanted: Requirements) -> None:
-    """Reject requirements that no recently seen worker meets; without recent workers nothing is rejected.
+    """Reject a job whose requirements no recently seen worker meets; without recent workers accept all jobs.
 
     Parameters
     ----------
@@ -134,12 +134,12 @@ def require_satisfiable(session: Session, now: datetime, scanner_id: str | None,
 
 
 def satisfiable_clause(present: Sequence[Capabilities]) -> ColumnElement[bool]:
-    """Make the condition on the table of jobs that is true of those which one of these workers can do."""
+    """Return the SQL condition that selects the jobs which at least one of the given workers can run."""
     return or_(*(not_(unsatisfied_clause(has)) for has in present)) if present else false()
 
 
 def count_unsatisfiable(session: Session, present: Mapping[str, Capabilities]) -> int:
-    """Count the jobs that wait and that none of these can do; with none, nothing can be said of any."""
+    """Count the queued jobs that no present worker can run; without present workers the count is 0."""
     waits, growing = JobRow.state == ReconstructionState.QUEUED, JobRow.kind.in_(LIVE_KINDS)
     count = sum(
         missing_capability(dedicated_scanner(session, row.kind, row.scan_id), requirements_of(row), present) is not None
@@ -151,7 +151,7 @@ def count_unsatisfiable(session: Session, present: Mapping[str, Capabilities]) -
 
 
 def missing_capability(scanner_id: str | None, wanted: Requirements, known: Mapping[str, Capabilities]) -> str | None:
-    """Return the capability for which a queued job waits; ``None`` if a present worker can run it."""
+    """Describe the requirements that no present worker meets; ``None`` if a present worker can run the job."""
     present = eligible_workers(scanner_id, known)
     if not present or any(has.satisfies(wanted) for has in present):
         return None
@@ -159,18 +159,18 @@ def missing_capability(scanner_id: str | None, wanted: Requirements, known: Mapp
 
 
 class WorkerRegistration:
-    """Publisher of a worker's capabilities, refreshed by a thread."""
+    """Heartbeat that records a worker's capabilities in the database every few seconds."""
 
     def __init__(self, database: Database, name: str, has: Capabilities, clock: Clock = utc_now) -> None:
         self._database, self._name, self._has, self._clock = database, name, has, clock
 
     def start(self) -> None:
-        """Write it now, if the database takes it, and then again and again for as long as the process lives."""
+        """Record the capabilities now and start the thread that records them periodically until the process ends."""
         self._try()
         threading.Thread(target=self._keep, daemon=True, name="notice").start()
 
     def publish(self) -> None:
-        """Write it, and drop those that are old."""
+        """Record this worker's capabilities and delete the rows of workers not seen recently."""
         now = self._clock()
         row = WorkerRow(name=self._name, seen=now, **asdict(self._has))
         with self._database.write() as session:

@@ -1,4 +1,4 @@
-"""Execution context of a job: data directory, working folder, plan cache, progress callback."""
+"""Execution context of a job: data directory, working folder, plan cache, progress callback and blob store."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class JobContext:
-    """Context in which a job runs: its folder, progress and stores.
+    """Context that a job handler receives: folders, principal, plan cache, progress callback and blob store.
 
     Attributes
     ----------
     data, folder
         The data directory, and the job's own folder in it, which has the job's name.
     principal
-        Who asked for the job.
+        Owner: the principal that requested the job.
     plans
-        Plans of earlier jobs of this process.
+        Cache of reconstruction plans of earlier jobs of this process.
     arrays
-        Where what it needs is kept.
+        Blob store with scans and results.
     """
 
     data: DataDirectory
@@ -39,7 +39,7 @@ class JobContext:
     arrays: BlobStore
 
     def scan_path(self, scan_id: str) -> Path:
-        """Find the file of a scan.
+        """Return the local path of a scan's file, downloaded from the object store if necessary.
 
         Raises
         ------

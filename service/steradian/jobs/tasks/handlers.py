@@ -39,7 +39,7 @@ REFERENCE_TIMEOUT = 600.0
 
 @handles(requests.ReconstructionRequest, "reconstruction", resource="reconstruction")
 def reconstruct(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
-    """Reconstruct a recording."""
+    """Run a reconstruction job: reconstruct a scan file and write volume and report."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
     from steradian.reconstructions.warmup import warmup_second_half
 
@@ -50,7 +50,7 @@ def reconstruct(work: JobContext, job: requests.ReconstructionRequest) -> dict[s
 
 @handles(requests.ReconstructionRequest, LIVE_KIND, resource="reconstruction", follows="A-lines")
 def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
-    """Reconstruct a scan while it runs, and in full when it is over."""
+    """Run a live job: reconstruct a growing scan in revisions, and completely at its end."""
     from sqlalchemy.exc import SQLAlchemyError
 
     from steradian.reconstructions.live.follow import reconstruct_live
@@ -91,7 +91,7 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
 
 @handles(requests.ReconstructionRequest, "what-if", resource="reconstruction")
 def reconstruct_subset(work: JobContext, job: requests.ReconstructionRequest) -> dict[str, Any]:
-    """Reconstruct a scan through another mask, and compare with the image of all A-lines."""
+    """Run a what-if job: reconstruct from a subset of the A-lines and compare with the full reconstruction."""
     from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write
     from steradian.reconstructions.shot_normalisation import normalise_shots
     from steradian.reconstructions.studies.what_if import TimedImage, compare_subset, select_subset
@@ -128,7 +128,7 @@ def reconstruct_subset(work: JobContext, job: requests.ReconstructionRequest) ->
 
 
 def _shared_reference_image(work: JobContext, job: requests.ReconstructionRequest, recording: Recording) -> TimedImage:
-    """Return the image of all A-lines; a sweep's first job makes it, the others wait for it and read it."""
+    """Return the reconstruction of all A-lines, cached on disk for the other jobs of a sweep under a lock."""
     import filelock
 
     from steradian._version import __version__
@@ -157,7 +157,7 @@ def _shared_reference_image(work: JobContext, job: requests.ReconstructionReques
 
 @handles(requests.SoundSpeedRequest)
 def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[str, Any]:
-    """Find the speed of sound of a scan."""
+    """Run a sound-speed job: find the speed of sound at which a scan's image is sharpest."""
     from steradian.reconstructions.studies.sound_speed import scan_sound_speed
 
     curve = scan_sound_speed(
@@ -174,7 +174,7 @@ def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[
 
 @handles(requests.QualityRequest)
 def compare_volumes(work: JobContext, job: requests.QualityRequest) -> dict[str, Any]:
-    """Compare a volume with a reference."""
+    """Run a quality job: compare a reconstruction with a reference reconstruction."""
     from steradian.quality import compare
     from steradian.reconstructions.volumes.file import read_volume
 
@@ -192,7 +192,7 @@ def compare_volumes(work: JobContext, job: requests.QualityRequest) -> dict[str,
 
 @handles(requests.WidthRequest)
 def measure_object(work: JobContext, job: requests.WidthRequest) -> dict[str, Any]:
-    """Measure the width of an object in a volume, and correct it for the point spread."""
+    """Run a width job: measure an object's width in a volume and correct it for the point spread."""
     from steradian.reconstructions.studies.width import measure_width
     from steradian.reconstructions.volumes.file import read_parameters, read_volume
     from steradian.scans.opening import open_recording
@@ -214,7 +214,7 @@ def measure_object(work: JobContext, job: requests.WidthRequest) -> dict[str, An
 
 @handles(requests.ExportRequest)
 def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
-    """Write a volume or scan in another format; a format that is a folder is packed into a zip archive."""
+    """Run an export job: write a volume or scan in another format; folder formats become a zip archive."""
     wanted = work.folder / f"{job.reconstruction_id or job.scan_id}{requests.SUFFIXES[job.format]}"
     if job.scan_id is not None:
         from steradian.scans.exporting import export_scan
@@ -245,7 +245,7 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
 
 @handles(requests.ImportRequest)
 def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str, Any]:
-    """Make a scan of an upload."""
+    """Run an import job: convert an uploaded file to a scan file and register the scan in the database."""
     from steradian.reconstructions.plan_reader import read_stored_plan
     from steradian.scans.importing.sandbox import import_in_sandbox
     from steradian.scans.importing.staging import stage_upload
@@ -289,6 +289,6 @@ def _database() -> Iterator[Database]:
 
 
 def _result_files(folder: Path) -> list[str]:
-    """Name the files of results in a job's folder."""
+    """Return the names of the result files in a job's folder."""
     kinds = {".json", ".png", ".h5", ".csv", ".npy"}
     return sorted(path.name for path in folder.iterdir() if path.suffix in kinds and path.is_file())

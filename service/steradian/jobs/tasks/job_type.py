@@ -1,4 +1,4 @@
-"""Registry entries of job kinds and the decorator that registers a handler."""
+"""Registry of job kinds and the decorator that registers a handler."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ JOB_TYPES: Final[dict[str, JobType]] = {}
 
 @dataclass(frozen=True)
 class JobType:
-    """Registry entry of a job kind.
+    """Registry entry of a job kind: request model, handler and API resource.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class JobType:
     follows: str | None = None
 
     def run(self, work: JobContext, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Validate the request, run the handler and return its report as plain JSON.
+        """Validate a stored request, run the handler and return its report as JSON-compatible values.
 
         Raises :class:`InvalidInput`, :class:`Conflict` for a request of a newer version, and the handler's errors.
         """
@@ -52,9 +52,10 @@ class JobType:
 def handles(
     request: type[Request], kind: str | None = None, *, resource: Resource = "job", follows: str | None = None
 ) -> Callable[[Handler[Request]], Handler[Request]]:
-    """Register a function as the handler of a job kind; arguments as in :class:`JobType`.
+    """Return a decorator that registers a function as the handler of a job kind.
 
-    ``kind`` defaults to that of the request model. Raises ValueError for a kind that has a handler.
+    The other arguments are those of :class:`JobType`. ``kind`` defaults to that of the request model. The decorator
+    raises ValueError for a kind that has a handler.
     """
     name = kind or request.model_fields["kind"].default
 

@@ -1,1 +1,1 @@
-"""Worker processes: polling, execution in child processes, results, failover."""
+"""Worker processes: polling of the queue, jobs in child processes, upload of results, failover."""

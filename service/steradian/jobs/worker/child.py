@@ -1,4 +1,4 @@
-"""Subprocess of a worker that runs jobs one after another."""
+"""Child process of a worker, which runs jobs one after another."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _log = logging.getLogger("steradian.jobs.worker.child")  # whatever this module 
 
 
 def run_job(payload: dict[str, Any], progress: Progress, *, kept: list[PlanCache]) -> dict[str, Any]:
-    """Run the task of the payload's kind.
+    """Run the handler of a job's kind in the child process and return its report.
 
     Parameters
     ----------

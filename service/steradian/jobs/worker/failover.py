@@ -1,4 +1,4 @@
-"""Detect dead workers by their advisory lock and requeue their jobs."""
+"""Failover between workers: dead workers are detected by advisory locks, and their jobs are queued again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 
 def claim_name(url: str, name: str) -> AdvisoryLock:
-    """Hold a worker's name for as long as this process lives.
+    """Acquire the advisory lock of a worker's name for the lifetime of the process.
 
     Raises
     ------
@@ -41,14 +41,14 @@ def monitor_peers(
     pending: Callable[[], Collection[str]],
     recover: Callable[[str], object],
 ) -> None:
-    """Hold this worker's sign of life, and take over from those that show none, until ``stopping`` is set.
+    """Renew this worker's advisory lock and requeue the jobs of dead workers, until ``stopping`` is set.
 
     Parameters
     ----------
     pending
-        Names the workers that have unfinished jobs.
+        Callback that returns the names of workers with unfinished jobs.
     recover
-        Queues the jobs of one of them again.
+        Callback that requeues the jobs of a worker.
     """
     missed: Counter[str] = Counter()
     while not stopping.wait(CHECK_INTERVAL):

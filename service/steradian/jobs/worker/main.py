@@ -41,16 +41,16 @@ _log = logging.getLogger(__name__)
 def run_worker(
     settings: Settings, slot: int, commands: Mapping[str, Sequence[str]], has: Capabilities | None = None
 ) -> None:
-    """Run a worker until SIGTERM or SIGINT: take jobs one at a time and run each in a child process.
+    """Run a worker until SIGTERM or SIGINT: claim jobs one at a time and run each in a child process.
 
     Parameters
     ----------
     slot
         Number of this worker, from 0; no two running workers of one name may share it.
     commands
-        The program that runs each kind of job.
+        Command of the child process for each job kind.
     has
-        What it has: jobs that require more are left to others; ``None``: this machine's memory and no GPU.
+        Capabilities: jobs that require more are left to other workers; ``None``: this machine's memory and no GPU.
 
     Raises
     ------
@@ -107,16 +107,16 @@ def run_worker(
 
 
 def _claim_filter(has: Capabilities) -> Callable[..., list[ColumnElement[bool]]]:
-    """Make the conditions of a claim that the engine adds to its own: jobs that this worker cannot do are passed over.
+    """Return a function with extra SQL conditions for the engine's claim query: only jobs this worker can run.
 
-    They stay where they are in the queue, and the next that it can do is taken.
+    Other jobs stay in the queue, and the next job that the worker can run is claimed.
     """
     too_much = select(JobRow.id).where(JobRow.id == column("workflow_uuid"), unsatisfied_clause(has)).exists()
     return lambda *_: [~too_much]
 
 
 def _register(runner: JobRunner) -> None:
-    """Register the workflow and its single step with the engine."""
+    """Register the DBOS workflow and its single step, which runs a job."""
 
     @DBOS.step(name="attempts", preemptible=True)
     async def attempts(job_id: str) -> str:
@@ -129,7 +129,7 @@ def _register(runner: JobRunner) -> None:
 
 
 def _recover_orphans(settings: Settings) -> None:
-    """Requeue the jobs of workers that no longer exist, because fewer are started than before."""
+    """Requeue the jobs of workers beyond the configured number, which no longer run."""
     present = {settings.worker_slot_name(slot) for slot in range(max(1, settings.workers))}
     if gone := _pending_executors() - present:
         _recover(sorted(gone))
@@ -145,7 +145,7 @@ def _pending_executors() -> set[str]:
 
 
 def _is_not_cancellation(record: logging.LogRecord) -> bool:
-    """Drop the engine's report, with traceback, of a job that a person cancelled."""
+    """Return false for the engine's log records about cancelled jobs (logging filter)."""
     cancelled = (engine_errors.DBOSAwaitedWorkflowCancelledError, engine_errors.DBOSWorkflowCancelledError)
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, cancelled) and "was cancelled" not in record.getMessage()

@@ -13,7 +13,7 @@ _ARENA_MAX: Final = -8
 
 
 def limit_malloc_arenas() -> None:
-    """Limit malloc to one arena for all threads started from now on; no effect without glibc.
+    """Limit malloc to one arena for all threads started from now on (glibc only).
 
     Else glibc gives each thread one of its own, and what one of them freed no other takes: a worker's threads wake in
     turn, and each of their heaps grows to the most that any job needed there. They take turns in Python anyway.
@@ -24,7 +24,7 @@ def limit_malloc_arenas() -> None:
 
 
 def freeze_garbage_collector() -> None:
-    """Exclude loaded objects from garbage collection, so that full collections are early and cheap.
+    """Move all loaded objects to the permanent generation of the garbage collector (``gc.freeze``).
 
     Python puts them off until a quarter as much as there is has been added, which here is tens of thousands of objects.
     """

@@ -1,4 +1,4 @@
-"""Adaptive polling: poll fast right after a job, slowly while one runs, on database change otherwise."""
+"""Adaptive polling of the queue: fast after a job, slow while one runs, else on database changes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ BUSY_POLL: Final = 1.0
 def adaptive_wait(
     event: threading.Event, runner: JobRunner, changes: ChangeDetector, poll: float
 ) -> Callable[[float | None], bool]:
-    """Make a wait for ``event`` that lasts while a job is at work and ends with it, so that the next begins at once.
+    """Return a replacement for ``event.wait`` that adapts the engine's polling interval to the worker's load.
 
-    The engine looks at the queue every ``poll`` seconds and waits between two looks for the event that says when to
-    stop; here it goes on waiting while ``changes`` tells of none. Longer waits are left as they are.
+    The engine polls the queue every ``poll`` seconds and between two polls waits for its stop event. The replacement
+    extends that wait while a job runs or ``changes`` reports no change, and ends the wait when a job has ended. Waits
+    longer than twice ``poll`` are unchanged.
     """
     plain = event.wait
 

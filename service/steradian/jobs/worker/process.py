@@ -1,4 +1,4 @@
-"""Parent and child ends of the job subprocess protocol (JSON lines over pipes).
+"""Protocol between worker and job subprocess, both ends (JSON lines over pipes).
 
 The child reads each job as one JSON line from standard input, which stays open: when it closes, the worker is gone and
 the child ends at once. It writes JSON lines: ``{"begun"}``, ``{"stage", "done", "total"}`` on the way and at last
@@ -56,7 +56,7 @@ _NO_CHARACTERS = dict.fromkeys([0, *range(0xD800, 0xE000)], "\N{REPLACEMENT CHAR
 
 
 class JobProcess:
-    """The worker's end: a child that is started when a job needs one and kept while its jobs succeed."""
+    """Reusable child process that runs jobs, seen from the worker; restarted after a failed job."""
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
         self._command, self._environment = command, environment
@@ -71,14 +71,14 @@ class JobProcess:
         timeout: float,  # noqa: ASYNC109 - it ends a process, not only the waiting
         follows: str | None = None,
     ) -> Outcome:
-        """Run a job to its end; cancelling this coroutine kills the child.
+        """Run a job in the child process and return its outcome; cancelling this coroutine kills the child.
 
         Parameters
         ----------
         timeout
             Seconds after which the child is killed and the job has failed.
         follows
-            Stage whose reports begin the time anew: its length is somebody else's.
+            Stage whose reports restart the timeout, because its duration is that of a scan.
         """
         log.parent.mkdir(parents=True, exist_ok=True)
         outcome: Outcome | None = None
@@ -101,7 +101,7 @@ class JobProcess:
         return outcome
 
     async def end(self) -> None:
-        """Kill the child, if there is one, and wait until its memory is free."""
+        """Kill the child process, if there is one, and wait until it has ended."""
         child, self._child = self._child, None
         if child is None:
             return
@@ -113,7 +113,7 @@ class JobProcess:
             child.stdin.close()
 
     async def _converse(self, request: dict[str, Any], report: Report) -> Outcome | None:
-        """Hand a job to the child; ``None`` when a kept child had ended before it began."""
+        """Send a job to the child and return its outcome; ``None`` if a reused child ended before the job began."""
         kept = self._child is not None
         child = self._child = self._child or await self._start()
         assert child.stdin is not None  # noqa: S101 - asked for in _start
@@ -145,7 +145,7 @@ class JobProcess:
         return Crashed(f"the job's process ended {_exit_description(code)} without a result")
 
     async def _start(self) -> Process:
-        """Start a child; when that is cancelled midway the child is known all the same, and can be ended."""
+        """Start the child process; on cancellation meanwhile, store it so that it can be killed."""
         starting = asyncio.ensure_future(
             asyncio.create_subprocess_exec(
                 *self._command, stdin=PIPE, stdout=PIPE, env=self._environment, limit=LINE_LIMIT
@@ -173,7 +173,7 @@ def _exit_description(code: int) -> str:
 
 
 def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> None:
-    """Run the child loop: read jobs from standard input, call ``work`` and report.
+    """Run the main loop of the child process: read jobs from standard input, call ``work``, write the results.
 
     Returns on end of input or failure or when idle.
 
@@ -225,12 +225,12 @@ def _do(
 
 
 def _for_clients(message: str, payload: dict[str, Any]) -> str:
-    """Remove the data folder's path and unstorable characters from an error for clients; the log has the original."""
+    """Remove the data folder's path and unstorable characters from an error message for clients."""
     return message.replace(f"{payload.get('data')}/", "").translate(_NO_CHARACTERS)
 
 
 def _is_interruption(error: Exception) -> bool:
-    """Whether a database or a file system failed, not the job."""
+    """Return whether an exception comes from a database or file system failure and not from the job."""
     if isinstance(error, OSError):
         return error.errno in CRASHED
     databases = sys.modules.get("sqlalchemy.exc")
@@ -238,14 +238,14 @@ def _is_interruption(error: Exception) -> bool:
 
 
 def _read_jobs(jobs: queue.SimpleQueue[dict[str, Any]]) -> None:
-    """Forward jobs from standard input; end the process when it closes."""
+    """Read jobs from standard input into a queue; exit the process at end of file."""
     for line in sys.stdin:
         jobs.put(json.loads(line))
     os._exit(70)
 
 
 def _log_to(path: str) -> None:
-    """Send standard error, also that of compiled code, to a job's log."""
+    """Redirect standard output and standard error to a job's log file, on the level of file descriptors."""
     sys.stderr.flush()
     with open(path, "ab") as log:
         os.dup2(log.fileno(), 1)
@@ -253,14 +253,14 @@ def _log_to(path: str) -> None:
 
 
 def _resident() -> int:
-    """Bytes of memory this process holds; 0 where the system does not say."""
+    """Return the resident memory of this process in bytes; 0 where the system does not report it."""
     with suppress(OSError, ValueError):
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return 0
 
 
 class _MessageWriter:
-    """Writer of JSON lines to the worker, atomic across threads; other standard output is redirected to the log."""
+    """Thread-safe writer of JSON lines to the worker; other standard output goes to the log."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""Wait until the service has migrated the database, and verify versions and data folder.
+"""Start-up check of a worker: wait until the service has migrated the database, then verify versions and folder.
 
 Workers never change tables: a service may be running whose code is another one.
 """
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 def wait_until_ready(settings: Settings) -> None:
-    """Wait until a service of this version has prepared the database, and check that the folder is the same.
+    """Wait until a service of this version has migrated the database, and verify the data folder.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def wait_until_ready(settings: Settings) -> None:
 
 
 def _unmet_precondition(settings: Settings) -> str | None:
-    """Return the unmet precondition of a worker; ``None`` when it is ready."""
+    """Return the reason why a worker cannot start yet; ``None`` when it can."""
     if settings.database_url is None and not DataDirectory(settings.data).metadata_file.exists():
         return f"there is no database in {settings.data}"
     database = Database(metadata_url(settings))

@@ -1,4 +1,4 @@
-"""Upload of job results and logs to the object store; they become visible with the success transaction."""
+"""Upload of job results and logs to the object store, committed with the job's success."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 def upload_results(arrays: BlobStore, folder: JobDirectory) -> dict[str, Any]:
-    """Upload all results of a job to the store, in a process of their own; returns their entries in the report.
+    """Upload all result files of a job to the object store and return the uncommitted entries for its report.
 
     The volume first, which takes longest: until the success is noted, what has gone can be had from nowhere.
     """
@@ -39,14 +39,14 @@ def upload_results(arrays: BlobStore, folder: JobDirectory) -> dict[str, Any]:
 
 
 class ResultUploader:
-    """The worker's part; without a store there is none, as results lie where they belong."""
+    """Uploader of job results and logs to the object store; does nothing without a store."""
 
     def __init__(self, settings: Settings, database: Database) -> None:
         self._has_store = settings.store is not None
         self._arrays, self._database = arrays_of(settings, database), database
 
     def with_commit(self, outcome: Outcome) -> Outcome:
-        """Commit staged results in the transaction that records the success."""
+        """Return the outcome with a callback that commits the uploaded results together with the success."""
         if not isinstance(outcome, Succeeded) or not self._has_store or STAGED_KEY not in outcome.result:
             return outcome
         stored = [StagedBlob.of_json(each) for each in outcome.result[STAGED_KEY]]
@@ -54,7 +54,7 @@ class ResultUploader:
         return Succeeded(report, lambda session: self._arrays.commit(session, *stored))
 
     def upload_leftovers(self, ledger: JobLedger, data: DataDirectory) -> None:
-        """Upload results left by jobs that were interrupted on this host, by a power cut for example.
+        """Upload the logs of ended jobs whose folders are left on this host, and remove the folders.
 
         Results of earlier times, before there was a store, stay: they are nowhere else.
         """
@@ -70,7 +70,7 @@ class ResultUploader:
                     )  # the newest start may have been on another host
 
     def _has_more(self, folder: JobDirectory) -> bool:
-        """Whether a job's folder has results that the store has not."""
+        """Return whether a job's folder has result files that are not in the store."""
         return any(not self._is_kept(result_name(folder.root.name, path.name)) for path in folder.results())
 
     def _is_kept(self, name: str) -> bool:
@@ -78,7 +78,7 @@ class ResultUploader:
             return session.get(ObjectRow, name) is not None
 
     def upload_log_and_remove(self, job_id: str, start: int, folder: JobDirectory) -> None:
-        """Keep the log of a start, unless the job was deleted, and leave nothing in the job's folder.
+        """Upload the log of an attempt, unless the job was deleted, and remove the job's local folder.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Run one job: attempts, progress, cancellation, requeueing."""
+"""Execution of one job by a worker: attempts, progress, cancellation, requeueing."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ _log = logging.getLogger(__name__)
 
 
 class JobRunner:
-    """Runs one job at a time, each in the child process that is kept for its kind.
+    """Runner of jobs, one at a time, in child processes that are reused by kind.
 
     Parameters
     ----------
     commands
-        The program that runs each kind of job; kinds of the same program share its process.
+        Command of the child process for each job kind; kinds with the same command share a child.
     worker
         Name of this worker, for the history.
     """
@@ -76,11 +76,11 @@ class JobRunner:
 
     @property
     def is_hurried(self) -> bool:
-        """Whether a job has just ended and the next one is wanted at once."""
+        """Whether a job ended less than :data:`FAST_POLL_WINDOW` ago, so that the queue is polled fast."""
         return self.idle.is_set() and time.monotonic() - self._ended < FAST_POLL_WINDOW
 
     async def run(self, job_id: str) -> str:
-        """Attempt a job until it is over, or another worker has it; returns its state then."""
+        """Run attempts of a job until it reaches a terminal state or another worker has it; return the state."""
         self.idle.clear()
         row, interruptions = None, 0
         try:
@@ -143,7 +143,7 @@ class JobRunner:
 
     @property
     def _must_end(self) -> bool:
-        """Whether this worker was asked to end, and the time is up in which it may finish its job."""
+        """Whether the worker was stopped and its drain period for the running job has passed."""
         if not self.stopping.is_set():
             return False
         self._asked_to_end = min(self._asked_to_end, time.monotonic())
@@ -151,9 +151,9 @@ class JobRunner:
 
     @property
     def _folder_is_lost(self) -> bool:
-        """Whether nothing is mounted any more where the data folder was; this worker then ends.
+        """Whether the data folder is no longer mounted; the worker then stops.
 
-        The next one on this host waits for the folder; meanwhile those of other hosts have its jobs.
+        The next worker process on this host waits for the folder; meanwhile workers of other hosts run the jobs.
         """
         if self._data.identity == self._identity:
             return False
@@ -205,7 +205,7 @@ class JobRunner:
         return await self._retry_transient(lambda: self._ledger.cancelled(row.id, self._worker, row.fence))
 
     def _note(self, job_id: str, text: str) -> None:
-        """Add a line of the worker's own to the job's log, if its disk takes it."""
+        """Append a line of the worker to the job's log file, ignoring write errors."""
         path = self._data.job(job_id).log
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -215,7 +215,7 @@ class JobRunner:
             _log.warning("the log of job %s cannot be written: %s", job_id, error)
 
     async def _should_stop(self, row: JobRow) -> bool:
-        """Whether cancellation was requested; raises :class:`StaleFence` when there is a newer attempt."""
+        """Return whether cancellation was requested; raises :class:`StaleFence` when there is a newer attempt."""
         try:
             state, fence = await asyncio.to_thread(self._ledger.state_and_fence, row.id)
         except SQLAlchemyError:
@@ -225,7 +225,7 @@ class JobRunner:
         return state in {_R.CANCELLING, _R.CANCELLED}
 
     async def report(self, row: JobRow, stage: str, done: int, total: int) -> None:
-        """Pass progress on; one that is lost is replaced by the next."""
+        """Store the progress of a job in the ledger, ignoring errors, because newer progress follows."""
         try:
             await asyncio.to_thread(self._ledger.report, row.id, row.fence, stage, done, total)
         except StaleFence:
@@ -234,7 +234,7 @@ class JobRunner:
             _log.warning("progress of job %s is lost: %s", row.id, error)
 
     async def _rest(self, seconds: float) -> None:
-        """Wait before the next attempt; a worker that is stopped meanwhile has no job to requeue."""
+        """Sleep before the next attempt (backoff); does not return if the worker is stopped meanwhile."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
             if self.stopping.is_set():
@@ -242,19 +242,19 @@ class JobRunner:
             await asyncio.sleep(min(left, POLL))
 
     async def _until_writable(self) -> None:
-        """Wait for the folder of jobs instead of starting one again and again; readiness says why meanwhile."""
+        """Wait until the folder of jobs is writable, polling it."""
         while unwritable_jobs(self._data) is not None and not self._folder_is_lost:
             await self._rest(BACKOFF)
 
     async def _idle_until_stopped(self) -> None:
-        """Block until the worker's process ends, before the engine observes the end of this job."""
+        """Mark the worker as idle and block until its process exits, so that the engine does not see the job end."""
         self.idle.set()
         await asyncio.Event().wait()
 
     async def _retry_transient(self, change: Callable[[], T]) -> T:
-        """Change the ledger, also when its database comes back only after a while; a full disk is waited for too.
+        """Run a ledger update, retrying while the database is unavailable or the disk is full.
 
-        What the database refuses, it would refuse again; that is raised.
+        Permanent database errors are raised.
         """
         told = float("-inf")
         while True:
@@ -270,7 +270,7 @@ class JobRunner:
 
 
 def _is_transient(error: SQLAlchemyError) -> bool:
-    """Whether a database error is transient: unavailable, busy, full, read-only, or a concurrent change of a row."""
+    """Return whether a database error is transient: unavailable, busy, full, read-only, or a concurrent change."""
     if isinstance(error, DBAPIError):
         only_reads = getattr(error.orig, "sqlstate", None) == READ_ONLY
         return only_reads or error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
@@ -278,7 +278,7 @@ def _is_transient(error: SQLAlchemyError) -> bool:
 
 
 class _Progress:
-    """Passes on progress at most every :data:`POLL` seconds: at once, or the newest when its turn has come."""
+    """Rate limiter of progress reports: at most one every :data:`POLL` seconds, the newest first."""
 
     def __init__(self, runner: JobRunner, row: JobRow) -> None:
         self._runner, self._row, self._when = runner, row, float("-inf")
@@ -289,7 +289,7 @@ class _Progress:
         await self.pass_on()
 
     async def pass_on(self) -> None:
-        """Report pending progress when the interval has passed."""
+        """Report the pending progress if the interval has passed."""
         if self._newest is None or time.monotonic() - self._when < POLL:
             return
         self._when, newest, self._newest = time.monotonic(), self._newest, None

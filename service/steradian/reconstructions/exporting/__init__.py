@@ -1,4 +1,4 @@
-"""Exporting volumes: to HDF5, NIfTI, ImageJ TIFF, OME-Zarr, VTKHDF, NRRD and PNG.
+"""Export of volumes to HDF5, NIfTI, ImageJ TIFF, OME-Zarr, VTKHDF, NRRD and PNG.
 
 Voxel sizes, origin and axis order are the volume's in every format; lengths are in the unit its readers expect:
 metres in HDF5, millimetres in NIfTI, VTKHDF and NRRD, micrometres in TIFF and OME-Zarr.
@@ -18,7 +18,7 @@ __all__ = ["ENDINGS", "FORMATS", "VolumeFormat", "export_volume", "format_of"]
 
 
 class FormatEntry(NamedTuple):
-    """Registry entry of an export format.
+    """Registry entry of an export format: endings and writer function.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ ENDINGS: Final[dict[str, str]] = {ending: name for name, entry in FORMATS.items(
 
 
 def format_of(path: Path) -> VolumeFormat:
-    """Return the format that a name's ending stands for.
+    """Return the export format for the ending of a file name.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def export_volume(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Path:
-    """Write a volume file in another format.
+    """Convert a volume file to another format.
 
     Parameters
     ----------

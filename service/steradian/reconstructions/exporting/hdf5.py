@@ -1,4 +1,4 @@
-"""Plain HDF5, for MATLAB, Octave, Python and everything else that reads numbers.
+"""Export of volumes as plain HDF5, for MATLAB, Octave and Python.
 
 ::
 

@@ -1,4 +1,4 @@
-"""The libraries of the extra ``export``, imported only when their format is wanted."""
+"""Lazy imports of optional libraries for export formats (the extra ``export``)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BUILTIN_FORMATS = "hdf5, nrrd, vtkhdf or png"
 
 
 def import_optional(name: str, format: str) -> Any:
-    """Import an optional library of one format.
+    """Import the optional library of an export format.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""NIfTI-1, for the tools of neuro-imaging and most viewers."""
+"""Export of volumes as NIfTI-1, a format of neuroimaging tools and most viewers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NRRD: a text header and raw numbers; read by 3D Slicer, ITK, VTK and many others."""
+"""Export of volumes as NRRD (text header and raw numbers), for 3D Slicer, ITK and VTK."""
 
 from __future__ import annotations
 

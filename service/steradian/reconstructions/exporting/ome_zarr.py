@@ -1,4 +1,4 @@
-"""OME-Zarr 0.4: a folder of compressed chunks, for napari, Fiji and viewers over the web."""
+"""Export of volumes as OME-Zarr 0.4 (folder of compressed chunks), for napari, Fiji and web viewers."""
 
 from __future__ import annotations
 

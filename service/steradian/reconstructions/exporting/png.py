@@ -1,4 +1,4 @@
-"""Projections as pictures with axes and a scale bar."""
+"""Export of a volume's projections as PNG images with axes and a scale bar."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from steradian.reconstructions.volumes.near_field import crop_depth
 
 
 def write_png(source: VolumeExportSource, path: Path) -> None:
-    """Draw the z-projection into one file, where ``path`` ends in ``.png``; else all projections into a folder.
+    """Draw all projections of a volume into a folder, or only the z-projection if ``path`` ends in ``.png``.
 
     The folder's files are ``mip-x.png`` and so on. An image from a line of sensors has one picture, ``mip-y.png``.
     """
@@ -38,7 +38,7 @@ def write_png(source: VolumeExportSource, path: Path) -> None:
 
 
 def _projection(source: VolumeExportSource, axis: Axis, depths: int) -> NDArray[Any]:
-    """Read a projection of the last ``depths``: those along x and y are there, the one along z only of all."""
+    """Return a projection of the last ``depths`` depths: the stored one if possible, else computed from the values."""
     if axis != "z" or depths == source.values.shape[-1]:
         image = read_projection(Path(source.values.file.filename), axis)
         return image if axis == "z" else image[..., -depths:]
@@ -46,7 +46,7 @@ def _projection(source: VolumeExportSource, axis: Axis, depths: int) -> NDArray[
 
 
 def _frame(source: VolumeExportSource) -> Volume:
-    """Make a volume with the axes alone; its values are one number seen from every voxel."""
+    """Return a volume that has the file's axes and zero values, as coordinates for drawing projections."""
     lines = [
         first + step * np.arange(count)
         for first, step, count in zip(source.origin, source.spacing, source.values.shape, strict=True)

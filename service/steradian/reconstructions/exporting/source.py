@@ -1,4 +1,4 @@
-"""A volume file, opened for export: its values in slabs, never all at once."""
+"""Reader of volume files for export, which loads the values in slabs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SLAB_BYTES = 32 << 20
 
 @dataclass(frozen=True)
 class VolumeExportSource:
-    """Chunked reader of a volume file with axes.
+    """Reader of a volume file that yields the values in slabs for export.
 
     Parameters
     ----------
@@ -48,35 +48,35 @@ class VolumeExportSource:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Kind of number, little-endian."""
+        """Data type of the values, little-endian."""
         kind: np.dtype[Any] = np.dtype(self.values.dtype).newbyteorder("<")
         return kind
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(Nx, Ny, Nz); an image has one voxel along y."""
+        """Number of voxels (Nx, Ny, Nz); a 2-D image has Ny = 1."""
         x, *y, z = self.values.shape
         return x, y[0] if y else 1, z
 
     @property
     def spacing_xyz(self) -> tuple[float, float, float]:
-        """Voxel size in metres along x, y, z; an image's voxels are as thick as they are wide."""
+        """Voxel size in metres along x, y, z; for a 2-D image the size along y equals that along x."""
         x, *y, z = self.spacing
         return x, y[0] if y else x, z
 
     @property
     def origin_xyz(self) -> tuple[float, float, float]:
-        """Centre of voxel (0, 0, 0) in metres."""
+        """Position (x, y, z) of the centre of voxel (0, 0, 0) in metres."""
         x, *y, z = self.origin
         return x, y[0] if y else 0.0, z
 
     def read(self, index: Any, name: str = "values") -> NDArray[Any]:
-        """Read some of the values, or of another dataset beside them; raises :class:`DamagedFile`."""
+        """Read a slice of the values, or of another dataset of the file; raises :class:`DamagedFile`."""
         with reraise_as_damaged(self.values.file.filename, "volume"):
             return np.asarray(self.values.parent[name][index])
 
     def depth_slabs(self) -> Iterator[NDArray[Any]]:
-        """Give the values as [z, y, x], a few depths at a time, x fastest: the order of most image formats.
+        """Yield the values in slabs of a few depths as [z, y, x] arrays, x fastest, as most image formats need.
 
         Raises
         ------
@@ -96,19 +96,19 @@ class VolumeExportSource:
             self.report(min(start + step, nz), nz)
 
     def check(self, done: int, total: int) -> None:
-        """Raise ``Cancelled`` when the caller wants it so."""
+        """Raise ``Cancelled`` if the caller has cancelled the export."""
         if self.cancelled and self.cancelled():
             raise Cancelled(f"the export was stopped at {done} of {total}")
 
     def report(self, done: int, total: int) -> None:
-        """Report the progress of the export, in depths."""
+        """Report the number of exported depths to the progress callback."""
         if self.progress:
             self.progress("depths", done, total)
 
 
 @contextmanager
 def open_volume(path: Path, progress: Progress | None, cancelled: CancelCheck | None) -> Iterator[VolumeExportSource]:
-    """Open a volume file.
+    """Open a volume file as a :class:`VolumeExportSource`.
 
     Raises
     ------

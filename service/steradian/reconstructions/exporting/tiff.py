@@ -1,4 +1,4 @@
-"""TIFF as ImageJ's hyperstacks: a page a depth, with voxel size and origin where ImageJ looks for them."""
+"""Export of volumes as TIFF hyperstacks of ImageJ: one page for each depth, with voxel size and origin."""
 
 from __future__ import annotations
 

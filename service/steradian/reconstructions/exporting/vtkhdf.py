@@ -1,4 +1,4 @@
-"""VTKHDF image data, for ParaView and VTK."""
+"""Export of volumes as VTKHDF image data, for ParaView and VTK."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Online reconstruction that follows a running scan.
+"""Live reconstruction that updates the image of a running scan.
 
 A revision adds the A-lines stored since the last one to the running sum (:mod:`steradian.imaging.incremental`), makes
 an image of the points so far and replaces ``mip-*.png``, ``projections.h5`` and ``revision.json``. When the scan is
@@ -62,7 +62,7 @@ def reconstruct_live(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Report:
-    """Reconstruct a scan while another process measures it, and once more, in full, when it is over.
+    """Reconstruct a running scan in coarse revisions, and at full resolution when the scan is over.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def reconstruct_live(
 
 
 class LiveReconstruction:
-    """The revisions of one scan.
+    """Incremental coarse reconstruction of a scan, updated with newly stored A-lines.
 
     Parameters
     ----------
@@ -149,11 +149,11 @@ class LiveReconstruction:
     Attributes
     ----------
     preview
-        How coarse the revisions are.
+        Coarse parameters of the revisions.
     number
-        Of the latest revision, 0 before the first.
+        Number of the latest revision, 0 before the first.
     latest
-        Its z-projection [x, y], or image [x, z] from a line.
+        z-projection [x, y] of the latest revision; for a line of sensors the image [x, z].
     """
 
     def __init__(
@@ -182,15 +182,15 @@ class LiveReconstruction:
 
     @property
     def whole(self) -> Recording:
-        """The scan as planned."""
+        """Recording with all planned points of the scan and no signal, for geometry and weights."""
         return self._follower.whole
 
     def volume(self) -> Volume:
-        """Return the image of the A-lines so far."""
+        """Return the image reconstructed from the A-lines so far."""
         return self._growing.volume()
 
     def update(self, *, cancelled: CancelCheck | None = None) -> Revision | None:
-        """Update the image with newly stored A-lines; ``None`` if there are none."""
+        """Update the image with newly stored A-lines and return the new revision; ``None`` without new A-lines."""
         clock = _Clock()
         if not self._add_new(clock, cancelled):
             return None
@@ -204,7 +204,7 @@ class LiveReconstruction:
         return revision
 
     def _add_new(self, clock: _Clock, cancelled: CancelCheck | None) -> int:
-        """Add new A-lines to the sum and return their number."""
+        """Add newly stored A-lines to the incremental reconstruction and return their number."""
         # what all A-lines have in common changes with each of them: then they are taken anew, and all at once
         common = self.parameters.conditioning.remove_common is not None
         count = 0
@@ -260,13 +260,13 @@ class LiveReconstruction:
         )
 
     def quality_against_previous(self, image: NDArray[Any]) -> dict[str, float | None]:
-        """Judge a further image of the same lateral pixels."""
+        """Return quality metrics of an image, with its correlation to the latest revision if the shapes agree."""
         same = self.latest is not None and self.latest.shape == image.shape
         return quality_of(image, self.latest if same else None)
 
 
 def _final_revision(output: Path, report: Report, view: LiveReconstruction | None, seconds: float) -> Revision:
-    """Write ``revision.json`` of the full reconstruction."""
+    """Write ``revision.json`` for the full reconstruction at the end of the scan."""
     coverage = {"points": report.sensors / report.planned}
     if report.sensors == report.planned:
         coverage["area"] = 1.0
@@ -290,7 +290,7 @@ def _final_revision(output: Path, report: Report, view: LiveReconstruction | Non
 
 
 def _read_projection(path: Path, near: float) -> NDArray[Any]:
-    """Read the z-projection from the near field on; of a line of sensors the image."""
+    """Read the z-projection below the near field from a volume file; for a 2-D image, the image itself."""
     stored = VolumeReader(path)
     if len(stored.lattice.shape) == 2:
         return stored.projection("y")
@@ -300,7 +300,7 @@ def _read_projection(path: Path, near: float) -> NDArray[Any]:
 
 
 def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.float64] | None = None) -> Projections:
-    """Write ``mip-*.png`` of a volume with ``display`` applied, and return the projections of the volume as it is.
+    """Draw the projections of a volume as PNG files, and return the projections of the unprocessed volume.
 
     Those along x and y are of all depths, that along z is from the near field on, as its picture.
 
@@ -326,7 +326,7 @@ def draw(volume: Volume, output: Path, display: Display, positions: NDArray[np.f
 def _wait(
     seconds: float, is_over: Callable[[], bool], wait: Callable[[float], None], cancelled: CancelCheck | None
 ) -> None:
-    """Wait, but not longer than the scan lasts."""
+    """Wait for a time in seconds, but at most until the scan is over; raise ``Cancelled`` on cancellation."""
     while True:
         if cancelled and cancelled():
             raise Cancelled("the live view was stopped; its last revision is stored")
@@ -337,7 +337,7 @@ def _wait(
 
 
 class _Clock:
-    """Wall time of named pieces of work."""
+    """Timer that sums the wall time of named stages."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Previews of a running scan: the same reconstruction with fewer, nearly isotropic voxels.
+"""Coarse reconstruction parameters for live previews: fewer, nearly isotropic voxels.
 
 A digitiser samples depth finer (12 µm at 8 ns) than sensors and modes sample the plane (60 µm in the paper's yarn). A
 preview keeps the lateral pixels and takes the frequencies of the A-lines only as far as a depth step of that size
@@ -27,7 +27,7 @@ MAX_RATIO = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 @dataclass(frozen=True)
 class CoarseParameters:
-    """Coarser reconstruction parameters for live previews.
+    """Parameters of a live preview that is coarser than the full image: lateral modes and decimation.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class CoarseParameters:
     decimation: int
 
     def apply(self, full: ReconstructionSetup) -> ReconstructionSetup:
-        """Return the preview's arguments for those of the full image, whose method is a direct one."""
+        """Return the reconstruction arguments of the preview, derived from those of a full direct reconstruction."""
         geometry, grid, method, compute = full
         assert isinstance(method, DirectMethod)  # noqa: S101 - of an image that is a sum over sensors
         interval = self.decimation * geometry.dt
@@ -61,7 +61,7 @@ class CoarseParameters:
         )
 
     def samples(self, samples: int) -> int:
-        """Count the samples of a preview's A-line."""
+        """Return the number of samples of an A-line after decimation."""
         return ceil(samples / self.decimation)
 
     def decimate(self, traces: NDArray[Any]) -> NDArray[np.float32]:
@@ -90,7 +90,7 @@ class CoarseParameters:
 
 
 def choose_preview(modes: int, samples: int, spacing: float, depth_step: float) -> CoarseParameters:
-    """Choose a preview with at most a quarter of the full image's voxels.
+    """Choose coarse parameters with at most a quarter of the full image's voxels.
 
     Parameters
     ----------

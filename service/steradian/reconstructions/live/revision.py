@@ -12,7 +12,7 @@ from steradian.quality import correlation, tenenbaum
 
 @dataclass
 class Revision:
-    """Figures of one revision, as in ``revision.json``."""
+    """Metrics of one live-view revision, as written to ``revision.json``."""
 
     number: int
     points: int
@@ -34,7 +34,7 @@ class Revision:
 
 
 def quality_of(image: NDArray[Any], previous: NDArray[Any] | None) -> dict[str, float | None]:
-    """Return :attr:`Revision.quality` of a projection; ``previous`` has the same pixels."""
+    """Return quality metrics of a z-projection: sharpness, maximum, and correlation with the previous one."""
     peak = float(image.max())
     varies = peak > float(image.min())
     alike = None

@@ -1,1 +1,1 @@
-"""From a scan file to a volume file: parameter resolution, plan cache, execution, diagnostics."""
+"""Reconstruction pipeline from scan file to volume file: parameters, plan cache, execution, diagnostics."""

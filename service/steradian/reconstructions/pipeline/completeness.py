@@ -1,4 +1,4 @@
-"""Planned points without an A-line and the largest gap they leave."""
+"""Planned points without an A-line, and the largest gap in the coverage that they cause."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from steradian.scans.recording import Recording
 
 @dataclass(frozen=True)
 class IncompleteCoverage:
-    """Points that were planned and have no A-line.
+    """Number of planned points without an A-line, and the largest gap that they cause.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class IncompleteCoverage:
 
     @property
     def share(self) -> float:
-        """Missing points over planned ones."""
+        """Fraction of planned points that have no A-line."""
         return self.count / self.planned
 
     def __str__(self) -> str:
@@ -54,7 +54,7 @@ class IncompleteCoverage:
 
 
 def find_missing_points(recording: Recording) -> IncompleteCoverage | None:
-    """Return the incompleteness of a recording relative to its plan; ``None`` when it is complete or unknown."""
+    """Return the missing points of a recording relative to its plan; ``None`` if complete or if the plan is unknown."""
     absent = recording.missing
     if absent is None or not len(absent):
         return None
@@ -75,7 +75,7 @@ def find_missing_points(recording: Recording) -> IncompleteCoverage | None:
 
 
 def _gap_angle(centre: NDArray[np.float64], radius: float, recording: Recording) -> float:
-    """Angle in degrees that a circle fills along the line from the foot of the point of interest through its centre."""
+    """Return the angle in degrees that a circular gap subtends at the point of interest."""
     across = centre - np.asarray(recording.offset[: len(centre)])
     distance = float(np.linalg.norm(across))
     ends = np.array([[distance - radius, recording.depth], [distance + radius, recording.depth]])

@@ -1,4 +1,4 @@
-"""Fill distance of sensor positions within the aperture."""
+"""Fill distance (largest gap) of sensor positions within the aperture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ RASTER = 64
 
 
 def largest_gap(positions: NDArray[np.float64], aperture: float) -> float:
-    """Distance in metres to the nearest point from the place of the aperture that is farthest from all points.
+    """Return the fill distance: the largest distance in metres from a place of the aperture to its nearest point.
 
     Parameters
     ----------

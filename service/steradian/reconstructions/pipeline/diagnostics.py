@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FitDiagnostics:
-    """Diagnostics of an iterative fit.
+    """Diagnostics of an iterative fit: iterations, stop reason and misfits.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class FitDiagnostics:
 
 @dataclass(frozen=True)
 class BandLimit:
-    """Excluded frequency band.
+    """Upper frequency limit of a reconstruction, and the share of the A-lines' power excluded by the limit.
 
     Attributes
     ----------

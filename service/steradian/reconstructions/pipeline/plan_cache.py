@@ -17,7 +17,7 @@ MAX_BYTES = 256 * 2**20
 
 
 class PlanCache:
-    """The plans used last, found again by a hash of all that they depend on.
+    """LRU cache of reconstruction plans, keyed by a hash of geometry and parameters.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class PlanCache:
     def get(
         self, geometry: AcquisitionGeometry, grid: ImageGrid, method: DirectMethod, compute: Compute
     ) -> ReconstructionPlan:
-        """Return the plan for these arguments, a cached one or a new one; plans with a correction are not cached.
+        """Return the cached plan for these arguments, or create one; plans with a film correction are not cached.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class PlanCache:
 
     @property
     def bytes(self) -> int:
-        """Bytes of memory that the kept plans take."""
+        """Memory use of the cached plans in bytes."""
         return sum(size for _, size in self._plans.values())
 
     def __len__(self) -> int:
@@ -67,7 +67,7 @@ class PlanCache:
 
 
 def deep_array_bytes(thing: object) -> int:
-    """Sum the bytes of the arrays within an object."""
+    """Return the total bytes of all arrays within an object, nested objects included."""
     seen: set[int] = set()
 
     def visit(part: object) -> int:

@@ -1,4 +1,4 @@
-"""Notes in a report on limits of an image."""
+"""Notes on limits of an image for the reconstruction report."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AREA_MISMATCH_RATIO = 0.05
 
 
 def notes_on_depth(recording: Recording, chosen: ReconstructionParameters) -> Iterator[str]:
-    """Name the depths that a record that begins late leaves to sensors far to the side."""
+    """Yield a note on depths seen only by distant sensors, if the A-lines begin later than the laser pulse."""
     if not extent_of(recording, chosen).late:
         return
     begins = begins_at(recording, chosen)
@@ -28,7 +28,7 @@ def notes_on_depth(recording: Recording, chosen: ReconstructionParameters) -> It
 
 
 def notes_on_weights(recording: Recording, total: float) -> Iterator[str]:
-    """Return warnings about weights whose sum is not an area, as in scans of early versions."""
+    """Yield a warning if the sum of the weights is not the sensed area, as in scans of early versions."""
     if recording.outline is not None:
         return
     ratio = total / outlines.area(sensed_region(recording.positions, recording.aperture))

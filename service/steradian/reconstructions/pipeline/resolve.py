@@ -1,4 +1,4 @@
-"""Resolve request parameters against a recording."""
+"""Resolution of request parameters to library arguments, with defaults from the recording."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ REQUEST_FIELDS = {
 
 
 def effective_parameters(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
-    """Return the parameters as they take effect: also those of which the recording decides."""
+    """Return the parameters in effect, with defaults filled in from the recording."""
     decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": modes_of(recording, parameters)}
     return parameters.model_dump(mode="json") | decided
 
 
 def preprocess(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
-    """Return A-lines (M, N_t) in units of pressure, treated as the parameters say."""
+    """Return A-lines (M, N_t) in units of pressure after the conditioning that the parameters request."""
     scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
     traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
     if parameters.conditioning == Conditioning():
@@ -67,7 +67,7 @@ class ReconstructionSetup(NamedTuple):
 
 
 def resolve_setup(recording: Recording, parameters: ReconstructionParameters) -> ReconstructionSetup:
-    """Return the library's arguments for request parameters and a recording.
+    """Return the reconstruction arguments for request parameters and a recording.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def resolve_setup(recording: Recording, parameters: ReconstructionParameters) ->
 
 
 def method_of(recording: Recording, parameters: ReconstructionParameters) -> Method:
-    """Return the method with its options."""
+    """Return the reconstruction method with its options."""
     correction = parameters.film.correction(film_of(recording))
     if parameters.method == "iterative":
         if parameters.window != DirectMethod.window:
@@ -136,12 +136,12 @@ def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -
 
 
 def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
-    """Return the lateral modes an axis that take effect."""
+    """Return the number of lateral modes per axis in effect."""
     return parameters.modes or default_modes(recording.grid, recording.aperture)
 
 
 def film_of(recording: Recording) -> str:
-    """Return the response of the simulated film that recorded it, as the scan states it; "" where it does not."""
+    """Return the simulated film response that the scan states; "" if the scan states none."""
     return recording.provenance.get("film", "")
 
 
@@ -151,14 +151,14 @@ def begins_at(recording: Recording, parameters: ReconstructionParameters) -> flo
 
 
 def extent_of(recording: Recording, parameters: ReconstructionParameters) -> Extent:
-    """Return the range of depths that the record covers."""
+    """Return the range of depths that the A-lines cover."""
     samples = recording.traces.shape[1]
     with request_field_names():
         return Extent.of(samples, recording.sampling_interval, begins_at(recording, parameters))
 
 
 def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -> tuple[float, float] | None:
-    """Return first and last depth in metres that take effect; None: all of the record."""
+    """Return the first and last depth in metres in effect; ``None`` for the whole record."""
     if parameters.depth_range is None:
         return None
     first, last = parameters.depth_range
@@ -171,7 +171,7 @@ def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -
 
 
 def weights_of(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float64]:
-    """Areas of the sensors' cells; all three choices sum to the same sensed area where the recording knows it."""
+    """Return the sensor weights (areas): from the mask, uniform or Voronoi; all sum to the sensed area if known."""
     positions, outline, own = recording.positions, recording.outline, recording.weights
     if parameters.weights == "mask" and own is not None:
         return own

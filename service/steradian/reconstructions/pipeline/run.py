@@ -1,4 +1,4 @@
-"""Reconstruction pipeline: recording → volume, projections and report."""
+"""Reconstruction of a recording: writes volume, projections and report."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ METHODS_WITHOUT_WEIGHTS = ("interpolated", "iterative")
 
 @dataclass
 class Report:
-    """Figures of a finished reconstruction, as written to ``report.json``."""
+    """Report of a finished reconstruction, as written to ``report.json``."""
 
     shape: tuple[int, ...] = ()
     spacing_m: tuple[float, ...] = ()
@@ -95,7 +95,7 @@ class Report:
         return f"<Report: {voxels} voxels from {sensors}, {sum(self.seconds.values()):.3g} s>"
 
     def note_info(self, info: ReconstructionInfo) -> None:
-        """Record the device that computed, the reason if it is not the requested one, and the fit of an iteration."""
+        """Record the device used, notes of the library, and the convergence of an iterative method."""
         self.device = info.device
         self.notes += info.notes
         if info.iterations:
@@ -103,7 +103,7 @@ class Report:
             self.fit = FitDiagnostics(info.iterations, info.stop_reason, info.products, misfits[-1], misfits)
 
     def note_band(self, acquisition: Acquisition, setup: ReconstructionSetup) -> None:
-        """Record the band that is used, in Hz, and the share of the A-lines' power above it."""
+        """Record the upper frequency limit in Hz, and the share of the A-lines' power above the limit."""
         if isinstance(setup.method, Iterative) or setup.method.max_frequency is None:
             return
         highest = float(setup.method.max_frequency)
@@ -112,7 +112,7 @@ class Report:
 
     @contextmanager
     def measure_stage(self, stage: str) -> Iterator[None]:
-        """Note the wall time of a stage."""
+        """Context manager that records the wall time of a stage."""
         start = time.perf_counter()
         yield
         self.seconds[stage] = round(time.perf_counter() - start, 3)
@@ -177,7 +177,7 @@ def reconstruct_and_write(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Report:
-    """Do the same as :func:`reconstruct_scan` with a recording that has been read; the report is completed."""
+    """Reconstruct a recording in memory and write the files of :func:`reconstruct_scan`; complete the report."""
     report.parameters, report.missing = effective_parameters(recording, chosen), find_missing_points(recording)
     with report.measure_stage("even out"):
         recording, uneven = normalise_shots(recording, chosen.shots, progress=progress, cancelled=cancelled)
@@ -244,7 +244,7 @@ def reconstruct_in_memory(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Volume:
-    """Reconstruct a recording in memory; raises as :func:`reconstruct_scan`."""
+    """Reconstruct a recording without writing files; raises as :func:`reconstruct_scan`."""
     acquisition, setup = prepare(recording, parameters, progress=progress, cancelled=cancelled)
     return _image(acquisition, setup, plans, progress, cancelled)
 
@@ -256,7 +256,7 @@ def prepare(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> tuple[Acquisition, ReconstructionSetup]:
-    """Normalise and preprocess a recording, and resolve the arguments of its reconstruction.
+    """Normalise and condition the A-lines of a recording, and resolve the reconstruction arguments.
 
     Raises
     ------
@@ -292,6 +292,6 @@ def _image(
 
 
 def write_json(path: Path, figures: DataclassInstance) -> None:
-    """Write a dataclass as JSON under a temporary name and rename it."""
+    """Write a dataclass as a JSON file (atomic write)."""
     with atomic_write(path) as file:
         file.write_text(json.dumps(to_jsonable(figures), indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Size of an image before it is made, and the limit above which it is not made unasked."""
+"""Size of a volume before its reconstruction, and the limit above which confirmation is required."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from steradian.scans.recording import Recording
 
 
 class LargeVolume(InvalidInput):
-    """Volume that exceeds the size limit for unconfirmed output."""
+    """Error of a volume above the size limit that was not confirmed."""
 
 
 def expected_shape(recording: Recording, parameters: ReconstructionParameters) -> tuple[int, ...]:
-    """Return the voxels along each axis of an image, the depth last; fewer in depth where a band is left out."""
+    """Return the number of voxels along each axis, depth last; a frequency limit reduces the number of depths."""
     extent = extent_of(recording, parameters)
     slice_ = recording.sampling_interval * sound_speed_of(recording, parameters)
     wanted = depth_range_of(recording, parameters)
@@ -31,7 +31,7 @@ def expected_shape(recording: Recording, parameters: ReconstructionParameters) -
 
 
 def require_agreed(recording: Recording, parameters: ReconstructionParameters) -> None:
-    """Reject a volume file above 1 GB without explicit agreement.
+    """Raise :class:`LargeVolume` for a volume file above 1 GB without confirmation.
 
     Raises
     ------

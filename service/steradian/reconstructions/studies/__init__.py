@@ -1,1 +1,1 @@
-"""Studies of a scan: speed of sound, retrospective undersampling, widths of objects."""
+"""Analyses of a scan: speed of sound, retrospective undersampling, widths of objects."""

@@ -1,4 +1,4 @@
-"""Profiles of a volume along a line, and local orientation of structures."""
+"""Line profiles of a volume, and the local orientation of elongated structures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REACH = 2.5
 
 
 def profile(volume: Volume, start: ArrayLike, end: ArrayLike) -> Profile:
-    """Return the values along a line, by cubic convolution (R. Keys, 1981), at most half the finest voxel apart.
+    """Return the values along a line, interpolated by cubic convolution, at most half the finest voxel apart.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def _weights(t: Array) -> list[Array]:
 
 
 def direction_at(volume: Volume, place: ArrayLike, width: float) -> Array | None:
-    """Return the direction (3,) of the elongated object at a place; ``None`` where it is compact.
+    """Return the direction (3,) of the elongated object at a position; ``None`` if the object is compact.
 
     It is that of the greatest spread of the voxels above half of the place's brightest, within 2.5 widths.
     """

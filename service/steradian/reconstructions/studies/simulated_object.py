@@ -1,4 +1,4 @@
-"""Simulated object at a place of an image, sensed and reconstructed as the scan was."""
+"""Simulation of an object at a place of an image, with the sensors and reconstruction parameters of the scan."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ _EXPECTED = 14
 
 @dataclass
 class Steps:
-    """Progress of a correction: an image simulated is a step."""
+    """Progress counter of a width correction; each simulated image is one step."""
 
     progress: Progress | None = None
     cancelled: CancelCheck | None = None
     done: int = 0
 
     def next(self) -> None:
-        """Report one step."""
+        """Report one step to the progress callback."""
         if self.progress is not None:
             self.progress("simulating", self.done, max(_EXPECTED, self.done + 1))
         self.done += 1
@@ -52,7 +52,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class SimulatedObject:
-    """An object of any diameter at the measured place, with the scan's own sensors, times, noise and parameters.
+    """Simulated sphere or cylinder at the measured place, with the sensors, noise and parameters of the scan.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class SimulatedObject:
         line: tuple[Array, Array],
         measured: Width,
     ) -> SimulatedObject:
-        """Return the object of a profile measured along a line."""
+        """Create the simulated object for comparison with a profile measured along a line."""
         recording, _ = normalise_shots(recording, parameters.shots)
         along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
         place = line[0] + measured.centre * along
@@ -121,23 +121,23 @@ class SimulatedObject:
 
     @property
     def shape(self) -> str:
-        """Name of the object's shape."""
+        """Name of the shape: sphere or cylinder."""
         return "sphere" if self.direction is None else "cylinder"
 
     def direct(self) -> SimulatedObject | None:
-        """Return the same imaged by the direct method; ``None`` where that is the method already."""
+        """Return a copy that is reconstructed by the direct method; ``None`` if the method is already direct."""
         if self.parameters.method != "iterative":
             return None
         one, other = (each.model_copy(update={"method": "nedner"}) for each in (self.parameters, self.measured))
         return replace(self, parameters=one, measured=other, noise=0.0)
 
     def measured_profile(self, steps: Steps) -> Profile:
-        """Return the profile of the scan's own image along the line."""
+        """Return the profile along the line in an image reconstructed from the scan's own A-lines."""
         steps.next()
         return profile(reconstruct_in_memory(self.recording, self.measured, cancelled=steps.cancelled), *self.line)
 
     def image(self, edge: Edge, diameter: float, amplitude: float, steps: Steps) -> Profile:
-        """Return the profile of the image of an object of a diameter (m) and an initial pressure, along the line."""
+        """Return the profile along the line in the image of a simulated object of given diameter (m) and pressure."""
         from steradian.phantoms.forward import pressure
 
         steps.next()

@@ -1,4 +1,4 @@
-"""The speed of sound of a recording: that of the least misfit, beside the sharpness of images over the speed.
+"""Estimation of the speed of sound: speed of the least model misfit, with image sharpness as a function of speed.
 
 The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.speed_fit`). The search
 begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and records
@@ -59,7 +59,7 @@ def scan_sound_speed(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> SoundSpeedCurve:
-    """Find the speed of sound of a recording; write ``sound-speed.json`` and ``sound-speed.png`` into a folder.
+    """Estimate the speed of sound of a recording and write ``sound-speed.json`` and ``sound-speed.png``.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def find_sound_speed(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> SoundSpeedCurve:
-    """Find the speed of sound of A-lines in memory.
+    """Estimate the speed of sound from A-lines in memory.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def find_sound_speed(
 
 
 def _parabola_vertex(x: Sequence[float], y: Sequence[float]) -> float:
-    """Maximum of the least-squares parabola, within the points."""
+    """Return the position of the maximum of a least-squares parabola, limited to the range of the points."""
     middle = float(np.mean(x))
     a, b, _ = np.polyfit(np.asarray(x) - middle, y, 2)
     if a >= 0:

@@ -1,4 +1,4 @@
-"""Sharpness over the speed of sound, and its picture."""
+"""Image sharpness as a function of the speed of sound, and its plot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from steradian.core.atomic_files import atomic_write
 
 @dataclass(frozen=True)
 class SoundSpeedCurve:
-    """Sharpness over the speed of sound.
+    """Estimated speed of sound, with image sharpness as a function of speed.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class SoundSpeedCurve:
 
 
 def draw_curve(curve: SoundSpeedCurve, path: Path) -> None:
-    """Draw sharpness over speed, and the speed found, into a PNG, under a temporary name first."""
+    """Plot sharpness against speed with the estimated speed, as a PNG (atomic write)."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.0, 3.6), dpi=110, layout="constrained")

@@ -1,4 +1,4 @@
-"""Speed of sound by the misfit of a compact, non-negative image.
+"""Speed of sound by least squares: misfit between A-lines and a non-negative image, minimised over the speed.
 
 At each speed tried, A-lines of an image are fitted to the measured ones with the exact forward model. The image is
 kept non-negative and within a support: the voxels above a tenth of the maximum of a fit at the speed before, and
@@ -45,7 +45,7 @@ Tell = Callable[[], None]
 
 @dataclass(frozen=True)
 class FittedSpeed:
-    """Speed of the least misfit.
+    """Speed of sound of the least misfit, with standard error and sensitivity to a delay.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class FittedSpeed:
 
 
 class SpeedFit:
-    """Fits at many speeds of one recording.
+    """Least-squares fit of the speed of sound of a recording: fits an image at each candidate speed.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class SpeedFit:
         self._needed_padding(speeds[1])
 
     def model(self, speed: float) -> ForwardOperator:
-        """Forward model at a speed."""
+        """Create the forward model at a speed of sound."""
         geometry = AcquisitionGeometry(
             self._positions,
             self._data.shape[1],
@@ -132,7 +132,7 @@ class SpeedFit:
         return ForwardOperator(geometry, grid, tolerance=1e-3, compute=Compute(device="cpu"))
 
     def find(self, start: float) -> FittedSpeed:
-        """Find the speed of the least misfit, from a speed near it."""
+        """Return the speed of the least misfit, by iteration from a nearby speed."""
         speed = start
         for _ in range(ROUNDS):
             image, _ = self._fit(speed, None, SUPPORT_STEPS)
@@ -149,7 +149,7 @@ class SpeedFit:
         return FittedSpeed(speed, error, self._speed_per_delay(fits[1][0], speed))
 
     def _fit(self, speed: float, support: NDArray[np.bool_] | None, steps: int) -> tuple[Floats, list[Any]]:
-        """Image of the least misfit by accelerated projected gradients; misfits of sensors half way and at the end."""
+        """Return the image of least misfit (accelerated projected gradients), and misfits halfway and at the end."""
         model = self.model(speed)
         if self._curvature is None:
             self._curvature = self._largest_curvature(model)
@@ -173,13 +173,13 @@ class SpeedFit:
         return image, misfits
 
     def _filtered(self, traces: Floats, times: int = 1) -> Floats:
-        """Low-pass A-lines, so often."""
+        """Apply the low-pass filter to A-lines, ``times`` times."""
         samples = traces.shape[1]
         spectra = np.fft.rfft(traces, 2 * samples, axis=1) * self._gain**times
         return np.fft.irfft(spectra, 2 * samples, axis=1)[:, :samples].astype(np.float32)
 
     def _largest_curvature(self, model: ForwardOperator) -> float:
-        """Largest curvature of the misfit, by power iteration."""
+        """Return the largest curvature (Lipschitz constant) of the misfit, by power iteration."""
         image = np.random.default_rng(0).standard_normal(model.volume_shape).astype(np.float32)
         norm = 1.0
         for _ in range(10):
@@ -188,7 +188,7 @@ class SpeedFit:
         return 1.1 * norm
 
     def _speed_per_delay(self, image: Floats, speed: float) -> float:
-        """Change of the speed found, by a delay of all A-lines, from the arrival times of the brightest voxels.
+        """Return the change of the estimated speed per delay of all A-lines, from the brightest voxels.
 
         A delay is what the speed, the voxel's depth and its place along the film explain together as well as they
         can, in the least-squares sense over the sensors, each with its amplitude squared, 1/r².
@@ -213,7 +213,7 @@ class SpeedFit:
         return -top / bottom if bottom > 0 else -float("inf")
 
     def _between_slices(self, first: float, last: float, end: float) -> tuple[float, float]:
-        """Return times a quarter of a slice outside the slices asked for: rounding takes the same at all speeds."""
+        """Return the times shifted by a quarter slice, so that rounding selects the same slices at all speeds."""
         low, high = (int(time / self._interval + 1e-6) for time in (first, min(last, end)))
         if high < low + 2:
             raise InvalidInput(
@@ -222,7 +222,7 @@ class SpeedFit:
         return (low + 0.25) * self._interval, (high + 0.25) * self._interval
 
     def _needed_padding(self, speed: float) -> None:
-        """Refuse records for which the model would be too large."""
+        """Raise InvalidInput for a record whose length would need too much padding in the model."""
         duration = self._data.shape[1] * self._interval + self._zero
         needed = artefact_free_padding(
             self._positions, aperture=self._aperture, duration=duration, sound_speed=speed, depth=self._times[0] * speed
@@ -232,7 +232,7 @@ class SpeedFit:
 
 
 def _least(misfits: list[NDArray[np.float64]]) -> tuple[float, float]:
-    """Relative change to the speed of the least misfit and its standard error, from the sensors' misfits (sandwich)."""
+    """Return the relative change to the speed of least misfit and its standard error (sandwich estimator)."""
     below, middle, above = misfits
     slopes, curvatures = (above - below) / (2 * SPREAD), (above - 2 * middle + below) / SPREAD**2
     slope, curvature = float(slopes.sum()), float(curvatures.sum())

@@ -1,4 +1,4 @@
-"""Coarse images of one recording at many speeds of sound, and their sharpness."""
+"""Coarse images of a recording at candidate speeds of sound, and their sharpness."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STAGE = "sound speed"
 
 
 class Views:
-    """Coarse images of one recording at many speeds."""
+    """Coarse images of a recording at candidate speeds of sound, for autofocus."""
 
     def __init__(
         self,
@@ -48,11 +48,11 @@ class Views:
         self._cancelled: CancelCheck | None = None
 
     def report(self, progress: Progress | None, cancelled: CancelCheck | None, total: int) -> None:
-        """Set progress and cancellation callbacks, and the number of steps."""
+        """Set the progress and cancellation callbacks and the total number of steps."""
         self._progress, self._cancelled, self._total = progress, cancelled, total
 
     def tell(self) -> None:
-        """Count one step; raise where the search was cancelled."""
+        """Report one step to the progress callback; raise ``Cancelled`` on cancellation."""
         if self._cancelled is not None and self._cancelled():
             raise Cancelled(f"cancelled during: {_STAGE}")
         self._done += 1
@@ -60,12 +60,12 @@ class Views:
             self._progress(_STAGE, self._done, self._total)
 
     def finish(self) -> None:
-        """Count the steps that were not needed."""
+        """Report all remaining steps as done."""
         self._done = self._total - 1
         self.tell()
 
     def sharpness(self, speed: float, some: NDArray[np.bool_] | None = None) -> float:
-        """Sharpness at a speed, of all sensors or some."""
+        """Return the sharpness of the image at a speed, reconstructed from all sensors or a subset."""
         which = slice(None) if some is None else some
         weights = self._weights
         if isinstance(weights, np.ndarray) and some is not None:

@@ -39,7 +39,7 @@ DISC_DIAMETERS = 6
 
 @dataclass(frozen=True)
 class TimedImage:
-    """An image, and how many seconds it took to reconstruct."""
+    """Reconstructed image and the seconds that its reconstruction took."""
 
     volume: Volume
     seconds: float
@@ -47,7 +47,7 @@ class TimedImage:
 
 @dataclass
 class SubsetReport:
-    """Report of retrospective undersampling, as written to ``what-if.json``."""
+    """Comparison of an undersampled image with the full one, as written to ``what-if.json``."""
 
     mask_id: str
     scan_points: int
@@ -97,7 +97,7 @@ def compare_subset(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> SubsetReport:
-    """Reconstruct a recording through a mask and compare the image with that of all A-lines.
+    """Reconstruct a scan from the A-lines in a sparse mask, and compare with the image of all A-lines.
 
     Writes ``mip-z.png`` (through the mask), ``mip-z-full.png`` (of all A-lines) and ``what-if.json``; for a line of
     sensors ``mip-y.png`` and ``mip-y-full.png``, the images themselves.
@@ -177,14 +177,14 @@ def timed_reconstruction(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> TimedImage:
-    """Reconstruct a recording and note how long it takes."""
+    """Reconstruct a recording and measure the time in seconds."""
     began = time.perf_counter()
     volume = reconstruct_in_memory(recording, parameters, progress=progress, cancelled=cancelled)
     return TimedImage(volume, time.perf_counter() - began)
 
 
 def select_subset(recording: Recording, mask: Mask, points: Points = "nearest") -> tuple[Recording, SubsetReport]:
-    """Pick the A-lines that a mask would have measured.
+    """Select the A-lines at the points of a sparse mask (retrospective undersampling), with a report.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def _require_measured(apart: NDArray[np.float64], aperture: float) -> None:
 
 
 def _by_diameter(image: Volume, full: Volume, centre: tuple[float, float], threshold: float) -> dict[str, float]:
-    """Return the correlation of the z-projections for growing discs; discs without pixels of interest are left out."""
+    """Return the correlation of the z-projections in discs of growing diameter; discs without signal are omitted."""
     shown, model = image.mip("z"), full.mip("z")
     interest = above_threshold(model, threshold)
     x, y = full.coordinates("x"), full.coordinates("y")

@@ -1,4 +1,4 @@
-"""Width of an object in a reconstruction, with the point spread at its place and the diameter corrected for it.
+"""Width (FWHM) of an object in an image, with point spread and corrected diameter.
 
 The image of a vessel is wider than the vessel by the mask's own point spread, and narrower or wider by the limited
 view. Neither adds up in squares, so objects are simulated instead
@@ -51,7 +51,7 @@ def measure_width(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Width:
-    """Measure an object's full width at half maximum along a line, and correct it for the scan's own point spread.
+    """Measure an object's full width at half maximum along a line, and correct it for the scan's point spread.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _recording(scan: Scan | Recording | str | Path, frame: int | None) -> Record
 
 
 def _corrected(simulated: SimulatedObject, measured: Width, found: Profile, steps: Steps) -> Width:
-    """Add the point spread, and the diameter of the simulated object whose image is as wide as the measured one.
+    """Return the measured width completed by the point spread and the diameter of the best simulated object.
 
     An iterative image of a narrow object, hardly more than a voxel wide, tells nothing of the object's edge, and its
     width jumps with the noise. The direct image of the same A-lines tells the edge, and the mean of both diameters is
@@ -149,7 +149,7 @@ def _spread(simulated: SimulatedObject, measured: Width, steps: Steps) -> float 
 
 @dataclass(frozen=True, order=True, slots=True)
 class _Fit:
-    """A simulated object whose image is as wide as the measured one, by how unlike the profiles are."""
+    """Best simulated object: diameter and edge profile whose image has the measured width, with residual."""
 
     unlike: float
     diameter: float
@@ -157,7 +157,7 @@ class _Fit:
 
 
 def _direct_fit(simulated: SimulatedObject, steps: Steps) -> _Fit | None:
-    """Return the fit of the direct image of an iterative one; ``None`` of a direct one, or where nothing fits."""
+    """Return the fit to the direct image of an iterative one; ``None`` for direct methods or without a fit."""
     direct = simulated.direct()
     if direct is None:
         return None
@@ -183,7 +183,7 @@ def _best(
 def _diameter(
     simulated: SimulatedObject, edge: Edge, wanted: float, height: float, spread: float, steps: Steps
 ) -> tuple[float, Profile] | None:
-    """Solve for the diameter whose image is ``wanted`` wide, by regula falsi (Illinois) in a bracket found first.
+    """Solve for the diameter whose simulated image has the width ``wanted``, by regula falsi (Illinois method).
 
     Noise is scaled by the image's own height, which the amplitude follows. ``None`` where no diameter fits.
     """
@@ -219,7 +219,7 @@ def _halved(end: tuple[float, float] | None, stays: bool) -> tuple[float, float]
 
 
 def _unlike(one: Profile, other: Profile, measured: Width) -> float:
-    """Return the relative residual of a profile fitted by another one times a factor, around the object."""
+    """Return the relative residual of fitting one profile by another one times a factor, near the object."""
     near = np.abs(one[0] - measured.centre) < _COMPARED * measured.fwhm
     values, model = one[1][near], np.interp(one[0][near], *other)
     factor = float(values @ model) / max(float(model @ model), 1e-300)

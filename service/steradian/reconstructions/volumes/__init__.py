@@ -1,1 +1,1 @@
-"""Volume files: reader, pyramid, projections, images and the Zarr view."""
+"""Volume files: writer, reader, resolution pyramid, projections, images and Zarr view."""

@@ -1,4 +1,4 @@
-"""Downsample a volume by 2 along each axis (mean of 2×2×2)."""
+"""Downsampling of a volume by 2 along each axis (mean of 2×2×2 voxels)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.core.jit import jit
 
 
 def downsample(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
-    """Return the means [x, y, z], in one pass, as fast as memory is read; floating-point ones of any numbers."""
+    """Return a volume downsampled by 2 along each axis (means of 2×2×2 voxels) as a floating-point array."""
     values = values.astype(np.result_type(values, np.float32), copy=False)  # in this machine's order of bytes
     found = np.empty([-(-size // 2) for size in values.shape], values.dtype)
     mean_pool(values, found, values.dtype.type(0.5))
@@ -20,7 +20,7 @@ def downsample(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
 
 @jit
 def mean_pool(values, found, half):  # type: ignore[no-untyped-def]
-    """Write the means into ``found``."""
+    """Write the means of 2×2×2 voxels into the array ``found``; compiled by numba."""
     nx, ny, nz = values.shape
     row = np.empty(nz, values.dtype)
     for i in range(found.shape[0]):

@@ -1,4 +1,4 @@
-"""Volume files: a reconstruction's values with axes, units and provenance, in HDF5; ``docs/volume-file.md`` has more.
+"""Volume files: values of a reconstruction with axes, units and provenance in HDF5 (``docs/volume-file.md``).
 
 ::
 
@@ -49,7 +49,7 @@ def write_volume(
     near_field: float = 0.0,
     centre: tuple[float, ...] = (),
 ) -> None:
-    """Write a volume under a temporary name and rename it when it is whole; ``projections`` where they are there.
+    """Write a volume file (atomic write) with its resolution pyramid; ``projections``, if given, are reused.
 
     ``near_field`` is the depth in metres from which on pictures show it, ``centre`` that of :class:`Recording`.
 
@@ -95,7 +95,7 @@ def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Vox
 
 
 def _write_levels(file: h5py.File, values: NDArray[Any], lattice: VoxelGrid) -> None:
-    """Write the coarser copies, each made of the one before."""
+    """Write the resolution pyramid: each level is the previous one downsampled by 2."""
     for level, _ in enumerate(pyramid_shapes(values.shape), 1):
         from steradian.reconstructions.volumes.downsample import (
             downsample,  # compiled: what is small does not wait for it
@@ -106,7 +106,7 @@ def _write_levels(file: h5py.File, values: NDArray[Any], lattice: VoxelGrid) -> 
 
 
 def write_projections(path: Path, volume: Volume, projections: Projections) -> None:
-    """Write the projections of a volume to a file like a volume file, without values; replaces an existing one.
+    """Write a file with the axes and projections of a volume but without values; replaces an existing file.
 
     Origin, spacing, names of the axes and shape are attributes of the file itself.
     """
@@ -127,14 +127,14 @@ def write_projections(path: Path, volume: Volume, projections: Projections) -> N
 
 
 def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write the coordinates in metres of the voxels' centres, as dimension scales."""
+    """Write the coordinates of the voxel centres in metres as HDF5 dimension scales."""
     for name, line in coordinates.items():
         file.create_dataset(name, data=line).attrs["units"] = "m"
         file[name].make_scale(name)
 
 
 def attach_dimension_scales(file: h5py.File) -> None:
-    """Attach the scales to the values and to every projection, which lacks the axis of its name."""
+    """Attach the HDF5 dimension scales of the axes to the values and to every projection."""
     names = [name for name in "xyz" if name in file]
     for dataset in ("values", *(f"mip_{name}" for name in names)):
         if dataset not in file:
@@ -150,7 +150,7 @@ def _with_speed(parameters: dict[str, Any], volume: Volume) -> dict[str, Any]:
 
 
 def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floating[Any]]:
-    """Read the projection along one axis from a volume file; of an image from a line of sensors, the image itself.
+    """Read the stored projection along an axis from a volume file; for a 2-D image, the image itself.
 
     Raises
     ------
@@ -169,19 +169,19 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
 
 
 def check_format(file: h5py.File, path: Path) -> None:
-    """Raise :class:`DamagedFile` for a file that is not a volume, or of an unknown version."""
+    """Raise :class:`DamagedFile` if an HDF5 file is not a volume file or has an unknown version."""
     if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
         raise DamagedFile(f"{path} is not a volume file of schema version {' or '.join(map(str, READABLE))}")
 
 
 def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
-    """Return the offset of each axis (depth last) to the coordinates of the source's frame, in m."""
+    """Return the offset in metres, per axis, from the file's coordinates to those of the imported source."""
     centre = tuple(map(float, np.ravel(file.attrs.get("centre_m", ()))))
     return (*centre, 0.0) if len(centre) == axes - 1 else (0.0,) * axes
 
 
 def read_volume(path: Path) -> Volume:
-    """Read a volume file.
+    """Read a volume file into memory.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def read_volume(path: Path) -> Volume:
 
 
 def read_parameters(path: Path) -> ReconstructionParameters:
-    """Read the parameters that a volume file was reconstructed with; raises as :func:`read_volume`."""
+    """Read the reconstruction parameters from a volume file; raises as :func:`read_volume`."""
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:

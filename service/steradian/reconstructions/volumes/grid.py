@@ -1,4 +1,4 @@
-"""Voxel grid: origin and spacing per axis, also of slices and pyramid levels."""
+"""Voxel grid (origin, spacing and shape per axis) of a volume, a slice or a pyramid level."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from steradian.reconstructions.volumes.lazy_array import Index
 
 @dataclass(frozen=True)
 class VoxelGrid:
-    """Axes of an array of voxels.
+    """Voxel grid: name, origin, spacing and number of voxels of each axis.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class VoxelGrid:
     shape: tuple[int, ...]
 
     def downsampled(self, times: int) -> VoxelGrid:
-        """Return that of averages over ``times`` voxels along each axis; the last ones may be of fewer."""
+        """Return the grid after averaging ``times`` voxels along each axis."""
         half = (times - 1) / 2
         return VoxelGrid(
             self.names,
@@ -42,11 +42,11 @@ class VoxelGrid:
         return replace(self, origin=tuple(first + step for first, step in zip(self.origin, by, strict=True)))
 
     def project_out(self, name: str) -> VoxelGrid:
-        """Return the grid without a projected axis."""
+        """Return the grid of a projection, without the projected axis."""
         return self.slice(tuple(0 if name == other else slice(None) for other in self.names))
 
     def slice(self, index: Index) -> VoxelGrid:
-        """Return that of a slice, whose integers take axes away."""
+        """Return the grid of a slice; axes with an integer index are removed."""
         kept = []
         for at, name, first, step, size in zip(index, self.names, self.origin, self.spacing, self.shape, strict=True):
             if isinstance(at, slice):
@@ -57,7 +57,7 @@ class VoxelGrid:
 
 
 def in_coarser(index: Index, times: int, field: str) -> Index:
-    """Turn indices of the full image into those of a coarser copy that cover the same.
+    """Convert an index of the full-resolution volume to the index of the same region in a pyramid level.
 
     Raises
     ------

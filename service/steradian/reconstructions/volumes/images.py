@@ -1,4 +1,4 @@
-"""Render maximum-intensity projections as PNG."""
+"""Rendering of maximum-intensity projections as PNG images."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SATURATED_SHARE = 0.5
 
 
 def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) -> Layout:
-    """Draw the projection along ``axis`` into a PNG, under a temporary name first.
+    """Draw the maximum-intensity projection of a volume along ``axis`` as a PNG (atomic write).
 
     Negative values, which a limited view and the record's finite band leave, are shown black.
 
@@ -62,7 +62,7 @@ def draw_mip(volume: Volume, axis: Axis, path: Path, display: Display = LINEAR) 
 def draw_projection(
     projected: NDArray[Any], volume: Volume, axis: Axis, path: Path, display: Display = LINEAR
 ) -> Layout:
-    """Draw a projection that is there already, in the order of ``volume``'s axes; see :func:`draw_mip`."""
+    """Draw a precomputed projection as a PNG, like :func:`draw_mip`."""
     across, up = PLANE_LABELS[axis]
     lowest, highest, ending = display_range(projected, display)
     label = "initial pressure (dB of its maximum)" if lowest else "initial pressure (arb. u.)"
@@ -74,7 +74,7 @@ def draw_projection(
 
 
 def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> Layout:
-    """Draw the projection along z with the depth of each column's maximum as its colour, its height as brightness.
+    """Draw the z-projection as a PNG with the depth of each maximum as colour and its value as brightness.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def draw_depth_coded(volume: Volume, path: Path, display: Display = LINEAR) -> L
 
 
 def display_range(projected: NDArray[Any], display: Display) -> tuple[float, float, str]:
-    """Lowest and highest value of the scale, and in words where it ends if not at the maximum."""
+    """Return lowest and highest value of the colour scale, and a text if the scale ends below the maximum."""
     lowest = -display.log_range_db if display.log_range_db else 0.0
     top = float(projected.max())
     least = top - LEAST_DECIBELS if display.log_range_db else MIN_RANGE_SHARE * top
@@ -122,7 +122,7 @@ def display_range(projected: NDArray[Any], display: Display) -> tuple[float, flo
 
 
 def _depth_span(depths: NDArray[np.float64], step: float) -> tuple[float, float]:
-    """First and last depth of the colours: all but the outermost hundredth of the columns at either end."""
+    """Return the first and last depth of the colour scale: the 1st and 99th percentile of the depths."""
     first, last = np.percentile(depths, [1, 99]) if depths.size else (0.0, 0.0)
     return float(first), float(max(last, first + step))
 
@@ -136,7 +136,7 @@ def _sheet(
     bar: ColourBar,
     display: Display,
 ) -> ImageFigure:
-    """Lay a projection on a sheet, its longest side of the size wanted."""
+    """Create the figure of a projection with title, axes and colour bar; ``display`` gives the longest side."""
     across, up = plane
     spans = [extent_mm(volume, name) for name in plane]
     scale = display.size / max(last - first for first, last in spans)
@@ -158,7 +158,7 @@ def _sheet(
 
 
 def extent_mm(volume: Volume, name: str) -> tuple[float, float]:
-    """From the first voxel's outer edge to the last one's, in mm."""
+    """Return the positions of the outer voxel edges along an axis, in mm."""
     places = 1e3 * volume.coordinates(name)
     half = 0.5e3 * volume.spacing[volume.names.index(name)]
     return float(places[0] - half), float(places[-1] + half)

@@ -1,4 +1,4 @@
-"""Read slices of an uncompressed HDF5 dataset directly from its chunks.
+"""Reader of slices of an uncompressed HDF5 dataset, directly from the file's bytes.
 
 The HDF5 library reads whole chunks, or single values one by one, and holds a lock for all threads meanwhile. Values of
 volumes are stored as they are, so that where they lie is all one needs to know.
@@ -26,19 +26,19 @@ CHUNK_BYTES = 4 << 20
 
 
 class ChunkedDataset:
-    """A dataset without compression.
+    """Uncompressed HDF5 dataset whose slices are read directly from the file's bytes, without the HDF5 library.
 
     Parameters
     ----------
     dataset
-        Of an open file, whose values have all been written; it may be closed afterwards.
+        Dataset of an open file whose values have all been written; the file may be closed afterwards.
 
     Attributes
     ----------
     chunks
-        Shape of what lies together.
+        Shape of a chunk.
     places
-        Where in the file each chunk begins, by its number along each axis.
+        File offset of each chunk, by its number along each axis.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class ChunkedDataset:
         self.places[tuple(at // c for at, c in zip(chunk.chunk_offset, self.chunks, strict=True))] = chunk.byte_offset
 
     def _planes(self, dataset: h5py.Dataset) -> tuple[int, ...]:
-        """Yield chunks of planes of a contiguous dataset."""
+        """Return the chunk shape for a contiguous dataset (some planes), and record the file offset of each chunk."""
         begin, plane = dataset.id.get_offset(), math.prod(self.shape[1:]) * self.dtype.itemsize
         thick = min(self.shape[0], max(1, CHUNK_BYTES // plane)) if plane else 1
         if begin is not None:
@@ -75,7 +75,7 @@ class ChunkedDataset:
         return (thick, *self.shape[1:])
 
     def read(self, index: Index) -> NDArray[Any]:
-        """Return the equivalent of numpy's ``values[index]``.
+        """Return the slice ``values[index]``, as numpy would.
 
         A slice with a step of at least 1, or an integer, for each axis.
 
@@ -102,7 +102,7 @@ class ChunkedDataset:
         return found[tuple(0 if isinstance(at, int) else slice(None) for at in index)]
 
     def _part(self, file: int, place: int, inside: tuple[range, ...], room: bytearray) -> NDArray[Any]:
-        """Read a part of a chunk: from its first value to its last, of which those between are then chosen."""
+        """Read a strided part of a chunk as an array, by one read from its first to its last value."""
         item = self.dtype.itemsize
         strides = [item * math.prod(self.chunks[axis + 1 :]) for axis in range(len(self.chunks))]
         first, last = (sum(at[end] * step for at, step in zip(inside, strides, strict=True)) for end in (0, -1))
@@ -113,7 +113,7 @@ class ChunkedDataset:
         return np.ndarray(tuple(map(len, inside)), self.dtype, room, strides=tuple(steps))
 
     def chunk(self, numbers: tuple[int, ...]) -> bytes:
-        """Return a chunk as it lies in the file; one of values in one piece is filled up with zeros at its far end.
+        """Return the bytes of a chunk; the last chunk of a contiguous dataset is padded with zeros.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class ChunkedDataset:
         return data.ljust(size, b"\0")
 
     def iter_chunks(self, index: Index) -> Iterator[NDArray[Any]]:
-        """Read a few planes of the first axis at a time, some megabytes; an integer takes the axis away.
+        """Yield a slice in blocks of a few planes along the first axis; integer indices remove their axis.
 
         All are of one file, which may be deleted or replaced once the first has been read.
         """
@@ -150,7 +150,7 @@ class ChunkedDataset:
 
 
 def _chunk_ranges(wanted: range, side: int) -> Iterator[tuple[int, range, slice]]:
-    """Divide places along an axis among its chunks: number of the chunk, places in it, and where they go."""
+    """Yield, for each chunk along an axis: its number, the indices inside the chunk, and the output slice."""
     done = 0
     while done < len(wanted):
         number = wanted[done] // side

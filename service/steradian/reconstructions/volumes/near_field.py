@@ -1,4 +1,4 @@
-"""The near field: the first depths, where an image shows the sensors themselves instead of the object.
+"""Near field: shallow depths of an image that are dominated by artefacts of the sensors.
 
 A sensor's own noise comes from everywhere at one distance from it, and is the stronger in the image the smaller that
 distance is: right below sparse sensors it stands as bright dots at their positions.
@@ -25,7 +25,7 @@ MIN_CONTRAST = 0.25
 
 
 def near_field_depth(volume: Volume, positions: NDArray[np.float64]) -> float:
-    """Return the depth above which sensor noise dominates, from the mask and the noise in the image.
+    """Return the depth in metres at which the near field ends: artefacts of the sensors dominate above it.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def near_field_depth(volume: Volume, positions: NDArray[np.float64]) -> float:
 
 
 def crop_depth(volume: Volume, depth: float) -> Volume:
-    """Return the part of an image from a depth in metres on, without copying it; at least its last slice."""
+    """Return a view of an image without the depths above a limit in metres; at least the last slice remains."""
     first = min(int(np.searchsorted(volume.axes.z, depth - 1e-9)), len(volume.axes.z) - 1)
     if not first:
         return volume
@@ -71,7 +71,7 @@ def crop_depth(volume: Volume, depth: float) -> Volume:
 
 
 def _voxels(volume: Volume, places: NDArray[np.float64]) -> list[NDArray[Any]]:
-    """Find the columns below the sensors, one array of indices an axis; sensors beyond the image go to its rim."""
+    """Return the voxel indices of the columns below the sensors, per axis, clipped to the image."""
     lateral = zip(volume.names[:-1], volume.spacing[:-1], places.T, strict=True)
     found = []
     for name, step, at in lateral:

@@ -1,4 +1,4 @@
-"""Projections: the brightest value along each axis of a volume, all three in one pass."""
+"""Maximum-intensity projections of a volume along all axes in one pass."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def project(volume: Volume) -> Projections:
 
 
 def project_below_depth(volume: Volume, depth: float) -> tuple[Projections, Projections]:
-    """Return the projections of the part below a depth in metres, and those of the whole volume, in one pass.
+    """Return the projections of the volume below a depth in metres, and of the whole volume, in one pass.
 
     Of the first kind ``x`` and ``y`` begin at that depth.
     """

@@ -16,7 +16,7 @@ Shape = tuple[int, ...]
 
 
 def chunk_shape(shape: Shape) -> Shape | None:
-    """Return the shape of chunks: that of least padding in all, of those as near to :data:`CHUNK_SIDE` as any.
+    """Return the chunk shape for a volume: sides near :data:`CHUNK_SIDE` with the least padding.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def _side(size: int) -> int:
 
 
 def pyramid_shapes(shape: Shape) -> list[Shape]:
-    """Return the shapes of the coarser copies, each half of the one before, rounded up."""
+    """Return the shapes of the pyramid levels; each halves the previous one, rounded up."""
     found = [shape]
     while len(shape) == 3 and max(found[-1]) > MIN_LEVEL_SIDE:
         found.append(tuple(-(-size // 2) for size in found[-1]))
@@ -41,7 +41,7 @@ def pyramid_shapes(shape: Shape) -> list[Shape]:
 
 
 def file_size(shape: Shape, item: int = 4) -> int:
-    """Return how many bytes values, their coarser copies and projections take in a volume file."""
+    """Return the size of a volume file in bytes: values, pyramid levels and projections."""
     total = 0
     for one in (shape, *pyramid_shapes(shape)):
         chunks = chunk_shape(one) or one

@@ -1,4 +1,4 @@
-"""Slices, slabs and projections of a volume file without loading it."""
+"""Reader of slices, slabs and projections of a volume file without loading the whole volume."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from steradian.scans.file.corruption import HDF5_ERRORS
 
 @lru_cache(maxsize=32)
 def stored_volume(path: Path, version: str) -> VolumeReader:
-    """Open a volume through a cache of open files; ``version`` distinguishes a replaced file."""
+    """Return the reader of a volume file from an LRU cache; ``version`` distinguishes a replaced file."""
     return VolumeReader(path)
 
 
 class VolumeReader:
-    """A volume file, or projections of a volume without it; nothing of either stays open.
+    """Reader of a volume file, or of a file with projections only; the file is closed between reads.
 
     Attributes
     ----------
     lattice
-        Of the values.
+        Voxel grid of the values.
     centre
-        What to add to coordinates for those of the file that the sensors' positions came from, in m.
+        Offset in m from these coordinates to those of the file from which the sensor positions were imported.
     levels
-        How many coarser copies there are: 1 is of averages over 2 voxels along each axis, 2 over 4, and so on.
+        Number of coarser pyramid levels: level 1 averages 2 voxels along each axis, level 2 averages 4, and so on.
 
     Raises
     ------
@@ -63,11 +63,11 @@ class VolumeReader:
         self.lattice, self.levels = VoxelGrid(names, origin, spacing, shape), max(0, len(self._copies) - 1)
 
     def level(self, level: int) -> ChunkedDataset:
-        """Return the values, or a coarser copy of them."""
+        """Return the dataset of a pyramid level; level 0 is the full resolution."""
         return self._copies[level]
 
     def size(self, axis: Axis) -> int:
-        """Return the number of voxels along an axis to project along.
+        """Return the number of voxels along an axis; raises for files without a volume to project.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class VolumeReader:
         return self.lattice.shape[self.lattice.names.index(axis)]
 
     def projection(self, axis: Axis) -> NDArray[Any]:
-        """Return the projection of the whole along an axis; of an image from a line of sensors, ``y``: the image.
+        """Return the stored maximum-intensity projection along an axis; for a 2-D image, the image itself (``y``).
 
         Raises
         ------
@@ -96,7 +96,7 @@ class VolumeReader:
         raise InvalidInput("axis", axis, "y: an image from a line of sensors has no other")
 
     def slab_mip(self, axis: Axis, chosen: range) -> NDArray[Any]:
-        """Return the brightest value along an axis between two places on it.
+        """Return the maximum-intensity projection of a slab along an axis.
 
         Parameters
         ----------
@@ -115,13 +115,13 @@ class VolumeReader:
         return brightest
 
     def depth_of_max(self, chosen: range) -> NDArray[np.float32]:
-        """Return the depth in metres of the brightest value along z, between two places on it."""
+        """Return the depth map of a slab along z: depth in metres of each column's maximum."""
         values, first, step = self._copies[0], self.lattice.origin[-1], self.lattice.spacing[-1]
         index = (*(slice(0, size, 1) for size in values.shape[:2]), slice(chosen.start, chosen.stop, chosen.step))
         places = np.concatenate([piece.argmax(axis=2) for piece in values.iter_chunks(index)])
         return (first + step * (chosen.start + chosen.step * places)).astype(np.float32)
 
     def max_value(self) -> float:
-        """Return the greatest value of all that are finite, -inf if none is."""
+        """Return the maximum of all finite values; -inf if there is none."""
         image = self.projection("y")
         return float(image.max(initial=-np.inf, where=np.isfinite(image)))

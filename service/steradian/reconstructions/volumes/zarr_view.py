@@ -1,4 +1,4 @@
-"""Volume file presented as a virtual OME-Zarr 0.5 store.
+"""Virtual OME-Zarr 0.5 store on top of a volume file.
 
 The file's chunks are [x, y, z], as are its values; Zarr's axes are z, y, x, as viewers expect, by the codec
 *transpose*.
@@ -19,7 +19,7 @@ _MICROMETRES: Final = 1e6
 
 
 def get_node(stored: VolumeReader, path: str) -> bytes | None:
-    """Return the node at a path of the hierarchy; None if it does not exist.
+    """Return the Zarr node (metadata or chunk) at a path of the store; ``None`` if it does not exist.
 
     Raises
     ------
@@ -84,6 +84,6 @@ def _multiscales(stored: VolumeReader) -> dict[str, Any]:
 
 
 def _transformations(lattice: VoxelGrid) -> list[dict[str, Any]]:
-    """Return voxel size and centre of the first voxel, in micrometres."""
+    """Return the OME-Zarr coordinate transformations (voxel size and origin) in micrometres."""
     scale, translation = ([_MICROMETRES * one for one in line[::-1]] for line in (lattice.spacing, lattice.origin))
     return [{"type": "scale", "scale": scale}, {"type": "translation", "translation": translation}]

@@ -1,4 +1,4 @@
-"""Migrate finished data between the local folder and the object store; restartable."""
+"""Migration of finished scans and jobs between the local folder and the object store; restartable."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ STAGE: Final = "moving"
 
 
 def move_to_store(store: S3BlobStore, database: Database, data: DataDirectory, progress: Progress) -> int:
-    """Move finished scans and jobs into the store and remove their local files; returns the number of files.
+    """Move the files of finished scans and jobs to the object store; return the number of files.
 
-    What is interrupted, waits or runs stays, as do files that the database does not know. Each is removed only after
-    all of it was read back.
+    Files of unfinished scans and jobs, and files without a database row, stay. Each local file is removed only after
+    the object was read back.
 
     Raises
     ------
     DamagedFile
-        When something reads otherwise than it was written.
+        When an object differs from its file.
     """
     found = list(_finished(database, data))
     for number, (name, path) in enumerate(found):
@@ -52,14 +52,14 @@ def move_to_store(store: S3BlobStore, database: Database, data: DataDirectory, p
 
 
 def move_to_folder(store: S3BlobStore, data: DataDirectory, progress: Progress) -> int:
-    """Copy everything from the store into the folder, then delete it there; returns how many files that were.
+    """Copy all objects from the store to the data folder, then delete them in the store; return their number.
 
     Raises
     ------
     Conflict
         When the folder has another file of that name; nothing is deleted then.
     DamagedFile
-        When something reads otherwise than it was written; likewise.
+        When an object does not match its checksum; nothing is deleted then.
     """
     rows = store.rows()
     for number, row in enumerate(rows):
@@ -84,7 +84,7 @@ def move_to_folder(store: S3BlobStore, data: DataDirectory, progress: Progress) 
 
 
 def _finished(database: Database, data: DataDirectory) -> Iterator[tuple[str, Path]]:
-    """Yield finished scans and jobs with their files."""
+    """Yield blob name and path of each file of finished scans, finished jobs and uploads."""
     scans, ledger = ScanRepository(database), JobLedger(database)
     for path in data.scan_files():
         if _is_over(scans, path.stem):

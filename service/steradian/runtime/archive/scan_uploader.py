@@ -1,4 +1,4 @@
-"""Upload finished scans to the object store and remove the local copy after a grace period."""
+"""Upload of finished scans to the object store, and removal of the local files after a grace period."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ _log = logging.getLogger(__name__)
 
 
 class ScanUploader:
-    """Puts scans into the store that are over or interrupted; one that is resumed and written to is put there again.
+    """Background uploader of finished and interrupted scans to the object store.
 
     Parameters
     ----------
     store
-        Where they go.
+        Object store.
     scans
-        How they stand.
+        Repository with the states of the scans.
     data
-        Where they are.
+        Data directory with the local scan files.
     """
 
     def __init__(self, store: S3BlobStore, scans: ScanRepository, data: DataDirectory) -> None:
@@ -58,7 +58,7 @@ class ScanUploader:
         """
 
     def run(self, stopping: threading.Event) -> None:
-        """Work until asked to stop; while store or database do not answer, wait for them."""
+        """Upload scans until ``stopping`` is set, retrying while store or database are unavailable."""
         for left in (self._data.cache / STAGING_FOLDER).glob("*"):  # by a process that was killed
             left.unlink(missing_ok=True)
         while not stopping.wait(POLL_INTERVAL):
@@ -70,7 +70,7 @@ class ScanUploader:
                 _log.exception("scans are not stored yet; retrying")
 
     def step(self) -> None:
-        """Look once at all files of scans."""
+        """Check all local scan files once: upload new versions, and remove files whose retention has passed."""
         for path in self._data.scan_files():
             try:
                 scan = self._scans.get(path.stem)
@@ -96,7 +96,7 @@ class ScanUploader:
                 self._sent.pop(scan.id, None)
 
     def _keep(self, scan: ScanRow, path: Path) -> None:
-        """Upload finished scan files, and copies of resumable ones."""
+        """Upload the file of a finished scan, or a copy of the file of an interrupted one."""
         as_of = self._scans.clock()
         with _draft(self._data) as draft:
             if is_terminal(scan.state):
@@ -109,9 +109,9 @@ class ScanUploader:
                     _log.info("scan %s is in the store", scan.id)
 
     def _announce(self, scan: ScanRow, stored: StagedBlob) -> bool:
-        """Commit an uploaded file, unless the scan was deleted, resumed or settled meanwhile.
+        """Commit an uploaded file unless the scan was deleted, resumed or ended meanwhile; return whether it was.
 
-        The sweep then removes it.
+        An uncommitted object is removed later as an orphan.
         """
         with self._scans.database.write() as session:
             now = session.scalar(select(ScanRow.revision).where(ScanRow.id == scan.id).with_for_update())
@@ -122,7 +122,7 @@ class ScanUploader:
 
 
 def upload_scan(store: S3BlobStore, data: DataDirectory, name: str, path: Path) -> None:
-    """Upload a finished file, which also stays where it is."""
+    """Upload a finished file to the object store without removing the local file."""
     with _draft(data) as draft:
         os.link(path, draft)
         store.put_and_commit(name, draft)
@@ -130,7 +130,7 @@ def upload_scan(store: S3BlobStore, data: DataDirectory, name: str, path: Path) 
 
 @contextmanager
 def _draft(data: DataDirectory) -> Iterator[Path]:
-    """Yield a path in the folder of local copies: a file written there becomes the copy."""
+    """Yield the path of a temporary file in the cache folder, removed at the end of the block."""
     folder = data.cache / STAGING_FOLDER
     folder.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
     draft = folder / f"{os.getpid()}-{threading.get_ident()}"

@@ -1,4 +1,4 @@
-"""Consistent, verifiable backups of a service's data.
+"""Backups of a service's data: creation, verification and restore.
 
 BACKUP/manifest.json    what is in it, with sizes and SHA-256; written last: without it the folder is no backup
 BACKUP/database.sqlite  metadata, whichever database the service uses, and of an embedded one the queue

@@ -1,4 +1,4 @@
-"""Create a consistent backup while the service runs.
+"""Creation of a consistent backup while the service runs.
 
 The rows are read first, as of one moment; the files follow. Those hold at least what the rows say, because files come
 before their rows: an A-line before it is counted, a volume before its job has succeeded. Whatever was made after the
@@ -62,21 +62,21 @@ def create_backup(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Manifest:
-    """Copy all that a service keeps to a new folder; the service may run.
+    """Create a backup of database and files in a new folder, also while the service runs.
 
-    The folder has its name only when all of it is there and on the disk.
+    The folder is renamed to its final name when all files are complete and synced.
 
     Parameters
     ----------
     database
-        That of the folder, of today's version.
+        Database of the data folder, with the current schema.
     progress
-        Told of the bytes that are copied.
+        Callback for the progress in bytes.
 
     Raises
     ------
     Cancelled
-        When ``cancelled`` said so; nothing is left.
+        When ``cancelled`` returns true; the incomplete backup is removed.
     Conflict
         When the destination exists or another backup to it is under way, or more is being deleted than can be copied.
     DiskFull
@@ -114,7 +114,7 @@ def _draft(destination: Path) -> Iterator[Path]:
 
 @dataclass
 class _SnapshotIndex:
-    """File index of a database snapshot: finished scans, other scans, ended jobs, other jobs."""
+    """Identifiers of scans and jobs in a database snapshot, which decide the files to copy."""
 
     finished: set[str]
     scans: set[str]
@@ -144,7 +144,7 @@ class _SnapshotIndex:
         )
 
     def includes(self, path: str, before: set[str]) -> bool:
-        """Whether a file belongs to the indexed resources, or existed, unindexed, before they were read."""
+        """Return whether a file belongs in the backup: of an indexed resource, or present before the snapshot."""
         kind, _, rest = path.partition("/")
         name, _, within = rest.partition("/")
         if kind == "scans":
@@ -166,7 +166,7 @@ class _Copy:
     damaged: dict[str, str] = field(default_factory=dict)
 
     def run(self) -> Manifest:
-        """Copy rows and files until nothing was lost on the way."""
+        """Copy database and files, repeating until no file was deleted meanwhile, and return the manifest."""
         gone: set[str] = set()
         for _ in range(MAX_ROUNDS):
             made, before = datetime.now(UTC).isoformat(timespec="seconds"), set(self._files())
@@ -187,7 +187,7 @@ class _Copy:
         return Manifest(made, known_revisions()[0], len(rows.scans), len(rows.jobs), self.damaged, files)
 
     def _files(self) -> Iterator[str]:
-        """Yield the files of the data folder except temporary files, caches and heartbeats."""
+        """Yield the paths of the data folder's files, except temporary files, caches and heartbeats."""
         found = [self.data.identity_file, *(self.data.emergency / name for name in STOP)]
         found += [path for path in self.data.scan_files() if not path.is_symlink()]
         found += [path for path in self.data.uploads.glob("*") if path.suffix != ".part"]
@@ -209,7 +209,7 @@ class _Copy:
                 self.copied[path] = stamp, entry
 
     def _new(self, path: str) -> tuple[int, int] | None:
-        """Return size and time of a file that is new or has changed since it was copied."""
+        """Return size and modification time of a file that is new or changed since its copy, else ``None``."""
         try:
             about = (self.data.root / path).stat()
         except FileNotFoundError:
@@ -221,9 +221,9 @@ class _Copy:
         return copy_file(self.data.root / path, self.folder / path, tick)
 
     def _copy_growing(self, path: str, scan: str, tick: CopyProgress) -> Entry:
-        """Copy a scan file that may be written meanwhile; partially copied rows become missing, complete rows stay.
+        """Copy a scan file that may be written meanwhile; half-written A-lines count as missing.
 
-        An A-line that is being measured again may be lost to a copy that finds it halfway; the next finds it whole.
+        An A-line that is written during the copy may be missing from this backup; the next backup contains it.
         """
         self.damaged.pop(scan, None)
         try:
@@ -243,7 +243,7 @@ class _Copy:
         return hash_file(self.folder / path)
 
     def _size_of_rows(self) -> int:
-        """Bytes of the database's files; 0 where it is a server's."""
+        """Return the size in bytes of the SQLite files; 0 for a server database."""
         name = self.database.name
         files = [Path(name), Path(f"{name}-wal")] if self.database.is_file else []
         size = 0
@@ -253,7 +253,7 @@ class _Copy:
         return size
 
     def _require(self, size: int, whole: int | None = None) -> None:
-        """Check the space for the next bytes; ``whole`` concerns the entire backup."""
+        """Raise :class:`DiskFull` if the disk has less than ``size`` bytes free; ``whole`` is the backup's size."""
         free, whole = shutil.disk_usage(self.folder).free, max(size, whole or 0)
         if size > free:
             text = (
@@ -262,7 +262,7 @@ class _Copy:
             raise DiskFull(text, needed=whole, available=free)
 
     def _drop(self, paths: set[str]) -> None:
-        """Remove copies of resources deleted during the backup."""
+        """Remove the copies of resources that were deleted during the backup."""
         for path in paths:
             (self.folder / path).unlink()
             del self.copied[path]

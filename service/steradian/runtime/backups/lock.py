@@ -1,4 +1,4 @@
-"""Exclusive file lock held for the duration of a block."""
+"""Exclusive file lock as a context manager."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from steradian.core.exceptions import Conflict
 
 @contextmanager
 def exclusive(path: Path, refusal: str) -> Iterator[None]:
-    """Hold a file as a lock until the block ends; it is removed then, and the lock goes with a process that is killed.
+    """Hold an exclusive file lock until the block ends; raises :class:`Conflict` if it is held already.
 
     Raises
     ------

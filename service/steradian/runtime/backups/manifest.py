@@ -37,20 +37,20 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Manifest of a backup.
+    """Manifest of a backup: files with checksums, schema revision and counts.
 
     Attributes
     ----------
     made
-        When its rows were read, ISO 8601 in UTC.
+        Time of the database snapshot, ISO 8601 in UTC.
     revision
-        Version of the tables.
+        Revision of the database schema.
     scans, jobs
-        How many rows there are of each.
+        Number of rows of each.
     damaged
-        What the service's own files lack already, by the scan.
+        Known damage of the service's scan files, by scan.
     files
-        By their paths in the folder, with slashes.
+        Entries by path in the folder, with slashes.
     """
 
     made: str
@@ -62,22 +62,22 @@ class Manifest:
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
+        """Total size in bytes of all files."""
         return sum(entry.size for entry in self.files.values())
 
     def write(self, folder: Path) -> None:
-        """Make a backup of a folder; nothing is written to it afterwards."""
+        """Write the manifest file, which completes the backup."""
         document = {"format": FORMAT, "version": VERSION, "steradian": __version__, **asdict(self)}
         write_durably(folder / NAME, json.dumps(document, indent=1, sort_keys=True))
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read the manifest of a backup.
+        """Read and validate the manifest file of a backup.
 
         Raises
         ------
         DamagedFile
-            When the folder is no backup, or one that was not finished or is of a newer version.
+            When the folder is not a backup, or the backup is incomplete or of a newer version.
         """
         try:
             document = json.loads((folder / NAME).read_text())
@@ -97,7 +97,7 @@ class Manifest:
         return cls(**fields, files=files)
 
     def verify(self, folder: Path) -> Iterator[tuple[str, str]]:
-        """Verify a backup against its manifest; yields path and fault of each damaged or missing file."""
+        """Verify a backup's files against their checksums; yields path and fault of each damaged or missing file."""
         for path, entry in self.files.items():
             if not (folder / path).is_file():
                 yield path, "is missing"
@@ -106,7 +106,7 @@ class Manifest:
 
 
 def _is_ours(path: str) -> bool:
-    """Whether a path is one that a backup may contain, and lies inside of it."""
+    """Return whether a path is allowed in a backup; rejects paths outside of its folder."""
     kind, *within = path.split("/")
     if not path.isprintable() or {"", ".", ".."} & {kind, *within}:
         return False
@@ -114,7 +114,7 @@ def _is_ours(path: str) -> bool:
 
 
 def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) -> Entry:
-    """Copy a file durably and return size and checksum; ``tick`` is called with each chunk and may raise."""
+    """Copy a file, sync it to disk and return size and checksum; ``tick`` is called with each chunk's size."""
     digest, size = hashlib.sha256(), 0
     target.parent.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
     with source.open("rb") as read, target.open("wb") as write:
@@ -129,7 +129,7 @@ def copy_file(source: Path, target: Path, tick: Callable[[int], object] = bool) 
 
 
 class CopyProgress:
-    """Progress of a copy in bytes, with cancellation.
+    """Progress reporter of a copy, in bytes, with cancellation.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class CopyProgress:
         self(0)
 
     def __call__(self, count: int) -> None:
-        """Count bytes that are about to be copied; raises :class:`Cancelled`."""
+        """Add copied bytes to the progress; raises :class:`Cancelled`."""
         if self._cancelled is not None and self._cancelled():
             raise Cancelled("stopped; nothing of it is kept")
         self._done += count
@@ -158,7 +158,7 @@ def hash_file(path: Path) -> Entry:
 
 
 def regular_files(folder: Path) -> Iterator[Path]:
-    """Name the files below a folder, links left out."""
+    """Yield the regular files below a folder, without symbolic links."""
     for root, _, names in os.walk(folder):
         for path in (Path(root, name) for name in names):
             if path.is_file() and not path.is_symlink():

@@ -1,4 +1,4 @@
-"""Restore a verified backup into an empty data folder and database."""
+"""Restore of a verified backup into an empty data folder and database."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def restore(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> list[Inconsistency]:
-    """Make the data folder, and the rows of the database, that the settings name from a backup.
+    """Restore a backup into the empty data folder and database of the settings.
 
-    Folder and database become one pair of their own: workers and clients of the service that the backup was made of
-    take them for no other. What was running goes on as after a power cut: jobs run again, scans are interrupted.
+    Folder and database get a new identifier, so that workers and clients of the original service reject them.
+    Unfinished work continues as after a power cut: jobs run again, scans are interrupted.
 
     Returns
     -------
@@ -45,11 +45,11 @@ def restore(
     Raises
     ------
     Cancelled
-        When ``cancelled`` said so; nothing is left.
+        When ``cancelled`` returns true; all restored files are removed.
     Conflict
-        When the folder holds something or somebody uses it, or the database does.
+        When the folder or the database is not empty or is in use.
     DamagedFile
-        When it is no whole backup, or one file is not as it was made, or it is of a newer version.
+        When the backup is incomplete, damaged or of a newer version.
     """
     manifest = Manifest.read(source)
     root = settings.data.absolute()
@@ -74,7 +74,7 @@ def restore(
 
 @contextmanager
 def _staging_folder(root: Path) -> Iterator[Path]:
-    """Yield a staging folder in an empty folder; it is removed at the end."""
+    """Yield a temporary folder inside the empty target folder; it is removed at the end."""
     made = not root.exists()
     _require_empty(root)
     root.mkdir(mode=PRIVATE_MODE, parents=True, exist_ok=True)
@@ -100,7 +100,7 @@ def _require_empty(root: Path) -> None:
 
 
 def _migrate_and_assign_identity(folder: Path, settings: Settings, database: Database | None) -> list[Inconsistency]:
-    """Bring the rows to today's version and give the pair a name of its own."""
+    """Migrate the restored database and give database and folder a new identifier; return inconsistencies."""
     data = DataDirectory(folder)
     data.create()
     (folder / DATABASE).rename(data.metadata_file)
@@ -119,7 +119,7 @@ def _migrate_and_assign_identity(folder: Path, settings: Settings, database: Dat
 
 @contextmanager
 def _empty_database(settings: Settings) -> Iterator[Database | None]:
-    """Yield the PostgreSQL database that is to be filled, if there is one; no service may use it meanwhile."""
+    """Yield the empty PostgreSQL database to restore to, under the service lock; ``None`` with SQLite."""
     if settings.database_url is None:
         yield None
         return

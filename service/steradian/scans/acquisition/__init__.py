@@ -1,1 +1,1 @@
-"""Acquisition: running a plan on a scanner, resuming, interlocks, emergency stop, faults."""
+"""Acquisition: execution of scan plans on a scanner, resumption, emergency stop and fault clearing."""

@@ -1,4 +1,4 @@
-"""Create a scan file pre-filled with the A-lines of an earlier scan."""
+"""Creation of a scan file from the A-lines of an earlier partial scan, for resumption under a new name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian.scans.file.create import check_free_space, is_disk_full_error
 
 
 def create_from_partial(earlier: Path, path: Path, scan_id: str) -> None:
-    """Create a scan file with an earlier file's A-lines, for :func:`.run.resume_scan` to continue.
+    """Create a scan file with the A-lines of an earlier partial scan, for :func:`.run.resume_scan`.
 
     Parameters
     ----------

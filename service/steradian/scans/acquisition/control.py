@@ -1,4 +1,4 @@
-"""Interface between a scan session and its owner: commands in, phases and progress out."""
+"""Interface between a scan session and its caller: commands in, phases and progress out."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from steradian.core.progress import CancelCheck, Progress
 
 
 class Command(StrEnum):
-    """Command to a running session."""
+    """Command to a running scan session: run, pause, stop, abort or shut down."""
 
     RUN = "run"
     PAUSE = "pause"
-    """Stop firing, keep the scanner and go on when told to."""
+    """Stop firing, stay connected and resume on command."""
     STOP = "stop"
-    """Enough: keep what was fired, and end in good order."""
+    """Stop firing, store the A-lines already fired, and end."""
     SHUTDOWN = "leave"
-    """Laser off at once, then keep what was fired before."""
+    """Laser off at once, then store the A-lines fired before."""
     ABORT = "abort"
     """Laser off at once."""
 
@@ -29,14 +29,14 @@ TERMINAL_COMMANDS = frozenset({Command.STOP, Command.SHUTDOWN, Command.ABORT})
 
 
 class SessionPhase(StrEnum):
-    """Phase of a session."""
+    """Phase of a scan session, reported to its caller."""
 
     ARMING = "arming"
     RUNNING = "running"
     RECOVERING = "recovering"
-    """Line or device failed; the driver is taking the scan up again."""
+    """Line or device failed; the driver is resuming the scan."""
     RESCUING = "rescuing"
-    """What was fired before this session is fetched from the scanner; the file is written to from now on."""
+    """A-lines fired before this session are fetched from the scanner; the file is written from now on."""
     PAUSING = "pausing"
     PAUSED = "paused"
     STOPPING = "stopping"
@@ -45,7 +45,7 @@ class SessionPhase(StrEnum):
 
 
 class SessionOutcome(StrEnum):
-    """Outcome of a session."""
+    """Outcome of a scan session."""
 
     COMPLETE = "complete"
     STOPPED = "stopped"
@@ -53,44 +53,44 @@ class SessionOutcome(StrEnum):
 
 
 class SessionControl:
-    """A session's view of its starter; this one runs to the end unless ``cancelled`` says otherwise.
+    """Interface through which a scan session receives commands and reports progress; base class without stops.
 
     Parameters
     ----------
     progress
-        Told how many A-lines are stored.
+        Callback that receives the number of stored A-lines.
     cancelled
-        Makes the session leave: laser off, what was fired is kept.
+        Callback that ends the session when it returns ``True``: laser off, fired A-lines are stored.
     """
 
     def __init__(self, progress: Progress | None = None, cancelled: CancelCheck | None = None) -> None:
         self._progress, self._cancelled = progress, cancelled
 
     def monitor(self, scanner: fabry_perot.Scanner) -> AbstractContextManager[None]:
-        """Monitor a connected scanner until the block ends; the base class leaves that to the session."""
+        """Context manager that monitors a connected scanner during the block; does nothing in the base class."""
         return nullcontext()
 
     def may_fire(self, allowed: bool) -> None:
-        """Handle, before it happens, that the scanner may fire from now on, or afterwards that it no longer may."""
+        """Handle the announcement that the scanner may fire from now on, or that it no longer may."""
 
     def command(self) -> Command:
-        """Return the current command; called about twenty times a second."""
+        """Return the current command to the session; called about twenty times a second."""
         return Command.SHUTDOWN if self._cancelled is not None and self._cancelled() else Command.RUN
 
     def on_phase(self, phase: SessionPhase) -> None:
-        """Learn that the session is now at ``phase``."""
+        """Handle a phase change of the session."""
 
     def on_laser_off(self) -> None:
-        """Learn that the scanner has confirmed that its laser is off, after :attr:`Command.SHUTDOWN`."""
+        """Handle the scanner's confirmation that its laser is off, after :attr:`Command.SHUTDOWN`."""
 
     def on_storage_blocked(self, why: str | None) -> None:
-        """Learn that the session cannot store A-lines at present, and why; ``None``: it can again."""
+        """Handle the reason why A-lines cannot be stored at present; ``None`` when storing works again."""
 
     def progress(self, done: int, total: int) -> None:
-        """Learn how many A-lines are stored."""
+        """Report the number of stored A-lines to the progress callback."""
         if self._progress is not None:
             self._progress("A-lines", done, total)
 
     def wait(self, seconds: float) -> None:
-        """Wait until the session polls again."""
+        """Wait for a time in seconds before the session's next poll."""
         time.sleep(seconds)

@@ -1,4 +1,4 @@
-"""SessionControl that reads desired states from and reports to the database in its own thread."""
+"""Scan control through the database: reads the desired state and reports progress, in its own thread."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ COMMAND_BY_DESIRED_STATE = {
 
 
 class DatabaseControl(SessionControl):
-    """Writes progress and states of one scan, and reads wishes, every :data:`POLL` seconds.
+    """Session control that reads the scan's desired state from the database and writes its progress and state.
 
-    All talk with the database is in a thread of its own: one that is locked or gone holds up nobody who stores A-lines.
-    Until it is back the wish is the last that was known; what happened meanwhile is noted then, in order.
+    A thread does all database access every :data:`POLL` seconds, so a locked or unavailable database does not delay
+    the storing of A-lines. Until it is available the last known command holds; changes are written later, in order.
 
     Parameters
     ----------
     scans, identifier
         The scan.
     stopping
-        Set when the service ends: then the session aborts.
+        Event that is set when the service ends; the session then aborts.
     emergency
-        Stops the scanner by itself; the session then learns that the scan is to be aborted.
+        Watchdog that stops the scanner independently; the session then receives the command to abort.
     """
 
     def __init__(
@@ -78,16 +78,16 @@ class DatabaseControl(SessionControl):
 
     @contextmanager
     def monitor(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Connect the emergency stop to a connected scanner until the block ends."""
+        """Context manager during which emergency stops switch off the laser of a connected scanner."""
         with self._emergency.protect(scanner):
             yield
 
     def may_fire(self, allowed: bool) -> None:
-        """Report immediately whether the scanner may fire."""
+        """Report to the emergency watchdog whether the scanner may fire."""
         self._emergency.may_fire(allowed)
 
     def command(self) -> Command:
-        """Return the current command according to the database; raises the reason that forbids the scan."""
+        """Return the command for the scan's desired state; raises the error that forbids the scan to continue."""
         if self._stopping.is_set() or self._emergency.standing is not None:
             return Command.ABORT
         if self._failure is not None:
@@ -95,7 +95,7 @@ class DatabaseControl(SessionControl):
         return self._wish
 
     def on_phase(self, phase: SessionPhase) -> None:
-        """Lead the scan to the state of a phase."""
+        """Schedule the state transition of the scan's database row for a phase of the session."""
         if self._stopping.is_set():
             return  # it is to be interrupted
         press = self._emergency.standing
@@ -103,20 +103,20 @@ class DatabaseControl(SessionControl):
         self._note(lambda: self._lead(phase, why, who))
 
     def progress(self, done: int, total: int) -> None:
-        """Note how far the scan is."""
+        """Record the number of stored A-lines for the next write to the database."""
         self._last = ("A-lines", done, total)
 
     def on_storage_blocked(self, why: str | None) -> None:
-        """Record that the scan is paused because nothing can be stored, or that it continues."""
+        """Record in the database that the scan is paused because the disk is full, or that it continues."""
         _log.warning("scan %s: %s", self._id, why or "A-lines can be stored again")
         self._note(lambda: self._tell(why))
 
     def wait(self, seconds: float) -> None:
-        """Wait, unless the service ends."""
+        """Wait for a time in seconds, or until the service ends."""
         self._stopping.wait(seconds)
 
     def flush(self) -> None:
-        """Write pending changes; waits for an unavailable database, unless the service ends."""
+        """Write pending changes to the database; retry until the database is available or the service ends."""
         self.close()
         while self._is_behind and self._failure is None:
             self._settle()
@@ -124,7 +124,7 @@ class DatabaseControl(SessionControl):
                 return
 
     def close(self) -> None:
-        """End the thread; pending changes are dropped."""
+        """End the database thread and discard pending changes."""
         self._closing.set()
         self._news.set()
         self._clerk.join()
@@ -144,7 +144,7 @@ class DatabaseControl(SessionControl):
         return bool(self._notes) or self._last != self._reported
 
     def _settle(self) -> None:
-        """Read the desired state and write pending changes, as far as the database answers."""
+        """Read the desired state and write pending changes; on database errors, leave them for the next poll."""
         try:
             row = self._scans.get(self._id)
             self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"
@@ -167,7 +167,7 @@ class DatabaseControl(SessionControl):
             self._failure = ScanFailed(f"the desired state of the scan cannot be read: {error}")
 
     def _lead(self, phase: SessionPhase, reason: str, person: str) -> None:
-        """Bring the scan's state in line with a phase of the session."""
+        """Transition the scan's row through valid states to the state that matches a phase of the session."""
         present = self._scans.get(self._id).state
         state, why = STATE_BY_PHASE.get(phase, (present, ""))
         if state is present:

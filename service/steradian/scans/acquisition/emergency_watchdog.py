@@ -54,7 +54,7 @@ class EmergencyWatchdog:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Look at the latch until the block ends."""
+        """Run the watchdog thread, which polls the emergency-stop latch, until the block ends."""
         self._thread.start()
         try:
             yield
@@ -64,12 +64,12 @@ class EmergencyWatchdog:
 
     @property
     def standing(self) -> StopPress | None:
-        """The active press, if there is one."""
+        """Active emergency stop; ``None`` if there is none."""
         return self._latch.active()
 
     @contextmanager
     def protect(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Answer for a connected scanner until the block ends."""
+        """Context manager during which emergency stops switch off the laser of a connected scanner."""
         self._scanner, self._cause = scanner, request_id.get()
         try:
             if self._port is None:
@@ -81,7 +81,7 @@ class EmergencyWatchdog:
             self._scanner, self._cause = None, ""
 
     def may_fire(self, allowed: bool) -> None:
-        """Report, before the command is sent, that the scanner may fire, or afterwards that it no longer does."""
+        """Record, before the command is sent, that the scanner may fire, or afterwards that it no longer does."""
         if self._port is not None:
             self._port.may_fire(allowed)
 
@@ -117,19 +117,19 @@ class EmergencyWatchdog:
                 _log.warning("%s, pressed by %s: laser %s; %s", press.why, press.who, laser, detail)
 
     def _is_live(self, scanner: fabry_perot.Scanner | None) -> bool:
-        """Whether the scanner says now that it fires or may fire."""
+        """Return whether the scanner's latest status says that it fires or may fire."""
         status = self._port.status() if self._port is not None else status_of(scanner) if scanner is not None else None
         return status is not None and status.as_of_now().laser in {"armed", "on"}
 
     def _has_left(self, scanner: fabry_perot.Scanner) -> bool:
-        """Whether a connection is given up, or is so within a moment."""
+        """Wait briefly for the scan to close its scanner connection, and return whether the connection is closed."""
         until = time.monotonic() + LEAVING
         while self._scanner is scanner and time.monotonic() < until:
             time.sleep(POLL_INTERVAL)
         return self._scanner is not scanner
 
     def _switch_off(self, scanner: fabry_perot.Scanner | None, press: StopPress) -> tuple[str, str]:
-        """Turn the laser off; returns its state, and the scanner's reply or the reason why it could not be asked."""
+        """Turn the laser off; return the laser's state and the scanner's reply, or the reason of a failure."""
         who = f"{press.who}: {press.reason}" if press.reason else press.who
         answer: fabry_perot.StopAnswer | None = None
         try:

@@ -1,4 +1,4 @@
-"""Wishes to end a scan are heard also while a request to the scanner waits for a line that does not answer."""
+"""Ending of a scan by abort, stop or shutdown commands while a scanner request is blocked."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from steradian.core.exceptions import ScanFailed
 from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl
 
 LOOK: Final = 0.1
-"""Seconds between two looks at what is wished."""
+"""Seconds between two polls of the command."""
 GRACE: Final = 1.0
-"""Seconds for which the session itself may act on a wish before its connection is closed."""
+"""Seconds in which the session may execute a command itself before its connection is closed."""
 
 
 class GivenUp(ScanFailed):
-    """A session was ended by a wish before the scanner had answered.
+    """Error of a session that was ended by a command before the scanner had answered.
 
     Parameters
     ----------
     wish
-        What was wished.
+        The command that ended the session.
     """
 
     def __init__(self, wish: Command) -> None:
@@ -32,7 +32,7 @@ class GivenUp(ScanFailed):
 
 
 def ending_wish(control: SessionControl) -> Command | None:
-    """Return the wish that ends the session, if there is one."""
+    """Return the current command if it ends the session (stop, abort or shutdown); else ``None``."""
     try:
         wish = control.command()
     except Exception:  # what speaks against the scan is raised where it is asked for in order
@@ -42,15 +42,15 @@ def ending_wish(control: SessionControl) -> Command | None:
 
 @contextmanager
 def hearing(scanner: fabry_perot.Scanner, control: SessionControl) -> Iterator[None]:
-    """Close the connection when a wish to end the scan is not acted upon within :data:`GRACE` seconds.
+    """Close the scanner connection if an ending command is not executed within :data:`GRACE` seconds.
 
-    For the time in which the scanner is prepared: the laser is off or goes off with the connection, and the file holds
-    all that was measured before.
+    Used while the scanner is prepared: the laser is off or switches off with the connection, and the file has all
+    A-lines measured before.
 
     Raises
     ------
     GivenUp
-        When the connection was closed for a wish.
+        When the connection was closed because of a command.
     """
     over, closed_for = threading.Event(), list[Command]()
 

@@ -1,4 +1,4 @@
-"""Tune the excitation laser; check that the scanner supports a wavelength."""
+"""Tuning of the excitation laser, and validation of its wavelength."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ PARAMETER = "excitation_pm"
 
 
 def tune_excitation(scanner: fabry_perot.Scanner, wavelength: float) -> None:
-    """Tune the excitation laser to a wavelength in m; 0 leaves it as it stands.
+    """Tune the excitation laser to a wavelength in m; 0 leaves the wavelength unchanged.
 
     Raises
     ------
@@ -23,7 +23,7 @@ def tune_excitation(scanner: fabry_perot.Scanner, wavelength: float) -> None:
 
 
 def check_excitation(capabilities: fabry_perot.Capabilities, wavelength: float) -> None:
-    """Raise :class:`InvalidInput` when a scanner cannot excite with a wavelength (m)."""
+    """Raise :class:`InvalidInput` if a scanner's laser cannot be tuned to a wavelength (m)."""
     allowed = capabilities.parameters.get(PARAMETER)
     if allowed is None:
         raise InvalidInput("excitation", f"{1e9 * wavelength:g} nm", "none: this scanner does not tune its excitation")

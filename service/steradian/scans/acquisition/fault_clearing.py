@@ -1,4 +1,4 @@
-"""Clearing a scanner's latched fault: a person's deed, refused while its cause stands."""
+"""Clearing of a scanner's latched fault; needs a person's name, is refused while the cause persists."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEARD_WITHIN: Final = 2.0
 def clear_through(
     monitor: fabry_perot.Monitor | None, url: str | None, *, is_lent: bool, wanted: Callable[[], bool]
 ) -> str:
-    """Clear the fault of the scanner at a port and return the fault's name; empty when none is latched.
+    """Clear the latched fault of the scanner at a port and return the fault's name; empty if none is latched.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Executor of the API's requests to clear the scanner's latched fault."""
+"""Executor of API requests to clear the scanner's latched fault."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _log = logging.getLogger(__name__)
 
 
 class FaultClerk:
-    """Carries out the requests of the API to clear the scanner's fault, each once, in a thread of its own.
+    """Thread that executes each API request to clear the scanner's fault once.
 
     Parameters
     ----------
     clearing
-        Where the requests are.
+        Queue of the requests.
     watch
-        The scanner's port.
+        Monitor of the scanner's port.
     """
 
     def __init__(self, clearing: Clearing, watch: PortWatch) -> None:
@@ -33,7 +33,7 @@ class FaultClerk:
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """Look for requests until the block ends."""
+        """Run the thread that polls for fault-clearing requests until the block ends."""
         thread = threading.Thread(target=self._run, name="fault-clearing", daemon=True)
         thread.start()
         try:

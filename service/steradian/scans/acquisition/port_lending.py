@@ -1,4 +1,4 @@
-"""The scanner's port as it is lent to a scan."""
+"""Address of the scanner's port, and its state while a scan uses the port."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import fabry_perot
 
 
 class Port(Protocol):
-    """Location of the scanner's port."""
+    """Protocol of a provider of the scanner's port address."""
 
     def present(self) -> str | None:
-        """Return the port; ``None`` without a scanner, because a simulated one was not started."""
+        """Return the port's address; ``None`` if the simulated scanner has not been started."""
         ...
 
 
 @dataclass
 class Lent:
-    """State of the scan that uses the port.
+    """State of the port while a scan uses it: connection, and whether the laser may fire.
 
     Attributes
     ----------

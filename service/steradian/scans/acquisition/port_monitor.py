@@ -1,4 +1,4 @@
-"""Monitor of the scanner's port between scans: reports its state to API and database, and delivers emergency stops.
+"""Monitor of the scanner's port between scans: reports status to API and database, and executes emergency stops.
 
 While no scan of this process has the port, a :class:`fabry_perot.Monitor` holds it. A scan gets the port lent; the
 monitor is closed for it and opened again afterwards, however the scan ended. No failure in here ends the process or a
@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 class PortWatch:
-    """Watches the scanner's port for one acquisition process.
+    """Monitor of the scanner's port in the acquisition process.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class PortWatch:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Watch until the block ends; the port is free afterwards."""
+        """Run the monitor until the block ends, then release the port."""
         notes = partial(self._notes.run, self._over)
         work: dict[str, Callable[[], None]] = {
             "scanner-status": self._write,
@@ -104,7 +104,7 @@ class PortWatch:
 
     @contextmanager
     def lent(self) -> Iterator[None]:
-        """Leave the port to a scan of this process until the block ends."""
+        """Release the port to a scan of this process until the block ends."""
         self._wanted += 1
         try:
             with self._holding:
@@ -119,7 +119,7 @@ class PortWatch:
 
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
-        """Report the state of a scan's connected scanner until the block ends."""
+        """Context manager during which the state of a scan's connected scanner is reported."""
         lent = self._lent = self._lent or Lent()
         lent.scanner = scanner
         with suppress(fabry_perot.ScannerError):
@@ -130,7 +130,7 @@ class PortWatch:
             lent.scanner, lent.may_fire, lent.is_over = None, False, True
 
     def may_fire(self, allowed: bool) -> None:
-        """Report, before the command is sent, that a scan's scanner may fire, or afterwards that it no longer does."""
+        """Record, before the command is sent, that a scan's scanner may fire, or afterwards that it no longer does."""
         if (lent := self._lent) is not None:
             lent.may_fire = allowed
             self._write_once()
@@ -180,7 +180,7 @@ class PortWatch:
             return clear_through(self._monitor, self._port.present(), is_lent=self._lent is not None, wanted=wanted)
 
     def note_stop(self, answer: fabry_perot.StopAnswer) -> None:
-        """Record the scanner's state after a stop, which replaces earlier reports."""
+        """Record the scanner's state after an emergency stop, which overrides earlier reports."""
         if answer.laser == "off":
             self._stopped = answer, time.monotonic()
             if (lent := self._lent) is not None:
@@ -228,7 +228,7 @@ class PortWatch:
             _log.exception("the scanner's state cannot be written")
 
     def _look_once(self) -> None:
-        """Probe the port once at the start; the monitor reports problems."""
+        """Connect to the scanner once at the start, to identify its model; log a warning on failure."""
         url = self._port.present()
         if url is None:
             return
@@ -240,7 +240,7 @@ class PortWatch:
                 _log.warning("the scanner at %s was not found: %s", url, error)
 
     def _is_wanted(self) -> bool:
-        """Whether something else needs the port now."""
+        """Return whether the monitor must release the port: a scan or stop needs it, or the monitor ends."""
         return self._over.is_set() or self._wanted > 0
 
     def _tend(self) -> None:
@@ -279,7 +279,7 @@ class PortWatch:
                     _log.exception("the scanner's port cannot be closed in good order")
 
     def _log_state(self) -> None:
-        """Log when the connection, or the reason why there is none, changes; not while a scan has the port."""
+        """Log changes of the connection's state and error; not while a scan uses the port."""
         monitor = self._monitor
         if monitor is None:
             return

@@ -24,14 +24,14 @@ MIN_SNR = 4.0
 
 
 class ResumeRefused(Conflict):
-    """The scan cannot be continued here: something is not as it was."""
+    """Error of a scan that cannot be resumed, because plan, scanner, tuning or reference signal differ."""
 
     code = "resume-refused"
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Tolerated differences between two sessions of a scan.
+    """Tolerated differences of tuning and reference signal between the start of a scan and its resumption.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Check:
-    """One comparison.
+    """Result of one comparison between the start of a scan and its resumption.
 
     Attributes
     ----------
@@ -74,20 +74,20 @@ class Check:
     agrees: bool
 
     def __str__(self) -> str:
-        """Return it as a clause of a sentence."""
+        """Return the comparison as text, such as "the scanner was A and is B"."""
         allowed = f" (allowed: {self.allowed})" if self.allowed else ""
         return f"{self.what} was {self.then} and is {self.now}{allowed}"
 
 
 def require_all(findings: list[Check]) -> None:
-    """Raise :class:`ResumeRefused` with every difference, if there is one."""
+    """Raise :class:`ResumeRefused` with all failed comparisons, if there are any."""
     differences = [str(finding) for finding in findings if not finding.agrees]
     if differences:
         raise ResumeRefused("the scan cannot be resumed: " + "; ".join(differences))
 
 
 def check_identity(store: ScanFileWriter, plan: ScanPlan | None, capabilities: fabry_perot.Capabilities) -> list[Check]:
-    """Compare plan, tuning map and scanner with those that the file was made for."""
+    """Compare plan, tuning map and scanner with those recorded in the scan file."""
     with open_for_reading(store.path) as file:
         plan_id, serial = str(file["plan"].attrs["id"]), str(file.attrs["scanner"])
         tuning, simulated = str(file.attrs.get("tuning_map", "")), bool(file.attrs["simulated"])
@@ -108,7 +108,7 @@ def record_tuning(scanner: fabry_perot.Scanner, store: ScanFileWriter) -> None:
 
 
 def compare_tuning(scanner: fabry_perot.Scanner, store: ScanFileWriter, tolerance: Tolerance) -> list[Check]:
-    """Sweep again where the scan began and compare; nothing when that was not done then."""
+    """Repeat the tuning sweep at the scan's first point and compare; empty without a recorded sweep."""
     noted = store.reference()
     if noted is None or not scanner.capabilities.tuning_time:
         return []
@@ -136,7 +136,7 @@ def compare_tuning(scanner: fabry_perot.Scanner, store: ScanFileWriter, toleranc
 def check_reference_point(
     scanner: fabry_perot.Scanner, store: ScanFileWriter, report: CheckReport, tolerance: Tolerance
 ) -> list[Check]:
-    """Measure the point of the strongest stored A-line again and compare; nothing when all are too weak."""
+    """Re-measure the point with the strongest stored A-line and compare; empty if all signals are weak."""
     usable = np.where(store.column("quality") == 0, report.strength, 0)
     usable[np.arange(len(usable)) % store.course.beams > 0] = 0  # the first beam alone measures it again
     row = int(usable.argmax())
@@ -173,7 +173,7 @@ def _sweep(scanner: fabry_perot.Scanner, store: ScanFileWriter, point: int) -> f
 
 
 def _measure(scanner: fabry_perot.Scanner, store: ScanFileWriter, row: int) -> fabry_perot.ALine:
-    """Re-measure the point of one row, into memory; its shots count as fired for the scan."""
+    """Measure the point of one row again and return the A-line; its shots are added to the scan's count."""
     course = store.course
     tune_excitation(scanner, course.excitation[row // course.points])
     shots, tag = min(REFERENCE_SHOTS, scanner.capabilities.averages[1]), 1 + secrets.randbelow(0xFFFFFFFE)
@@ -190,13 +190,13 @@ def _measure(scanner: fabry_perot.Scanner, store: ScanFileWriter, row: int) -> f
 
 
 def _pressure(samples: NDArray[np.float64], scale: float, energy: float) -> NDArray[np.float64]:
-    """(N_t,) pressure per pulse energy, without its mean."""
+    """Return the A-line (N_t,) as pressure per pulse energy, without its mean."""
     pressure: NDArray[np.float64] = (samples - samples.mean()) * (scale / (energy or 1.0))
     return pressure
 
 
 def _power_over_noise(samples: NDArray[np.float64]) -> float:
-    """Estimate the ratio of an A-line's power to its noise's, which third differences leave and signals do not pass."""
+    """Return the signal-to-noise power ratio of an A-line, with noise estimated from third differences."""
     noise = np.median(np.abs(np.diff(samples, 3))) / 0.6745 / np.sqrt(20.0)
     power = float(samples.var())
     return power / max(float(noise) ** 2, 1e-12) - 1

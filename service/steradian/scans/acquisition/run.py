@@ -1,4 +1,4 @@
-"""Execution of a plan on a scanner, and resumption of incomplete scans."""
+"""Execution of a scan plan on a scanner, and resumption of incomplete scans."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ RETRY_FLAGS = 0xF
 
 @dataclass(frozen=True)
 class ScanSummary:
-    """Summary of a scan.
+    """Summary of a scan: file, A-line counts and outcome.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def run_scan(
     control: SessionControl | None = None,
     recovery: RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
-    """Measure every point of a plan and keep the A-lines in a scan file.
+    """Measure every point of a plan and store the A-lines in a new scan file.
 
     Each batch is on the disk before it is acknowledged, so the scanner keeps whatever the file does not hold yet.
 
@@ -153,7 +153,7 @@ def resume_scan(
     control: SessionControl | None = None,
     recovery: RecoveryPolicy = DEFAULT,
 ) -> ScanSummary:
-    """Resume an interrupted or partial scan in the same file, with the missing points.
+    """Resume an incomplete scan in the same file by measuring the missing points.
 
     Before a point is measured the scan proves that it is the same: plan, scanner and tuning, and a reference point
     that is measured again. A-lines that the scanner still holds from a session that was killed come in first.
@@ -215,7 +215,7 @@ def _compare_reference(
     allowed: Tolerance,
     starter: SessionControl,
 ) -> list[Check]:
-    """Measure the reference point again, which fires, and compare it."""
+    """Re-measure the reference point with the laser firing, and compare it with the stored A-line."""
     starter.may_fire(True)
     try:
         return check_reference_point(scanner, store, report, allowed)
@@ -224,7 +224,7 @@ def _compare_reference(
 
 
 def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
-    """Raise an error for requirements of a plan that the scanner does not meet, before a file is created."""
+    """Raise an error if the scanner does not meet the requirements of a plan, before a file is created."""
     check_pattern(plan.beams, capabilities)
     capabilities.check(
         plan.beam_positions,
@@ -240,7 +240,7 @@ def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> Non
 
 
 def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_perot.Capabilities) -> None:
-    """Raise InvalidInput where a plan's beams are not the scanner's first ones."""
+    """Raise InvalidInput if the beam offsets of a plan are not those of the scanner's first beams."""
     theirs = capabilities.beam_offsets
     if len(beams) > len(theirs):
         raise InvalidInput("beams", f"{len(beams)} of them", f"at most {len(theirs)}, which this scanner has")
@@ -252,7 +252,7 @@ def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_pero
 
 @contextmanager
 def _connected_scanner(url: str, recovery: RecoveryPolicy, starter: SessionControl) -> Iterator[fabry_perot.Scanner]:
-    """Connect to the scanner, guarded until the laser is off, and translate its errors."""
+    """Context manager of a monitored scanner connection that translates driver errors to service errors."""
     scanner: fabry_perot.Scanner | None = None
     try:
         with ExitStack() as stack:
@@ -275,7 +275,7 @@ def _connected_scanner(url: str, recovery: RecoveryPolicy, starter: SessionContr
 
 
 def require_no_fault(scanner: fabry_perot.Scanner, cause: Exception | None = None) -> None:
-    """Raise FaultLatched where the scanner has latched a fault or an emergency stop, which a person clears first."""
+    """Raise FaultLatched if the scanner has a latched fault or emergency stop, which a person must clear."""
     if scanner.state in {"fault", "estop"}:
         code = scanner.status.fault if scanner.state == "fault" else 0
         fault = fabry_perot.faults.by_code(code)
@@ -287,7 +287,7 @@ def _end_of(wish: Command) -> SessionOutcome:
 
 
 def _given_up(path: Path, points: int, wish: Command, *, asked: bool) -> ScanSummary:
-    """Sum up a session that ended before the scanner had answered; its file may not have been made."""
+    """Return the summary of a session that was ended before the scanner had answered."""
     if path.exists():
         with ScanFileWriter(path) as store:
             return _summary(store, _end_of(wish), asked=asked)

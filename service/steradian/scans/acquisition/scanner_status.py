@@ -1,4 +1,4 @@
-"""A scanner's state in the words of the service: laser, shutter, interlock, key and a latched fault."""
+"""Conversion of the driver's scanner status to the service's: laser, shutter, interlock, key, fault."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CONNECTIONS: Final = {"connected": "connected", "disconnected": "disconnected",
 
 
 def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
-    """Return the last status of a connected scanner; ``None`` if it has sent none."""
+    """Return the latest status of a connected scanner; ``None`` if it has sent none."""
     try:
         heard = in_words(scanner.status, scanner.seconds_since_heard)
     except fabry_perot.ScannerError:
@@ -28,7 +28,7 @@ def status_of(scanner: fabry_perot.Scanner) -> ScannerStatus | None:
 
 
 def described(monitor: fabry_perot.Monitor) -> ScannerStatus:
-    """Return the scanner state known to a port monitor."""
+    """Convert the state of a port monitor to the service's scanner status."""
     connection = _CONNECTIONS.get(monitor.connection, UNKNOWN)
     holder = monitor.holder or None if connection == "in-use" else None
     heard = monitor.status
@@ -38,7 +38,7 @@ def described(monitor: fabry_perot.Monitor) -> ScannerStatus:
 
 
 def fault_of(heard: fabry_perot.PortStatus) -> dict[str, Any] | None:
-    """Return the latched fault that a device reports, in words; ``None`` without one."""
+    """Return the latched fault of a port status as a dictionary with title and remedy; ``None`` without one."""
     if heard.state not in _LATCHED:
         return None
     fault = faults.by_code(0 if heard.state == "estop" else heard.fault)

@@ -1,9 +1,8 @@
-"""A session: one stretch of work on a scan, from a connected scanner into its file.
+"""Scan session: acquisition over one scanner connection into a scan file.
 
-Every batch is on the disk before it is acknowledged, and none before those in front of it, so the scanner keeps
-whatever the file does not hold yet: also where a write failed and the scan is then stopped or paused. What
-is uploaded is always just the rows that are wanted, under a tag that the file knows: a later session can tell whether
-A-lines that the scanner still holds are its own.
+Each batch of A-lines is stored before it is acknowledged, in order, so the scanner retains all A-lines that are not
+in the file, also after a failed write. An upload has only the rows to be measured, and a tag that the file records:
+a later session recognises by the tag whether the A-lines that the scanner still holds belong to this scan.
 """
 
 from __future__ import annotations
@@ -32,26 +31,26 @@ from steradian.scans.file.writer import ScanFileWriter, UploadRecord
 _log = logging.getLogger(__name__)
 DEFAULT = fabry_perot.RecoveryPolicy()
 POLL_INTERVAL = 0.1
-"""Seconds between two looks at what is wished, while nothing is fired."""
+"""Seconds between two polls of the command while the laser does not fire."""
 STALE_AFTER = 3.0
-"""Seconds without a word from a scanner after which its scan does not count as running."""
+"""Seconds without a message from the scanner after which the scan does not count as running."""
 MAX_TRIES = 30
-"""A request whose link is lost is made so often before the scan is given up."""
+"""Attempts of a request whose link is lost, before the scan fails."""
 INSISTENCE, ARMING = 12.0, 3.0
-"""Seconds after which no further try is made: of a scan that runs, and of one that has not fired yet."""
+"""Seconds after which a request is not retried: in a running scan, and before the first shot."""
 RETRY_INTERVAL = 1.0
 """Seconds between two attempts to write to a full disk."""
 _STOPPED = frozenset({HoldCause.REQUEST, HoldCause.CLEARED})
-"""Why a scanner stands that was not stopped by us."""
+"""Causes of a stop that this session did not request."""
 ResultT = TypeVar("ResultT")
 URGENT = frozenset({Command.SHUTDOWN, Command.ABORT})
-"""Wishes for which a request is not made again."""
+"""Commands after which a request is not retried."""
 _HALTED_PHASES = frozenset({"paused", "safe_hold", "ready"})
-"""States of a scanner that fires again only when told to."""
+"""States in which a scanner fires again only after a command."""
 
 
 class ScanSession:
-    """Measures rows of a scan file.
+    """Scan session: measures rows of a scan file over one scanner connection.
 
     Parameters
     ----------
@@ -60,9 +59,9 @@ class ScanSession:
     store
         The scan file.
     control
-        What is wished, and who is told.
+        Source of commands, and receiver of phases and progress.
     within
-        Seconds after which a laser that rests for a full disk comes back only when a person says so.
+        Seconds of a full disk after which the laser fires again only after a resume command from a person.
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class ScanSession:
         """Seconds for which it has not, if that was too long."""
 
     def drain_previous_upload(self) -> int:
-        """Store A-lines of the previous upload that the scanner still holds, without firing; returns their number.
+        """Store A-lines of the previous upload that the scanner still holds; return their number.
 
         After this process was killed the scanner holds A-lines that were fired and never acknowledged.
         """
@@ -105,7 +104,7 @@ class ScanSession:
         return self._store.stored - before
 
     def acquire(self, wanted: NDArray[np.bool_]) -> SessionOutcome:
-        """Measure the ``wanted`` rows (F·M,) in the order of interrogation.
+        """Measure the rows selected by ``wanted`` (F·M,) in the order of interrogation.
 
         Raises
         ------
@@ -162,7 +161,7 @@ class ScanSession:
         return end
 
     def _start(self) -> Command | None:
-        """Start the scanner; returns the wish to end that came before it."""
+        """Arm and start the scanner; return a stop command that arrived before, else ``None``."""
         self._may_fire(True)
         with hearing(self._scanner, self._control):
             token = self._scanner.arm()
@@ -178,7 +177,7 @@ class ScanSession:
         self._control.may_fire(allowed)
 
     def _after_a_lapse(self, lapse: fabry_perot.LeaseExpired) -> SessionOutcome | None:
-        """Keep the laser off after a lapse, unless a requested pause ends now; execute other commands."""
+        """Handle an expired laser lease: execute a pending pause or end command, else raise ``lapse``."""
         wish = self._control.command()
         if wish is Command.PAUSE:
             wish = self._pause()
@@ -189,11 +188,11 @@ class ScanSession:
         raise lapse
 
     def _laser_shots(self, ending: frozenset[Command] = URGENT) -> int:
-        """Return the laser's own counter, which lasts longer than the scanner's boots."""
+        """Return the laser's own shot counter, which survives reboots of the scanner."""
         return int(self._insist(self._scanner.statistics, ending)["laser_shots"])
 
     def _take(self) -> SessionOutcome | None:
-        """Store received A-lines; returns the outcome, or ``None`` if the session continues."""
+        """Store received A-lines and execute commands; return the outcome, ``None`` to continue after a pause."""
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
@@ -223,7 +222,7 @@ class ScanSession:
         return SessionOutcome.COMPLETE
 
     def _pause(self) -> Command:
-        """Stop firing, store fired shots, and wait for another command, which is returned."""
+        """Stop firing, store fired shots, wait for the next command and return it."""
         self._enter(SessionPhase.PAUSING)
         self._halt()
         self._enter(SessionPhase.PAUSED)
@@ -237,7 +236,7 @@ class ScanSession:
         return wish
 
     def _leave(self, wish: Command) -> SessionOutcome:
-        """End before the end."""
+        """End the session early at a stop, abort or shutdown command, and return the outcome."""
         if wish is Command.STOP:
             self._enter(SessionPhase.STOPPING)
             self._halt()
@@ -259,21 +258,21 @@ class ScanSession:
         return SessionOutcome.STOPPED
 
     def _halt(self) -> None:
-        """Stop firing and store the shots already fired."""
+        """Stop firing and store the A-lines of shots already fired."""
         self._fires = False
         self._rest()
         self._control.may_fire(False)
         self._drain()
 
     def _rest(self) -> None:
-        """Stop firing."""
+        """Pause the scanner's firing; no error if it has already stopped."""
         try:
             self._insist(self._scanner.pause)
         except fabry_perot.RequestRejected:  # it stands already: done, or the lease has lapsed
             return
 
     def _drain(self) -> None:
-        """Store the A-lines that the scanner holds, without firing."""
+        """Receive and store the A-lines that the scanner still holds, without firing."""
         if not self._keep():
             return
         try:
@@ -286,10 +285,10 @@ class ScanSession:
             return
 
     def _keep(self, batch: Sequence[fabry_perot.ALine] = ()) -> bool:
-        """Store and acknowledge in order; False when the disk was full and the end was not waited for.
+        """Store and acknowledge batches in order; return False if ended by command while the disk was full.
 
-        An acknowledgement frees all A-lines up to its own. So what could not be stored comes before what follows it,
-        and nothing but this acknowledges.
+        An acknowledgement frees all A-lines up to its own. Batches that could not be stored therefore come first, and
+        no other method acknowledges.
         """
         if batch:
             if self._phase is None:
@@ -306,7 +305,7 @@ class ScanSession:
         return True
 
     def _store_patiently(self, write: Callable[[], None]) -> bool:
-        """Write A-lines; while the disk is full, pause the laser and retry. Returns False at a command to end."""
+        """Write A-lines; while the disk is full, pause the laser and retry. Returns False on an end command."""
         blocked, clock = False, RealClock()
         while True:
             try:
@@ -332,10 +331,10 @@ class ScanSession:
         return True
 
     def _go_on(self, *, by_itself: bool = False) -> bool:
-        """Resume firing, if points are left and the scanner was not stopped by another host.
+        """Resume firing if points remain and no other host stopped the scanner; return whether allowed.
 
-        Returns whether that was allowed: ``by_itself`` nobody has decided so, and the scanner's own rule holds, which
-        is asked again just before the laser starts.
+        With ``by_itself`` no person requested the resumption; the scanner's own rule then decides, immediately before
+        the laser starts.
         """
         if self._scanner.state in _HALTED_PHASES and self._scanner.status.cause not in _STOPPED:
             try:
@@ -357,9 +356,9 @@ class ScanSession:
         return self._control.command() in TERMINAL_COMMANDS
 
     def _insist(self, request: Callable[[], ResultT], ending: frozenset[Command] = URGENT) -> ResultT:
-        """Make a request again when the link was renewed under it, unless one of the wishes ``ending`` is there.
+        """Retry a scanner request after link failures, until an ``ending`` command or a timeout.
 
-        Before a shot was fired that is not tried for long.
+        Before the first shot the time limit is shorter.
         """
         arming, clock = self._phase in (None, SessionPhase.ARMING), RealClock()
         deadline = clock.now() + int(1e6 * (ARMING if arming else INSISTENCE))
@@ -377,7 +376,7 @@ class ScanSession:
         raise AssertionError
 
     def _report_fired(self) -> None:
-        """Record the scanner's report of this upload; a report missing after the last A-line is not an error."""
+        """Record the shot count from the scanner's report of this upload; a missing report is only logged."""
         try:
             self._count(self._fired_before + self._insist(self._scanner.report).fired)
         except fabry_perot.ScannerError as error:
@@ -385,12 +384,12 @@ class ScanSession:
             self._note_fired()
 
     def _note_fired(self) -> None:
-        """Record the scanner's shot count; after a reboot it restarts at 0, until the report at the end."""
+        """Record the shot count from the scanner's latest status; after a reboot that count restarts at 0."""
         if self._phase not in {None, SessionPhase.RESCUING}:  # the shots of the session before count otherwise
             self._count(self._fired_before + self._scanner.status.shots - self._shots_before)
 
     def _count(self, fired: int) -> None:
-        """Note shots; a scanner that has forgotten some cannot take them back."""
+        """Store the number of shots fired; a smaller number reported by the scanner does not reduce it."""
         fired = max(fired, self._store.stored // self._course.beams * self._course.averages)
         if fired > self._store.fired:
             self._store.record_shot_count(fired)

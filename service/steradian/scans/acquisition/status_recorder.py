@@ -1,4 +1,4 @@
-"""The scanner's state in the database, for other nodes and for the log of events."""
+"""Recorder of the scanner's status in the database, for other nodes and the event log."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _log = logging.getLogger(__name__)
 
 
 class StatusNotes:
-    """Keeps the database's row in line with a scanner's state, as far as the database answers.
+    """Recorder that writes changes of the scanner's status to the database; retries after database errors.
 
     Parameters
     ----------
     status
-        Returns the state that holds now.
+        Callback that returns the current status.
     note
-        Writes it; may raise SQLAlchemyError.
+        Callback that writes a status; may raise SQLAlchemyError.
     shared
-        Whether it is written every few seconds also without a change, for other nodes to tell its age.
+        Whether the status is also written every few seconds without a change, so that other nodes know its age.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class StatusNotes:
         self._answers = True
 
     def run(self, over: threading.Event) -> None:
-        """Write status changes until the monitor ends."""
+        """Write status changes to the database until the event ``over`` is set."""
         while not over.wait(NOTE):
             try:
                 self._step()

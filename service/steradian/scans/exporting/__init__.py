@@ -1,4 +1,4 @@
-"""Exporting scans: IPASC HDF5 for any scan, ``.sgl`` for grids and lines."""
+"""Export of scans: IPASC HDF5 for any scan, ``.sgl`` for grids and lines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def export_scan(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Path:
-    """Write a scan file in another format.
+    """Convert a scan file to another format.
 
     A-lines are as they were measured: not divided by their pulse energy, flagged ones among them. IPASC leaves out
     points that are missing in any frame, or whose samples do not match their checksum, and tells energies and flags.

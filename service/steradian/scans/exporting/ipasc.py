@@ -1,4 +1,4 @@
-"""Exporting scans as IPASC HDF5, the exchange format of the International Photoacoustic Standardisation Consortium.
+"""Export of scans as IPASC HDF5, the format of the International Photoacoustic Standardisation Consortium.
 
 ``binary_time_series_data`` [detector, sample, wavelength, frame] in the pressure unit as float32; every tag a dataset
 in SI units; a group for each detector. The standard has no tag for the time of the first sample nor for what a point
@@ -33,7 +33,7 @@ EVERY = 2000
 
 
 def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancelled: CancelCheck | None) -> None:
-    """Write an open scan file as IPASC.
+    """Write an open scan file as IPASC HDF5.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def write_ipasc(scan: h5py.File, draft: Path, progress: Progress | None, cancell
 
 
 class _Exporter:
-    """One export, from an open scan file into an open IPASC file."""
+    """Writer of an open scan file into an open IPASC file."""
 
     def __init__(
         self, scan: h5py.File, made: h5py.File, progress: Progress | None, cancelled: CancelCheck | None
@@ -73,7 +73,7 @@ class _Exporter:
         self._device(kept)
 
     def _blocks(self, frame: int, stage: str) -> Iterator[tuple[int, NDArray[Any]]]:
-        """First point and samples of blocks of points, through one frame."""
+        """Yield the samples of a frame in blocks of points, each with the number of its first point."""
         step = max(1, BLOCK_BYTES // (self._samples.shape[1] * 4))
         total = self._frames * self._points
         for start in range(0, self._points, step):
@@ -83,7 +83,7 @@ class _Exporter:
         self._note(stage, (frame + 1) * self._points, total)
 
     def _intact(self) -> NDArray[np.bool_]:
-        """(F, M) which rows hold an A-line that matches its checksum."""
+        """Return a boolean array (F, M): rows with an A-line that matches its checksum."""
         good = self._table.stored
         for frame in range(self._frames):
             for start, block in self._blocks(frame, "checked A-lines"):
@@ -170,12 +170,12 @@ class _Exporter:
 
 
 def _text(value: str) -> np.bytes_:
-    """Text of fixed length: Octave gives up a whole file over a text of variable length."""
+    """Return a text as a fixed-length string, because Octave rejects files with variable-length strings."""
     return np.bytes_(value.encode())
 
 
 def _write_detectors(group: h5py.Group, positions: NDArray[np.float64], note: Progress) -> None:
-    """Write a group for each detector, facing the object; by the library's lower level, five times as fast."""
+    """Write an HDF5 group for each detector, with the low-level h5py API for speed."""
     low, space, kind = h5py.h5d, h5py.h5s.create_simple((3,)), h5py.h5t.IEEE_F64LE
     ahead = np.array([0.0, 0.0, 1.0])
     for index, position in enumerate(np.ascontiguousarray(positions)):

@@ -1,4 +1,4 @@
-"""Exporting scans as ``.sgl``, the raw file of LabVIEW-controlled Fabry–Pérot scanners.
+"""Export of scans as ``.sgl``, the raw format of LabVIEW-controlled Fabry–Pérot scanners.
 
 The layout is that of :mod:`steradian.scans.importing.sgl`. A scan that came from such a file gets its header and its
 trailing numbers back as they were, so that the bytes are the same; others get eight numbers, NaN where the scan does
@@ -34,7 +34,7 @@ WHOLE = 1e-3
 
 @dataclass(frozen=True)
 class _Grid:
-    """Points along x and y, their steps and the lowest coordinates in m, and each point's place, x fastest."""
+    """Regular grid of a scan's points: counts, steps and first coordinates (m), and each point's grid index."""
 
     counts: tuple[int, int]
     steps: tuple[float, float]
@@ -50,7 +50,7 @@ def write_sgl(
     progress: Progress | None,
     cancelled: CancelCheck | None,
 ) -> list[str]:
-    """Write one frame of an open scan file; returns notes on data that the format cannot store.
+    """Write one frame of an open scan file as ``.sgl``; return notes on data that the format cannot store.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def write_sgl(
 
 
 def _grid(scan: h5py.File) -> _Grid:
-    """Find the grid of a scan's points; raises :class:`InvalidInput` where they fill none."""
+    """Return the regular grid of a scan's points; raises :class:`InvalidInput` if the points do not fill a grid."""
     positions = np.asarray(scan["mask/positions"], np.float64)
     said = arrangement_of(scan["mask"])
     if positions.shape[1] == 2:
@@ -141,7 +141,7 @@ def _frame(frame: int | None, frames: int) -> int:
 
 
 def _notes_on_time(scan: h5py.File, table: ShotTable, name: str) -> list[str]:
-    """Check the time zero, which only a name of an .sgl file can state."""
+    """Return notes on a time zero that the file name does not state; raise InvalidInput for a wrong one."""
     starts = np.asarray(table["time_zero_s"], np.float64)
     interval = float(scan["plan"].attrs["sampling_interval_s"])
     if np.ptp(starts) > WHOLE * interval:
@@ -164,7 +164,7 @@ def _notes_on_time(scan: h5py.File, table: ShotTable, name: str) -> list[str]:
 
 
 def _numbers(scan: h5py.File, grid: _Grid, frame: int, table: ShotTable) -> tuple[bytes, bytes]:
-    """Header and trailer: those of the file that the scan came from, where they fit it, else new ones."""
+    """Return header and trailer bytes: those of the imported .sgl file if they match the scan, else new ones."""
     samples = scan["alines/samples"].shape[1]
     interval = float(scan["plan"].attrs["sampling_interval_s"])
     header = [*grid.counts, samples, *(1e6 * step for step in grid.steps), 1e9 * interval]
@@ -179,7 +179,7 @@ def _numbers(scan: h5py.File, grid: _Grid, frame: int, table: ShotTable) -> tupl
 
 
 def _kept(scan: h5py.File) -> bytes:
-    """Bytes of header and trailer of the .sgl file that a scan came from; none of any other scan."""
+    """Return header and trailer bytes of the .sgl file that a scan was imported from; empty for other scans."""
     said = read_origin(scan).get(sgl.FORMAT)
     text = said.get("bytes") if isinstance(said, dict) else None
     try:
@@ -191,7 +191,7 @@ def _kept(scan: h5py.File) -> bytes:
 
 
 def _fits(kept: NDArray[Any], wanted: list[float], grid: _Grid) -> bool:
-    """Whether a header that was kept describes the scan; the step of an axis of one point does not matter."""
+    """Return whether the header of the imported .sgl file describes the scan (counts, steps and interval)."""
     matters = np.array([True, True, True, grid.counts[0] > 1, grid.counts[1] > 1, True])
     with np.errstate(invalid="ignore"):
         near = np.isclose(kept.astype(np.float64), wanted, rtol=SAME, atol=0)
@@ -207,7 +207,7 @@ def _samples(
     progress: Progress | None,
     cancelled: CancelCheck | None,
 ) -> None:
-    """Write the samples, time slowest, a block of A-lines at a time into a map of the file."""
+    """Write the samples, time slowest, in blocks of A-lines through a memory map of the file."""
     samples, points = scan["alines/samples"], len(places)
     count, offset = samples.shape[1], file.tell()
     size = sgl.KIND.itemsize * count * points
@@ -233,7 +233,7 @@ def _samples(
 
 
 def _reserve(file: int, offset: int, size: int) -> None:
-    """Take the disk's space at once: a full disk must end in an error, not in a signal while the map is written."""
+    """Allocate disk space for the memory map, so that a full disk raises an error instead of a SIGBUS."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file, offset, size)
     else:

@@ -1,4 +1,4 @@
-"""Convert A-lines to column arrays for storage."""
+"""Conversion of A-lines to column arrays for storage."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ATTRIBUTE_BY_COLUMN = {name: name for name in METADATA_COLUMNS} | {"time_zero_s"
 
 
 class AlineLike(Protocol):
-    """Protocol of an A-line accepted by the store (``fabry_perot.ALine`` satisfies it).
+    """Protocol of an A-line accepted by the scan file writer (``fabry_perot.ALine`` satisfies it).
 
     ``point`` counts in visit order.
     """
@@ -54,7 +54,7 @@ class AlineLike(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class AlineColumns:
-    """A-lines by columns.
+    """A-lines as column arrays: point numbers, sample bytes, checksums and metadata.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class AlineColumns:
 
 
 def to_columns(alines: Iterable[AlineLike], samples: int, kind: np.dtype[Any]) -> AlineColumns:
-    """Convert A-lines of ``samples`` samples to columns; raises :class:`InvalidInput` for others.
+    """Convert A-lines of ``samples`` samples to column arrays; raises :class:`InvalidInput` for invalid ones.
 
     What comes as a batch of the driver's has its columns, and checksums that were made in the scanner, already.
     """

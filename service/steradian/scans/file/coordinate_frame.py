@@ -1,4 +1,4 @@
-"""Arrangement of a scan file's mask, and the coordinate frame of the file that its positions came from."""
+"""Arrangement metadata of a scan file's mask, and the offset to the coordinates of an imported source."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import h5py
 
 
 def arrangement_of(mask: h5py.Group) -> dict[str, Any]:
-    """Return the arrangement that a scan file's mask states; an empty one where it states none."""
+    """Return the arrangement (parameters of the mask) stored in a scan file; empty if none is stored."""
     said = json.loads(mask.attrs.get("arrangement", "{}"))
     return said if isinstance(said, dict) else {}
 
 
 def centre_of(arrangement: Mapping[str, Any], axes: int) -> tuple[float, ...]:
-    """Return the coordinates in m of the aperture's centre in the source's frame, one an axis; () where there is none.
+    """Return the aperture's centre in the coordinates of the imported source, in m per axis; () if unknown.
 
     A file of another program may state anything there.
     """

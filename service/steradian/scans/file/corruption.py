@@ -1,4 +1,4 @@
-"""Translate h5py errors on damaged files to DamagedFile."""
+"""Translation of h5py errors on damaged files to DamagedFile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Create scan files with all datasets preallocated."""
+"""Creation of scan files with all datasets preallocated."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def create_scan_file(
     pulse_energy: float = 0.0,
     film: str = "",
 ) -> None:
-    """Make an empty scan file of its final size.
+    """Create an empty scan file of its final size for a plan.
 
     It is built under another name and renamed when it is whole, so ``path`` never holds half a file.
 
@@ -111,7 +111,7 @@ def create_scan_file(
 
 
 def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES) -> int:
-    """Size of the scan file of a plan in bytes, a few kilobytes too large at most."""
+    """Return the size in bytes of a plan's scan file, rounded up by a few kilobytes at most."""
     rows = _chunk_rows(plan.aline_count, plan.samples, sample_kind)
     padded = -(-plan.aline_count // rows) * rows
     columns = sum(kind.itemsize for kind in schema.COLUMNS.values()) + schema.UPLOAD.itemsize
@@ -120,7 +120,7 @@ def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES)
 
 
 def check_free_space(folder: Path, need: int) -> str | None:
-    """Compare the bytes needed by a scan with the free bytes of ``folder``.
+    """Raise DiskFull if a scan does not fit on the disk of a folder; return a warning if little space is left.
 
     Returns a warning when little space is left.
 
@@ -138,12 +138,12 @@ def check_free_space(folder: Path, need: int) -> str | None:
 
 
 def is_disk_full_error(error: OSError) -> bool:
-    """Whether a write failed because the disk or the user's quota is full."""
+    """Return whether an OSError means that the disk or the user's quota is full."""
     return error.errno in DISK_FULL_ERRNOS
 
 
 def tuning_map_hash(plan: ScanPlan) -> str:
-    """Identify the bias wavelengths a plan asks for (SHA-256), or say that the scanner's own map is used."""
+    """Return the SHA-256 hash of a plan's bias wavelengths; "scanner" if the scanner's own map is used."""
     if plan.wavelengths is None:
         return "scanner"
     return hashlib.sha256(np.ascontiguousarray(plan.wavelengths, dtype="<f8").tobytes()).hexdigest()
@@ -160,7 +160,7 @@ GEOMETRY = (
 
 
 def geometry_checksum(file: h5py.File) -> int:
-    """CRC-32C of the metadata that define the A-lines' meaning: positions, weights, order, wavelengths, outline."""
+    """Return the CRC-32C of the file's geometry: positions, weights, order, wavelengths and outline."""
     crc = 0
     for name in GEOMETRY:
         if name in file:
@@ -236,7 +236,7 @@ _PIECE = 1 << 20
 
 
 def _chunk_rows(count: int, samples: int, sample_kind: np.dtype[Any]) -> int:
-    """Rows of a chunk: as many as fit, shared out so that the last chunk is nearly full."""
+    """Return the number of rows in an HDF5 chunk, chosen so that the last chunk is nearly full."""
     most = max(1, schema.CHUNK_BYTES // (samples * sample_kind.itemsize))
     return -(-count // -(-count // most))
 
@@ -261,7 +261,7 @@ def _allocate(file: h5py.File, count: int, samples: int, sample_kind: np.dtype[A
 def _create_preallocated(
     group: h5py.Group, name: str, shape: tuple[int, ...], kind: np.dtype[Any], chunk: tuple[int, ...] | None
 ) -> None:
-    """Create a dataset whose bytes have their place in the file at once (zeros, from the reserved space)."""
+    """Create an HDF5 dataset whose bytes are allocated in the file at once."""
     made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     made.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     if chunk is not None:
@@ -271,7 +271,7 @@ def _create_preallocated(
 
 
 def _preallocate(file: int, size: int) -> None:
-    """Turn the file's holes into reserved space, so that a full disk shows now and not in the middle of a scan.
+    """Allocate disk space for the holes of the sparse file, so that a full disk fails now and not during a scan.
 
     What is reserved is written once, too: else each batch of a scan would change the file system's own notes of which
     blocks hold data, and wait for their journal.

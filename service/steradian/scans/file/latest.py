@@ -1,4 +1,4 @@
-"""Find the most recently stored row."""
+"""Lookup of the most recently stored row of a scan file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.scans.file import schema
 
 
 def latest_row(file: h5py.File) -> int | None:
-    """Return the row that was stored last, also while a scan is written; ``None`` where none is.
+    """Return the most recently stored row, also while the scan runs; ``None`` if no row is stored.
 
     A-lines are stored in the order in which their rows were given to the scanner: it is the last one up to which all of
     them are there. Where none of them is there yet, or the file does not say what was given, it is the row of the
@@ -34,7 +34,7 @@ def latest_row(file: h5py.File) -> int | None:
 
 
 def _uploaded_rows(file: h5py.File) -> NDArray[np.int64]:
-    """Return the rows last given to the scanner, in order; none where that is not known for sure."""
+    """Return the rows of the last upload to the scanner, in order; empty if the record's checksum is wrong."""
     nothing = np.zeros(0, np.int64)
     if "run" not in file:
         return nothing

@@ -16,7 +16,7 @@ _FLOCK = "hhqqi"
 
 
 def lock(handle: int, path: Path) -> None:
-    """Hold a file for writing until it is closed; the system lets go of it when the process dies.
+    """Lock a file for exclusive writing until it is closed; the lock ends when the process dies.
 
     The lock belongs to the open file and not to the process, and it is of another kind than the HDF5 library's: readers
     are not disturbed. On NFS both kinds are one, see :func:`open_for_reading`. Where there are no such locks, nothing

@@ -1,4 +1,4 @@
-"""Metadata of the imported recording in a scan file: the root's attribute ``source``, in JSON.
+"""Metadata of the source of an imported scan file: the JSON attribute ``source``.
 
 ``name`` and ``format`` of that file, ``notes`` (what was decided or assumed), and what a format has that has no other
 place in a scan file, under the format's own name.
@@ -19,7 +19,7 @@ MOST, LONGEST = 40, 600
 
 
 def printable(text: str) -> str:
-    """Return a text without terminal control characters, with a mark for undecodable bytes of names."""
+    """Return a text without terminal control characters; undecodable bytes are replaced by a mark."""
     plain = text.encode("utf-8", "replace").decode("utf-8")
     return "".join(each for each in plain if each.isprintable())
 
@@ -40,7 +40,7 @@ def read_origin(file: h5py.File) -> dict[str, Any]:
 
 
 def notes_of(said: dict[str, Any]) -> tuple[str, ...]:
-    """Return the notes, as plain text of bounded length."""
+    """Return the import notes from the source metadata, as plain text of bounded length."""
     notes = said.get("notes")
     if not isinstance(notes, list):
         return ()

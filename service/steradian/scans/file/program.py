@@ -1,4 +1,4 @@
-"""Visit sequence and parameters of a scan, from a plan or a scan file."""
+"""Scan program: measurement order and parameters of a scan, from a plan or a scan file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ProgramSegment:
-    """Rows of a scan file that are measured in one go.
+    """Rows of a scan file that are measured in one upload, at one excitation wavelength.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class ProgramSegment:
 
 @dataclass(frozen=True, eq=False)
 class ScanProgram:
-    """Points and parameters of a scan; row r of its file is point ``r % M`` of the mask in frame ``r // M``.
+    """Measurement order and parameters of a scan; row r of the file is point ``r % M`` in frame ``r // M``.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ScanProgram:
 
     @classmethod
     def of_plan(cls, plan: ScanPlan) -> Self:
-        """Return the course of a plan."""
+        """Return the scan program of a plan."""
         return cls(
             positions=plan.mask.film_positions,
             visit=plan.visit,
@@ -82,7 +82,7 @@ class ScanProgram:
 
     @classmethod
     def of_file(cls, file: h5py.File) -> Self:
-        """Return the course that an open scan file was made for."""
+        """Return the scan program of an open scan file."""
         plan, where = file["plan"], np.asarray(file["mask/positions"], dtype=np.float64)
         if where.shape[1] == 1:
             where = np.column_stack([where[:, 0], np.zeros(len(where))])
@@ -113,12 +113,12 @@ class ScanProgram:
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """(F·M,) all rows in the order of interrogation: frame after frame."""
+        """Rows of all frames in the order of interrogation (F·M,), frame after frame."""
         frames = np.arange(len(self.excitation), dtype=np.int64)[:, None] * self.points
         return (frames + self.visit).reshape(-1)
 
     def iter_segments(self, wanted: NDArray[np.bool_]) -> Iterator[ProgramSegment]:
-        """Yield the rows that are ``wanted`` (F·M,) in the order of interrogation, cut where the laser is retuned.
+        """Yield the ``wanted`` rows (F·M,) in the order of interrogation, split where the laser is retuned.
 
         All rows of a place are measured again where one is wanted: its beams share their shots.
         """
@@ -140,7 +140,7 @@ class ScanProgram:
         resume: bool = False,
         alone: bool = False,
     ) -> None:
-        """Give rows to a scanner, in this order; parameters as of :meth:`fabry_perot.Scanner.upload`.
+        """Upload rows to a scanner in the given order; parameters as of :meth:`fabry_perot.Scanner.upload`.
 
         They are whole places; with ``alone`` any rows, which the first beam measures one by one.
         """
@@ -161,7 +161,7 @@ class ScanProgram:
         )
 
     def gated_points(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which of the ``rows`` (K,), measured in this order, wait for the gate."""
+        """Return a boolean array (K,): ``rows`` whose shots wait for the external gate signal."""
         frame = rows // self.points
         begins: NDArray[np.bool_] = np.diff(frame, prepend=-1) != 0
         if self.gate == "frame":

@@ -1,4 +1,4 @@
-"""Read scan files, complete or partial."""
+"""Reader of complete and partial scan files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from steradian.scans.recording import Recording, ShotMetadata
 
 
 def list_frames(path: Path) -> tuple[Frame, ...]:
-    """List the frames of a scan file.
+    """List the frames of a scan file, with excitation wavelengths and A-line counts.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
 
 
 def read_scan(path: Path, frame: int | list[int] | None = 0) -> Recording:
-    """Read the stored A-lines of frames of a scan file; points not measured yet are left out.
+    """Read the stored A-lines of one or more frames of a scan file as a recording.
 
     The weights of a partial scan are those of its points, scaled to sum to the sensed area again.
 
@@ -126,7 +126,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
 
 
 def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64], NDArray[Any], ShotTable]:
-    """Return the stored, intact rows of a frame: (n,) their points, (n, N_t) samples, columns."""
+    """Return the stored, intact rows of a frame: their points (n,), samples (n, N_t) and metadata columns."""
     rows = slice(frame * points, (frame + 1) * points)
     table = ShotTable.of_file(file, rows)
     stored = np.flatnonzero(table.stored)
@@ -136,7 +136,7 @@ def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64
 
 
 def shots_of(table: ShotTable) -> ShotMetadata:
-    """Return the per-A-line metadata of a scan file's rows."""
+    """Return the per-A-line metadata of rows of a scan file."""
     return ShotMetadata(
         energy=table["energy"].astype(np.float64),
         time_zero=table["time_zero_s"].astype(np.float64),

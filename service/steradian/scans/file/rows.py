@@ -21,7 +21,7 @@ from steradian.scans.file import schema
 
 @dataclass(frozen=True, eq=False)
 class ShotTable:
-    """Columns of some rows of a scan file.
+    """Table of per-A-line metadata (columns) of rows of a scan file.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class ShotTable:
 
     @classmethod
     def of_file(cls, file: h5py.File, rows: slice = slice(None)) -> Self:
-        """Read the columns of ``rows`` from an open scan file.
+        """Read the metadata columns of ``rows`` from an open scan file.
 
         While the file is written ``status`` is read first, as it is written last. Raises KeyError where one is missing.
         """
@@ -47,7 +47,7 @@ class ShotTable:
 
     @classmethod
     def of_columns(cls, version: int, columns: Mapping[str, NDArray[Any]], averages: int, time_zero: float) -> Self:
-        """Add missing columns of a file of an earlier version, from the plan's values."""
+        """Create a table from columns; columns missing in earlier file versions get the plan's values."""
         usual = {"averages": averages, "time_zero_s": time_zero}
         lacking = {
             name: np.full(len(columns["status"]), usual.get(name, 0), kind)
@@ -58,31 +58,31 @@ class ShotTable:
 
     @classmethod
     def joined(cls, tables: Sequence[ShotTable]) -> Self:
-        """Return the rows of one file's tables, one table after the other."""
+        """Concatenate tables of one file."""
         names = tables[0].columns
         return cls(tables[0].version, {name: np.concatenate([each[name] for each in tables]) for name in names})
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return (n,) values of a column."""
+        """Return the values (n,) of a column by name."""
         return self.columns[name]
 
     @property
     def stored(self) -> NDArray[np.bool_]:
-        """(n,) which rows the table calls stored."""
+        """Boolean array (n,): rows whose status is stored."""
         stored: NDArray[np.bool_] = self.columns["status"] == schema.STORED
         return stored
 
     @property
     def checksums_cover_columns(self) -> bool:
-        """Whether the checksums cover the columns."""
+        """Whether the row checksums of this file version cover the metadata columns."""
         return self.version >= schema.ROW_CHECKSUM_SINCE
 
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> ShotTable:
-        """Return some of these rows."""
+        """Return a table of a subset of the rows."""
         return ShotTable(self.version, {name: values[index] for name, values in self.columns.items()})
 
     def verify_rows(self, samples: NDArray[Any]) -> NDArray[np.bool_]:
-        """(n,) which rows, with their samples (n, N_t), match their checksum as stored ones."""
+        """Return a boolean array (n,): rows that, with their samples (n, N_t), match their checksum."""
         if not len(samples):
             return np.zeros(0, np.bool_)
         checksums = [google_crc32c.value(row.tobytes()) for row in samples]
@@ -93,7 +93,7 @@ class ShotTable:
 
 
 def pack_rows(columns: Mapping[str, Any]) -> NDArray[np.void]:
-    """(n,) rows of structure :data:`schema.ROW` as stored ones have them, but for their checksums."""
+    """Pack columns into structured rows of dtype :data:`schema.ROW` with status stored and without checksums."""
     packed = np.zeros(len(columns["shot"]), schema.ROW)
     for name in schema.COLUMNS:
         if name not in ("crc32c", "status"):
@@ -105,7 +105,7 @@ def pack_rows(columns: Mapping[str, Any]) -> NDArray[np.void]:
 def row_checksums(
     version: int, samples: Sequence[int] | NDArray[np.uint32], packed: NDArray[np.void]
 ) -> NDArray[np.uint32]:
-    """Return the rows' checksums (n,) from those of their samples and their packed columns."""
+    """Return the checksums (n,) of rows from the checksums of their samples and their packed columns."""
     if version < schema.ROW_CHECKSUM_SINCE:
         return np.asarray(samples, np.uint32)
     data, size, extend = packed.tobytes(), packed.itemsize, google_crc32c.extend

@@ -1,4 +1,4 @@
-"""Layout of a scan file, version 3; ``docs/scan-file.md`` describes it in full.
+"""HDF5 schema of scan files, version 3; ``docs/scan-file.md`` describes it in full.
 
 ::
 
@@ -95,5 +95,5 @@ UNITS = {
 
 
 def columns_of(version: int) -> dict[str, np.dtype[np.generic]]:
-    """Return the columns that a file of this version has."""
+    """Return the names and dtypes of the metadata columns in a file version."""
     return {name: kind for name, kind in COLUMNS.items() if _ADDED_LATER.get(name, 0) <= version}

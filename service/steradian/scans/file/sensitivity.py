@@ -1,4 +1,4 @@
-"""Relative film sensitivity at the set bias wavelength."""
+"""Film sensitivity of A-lines at the bias wavelength used, relative to the optimum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MIN_SENSITIVITY = 0.1
 
 
 def sensitivity_of(file: h5py.File, table: ShotTable, points: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the share (n,) of the best sensitivity that A-lines were read with, by the plan's fringe.
+    """Return the film sensitivity (n,) of A-lines relative to the optimum bias, from the plan's fringe model.
 
     1 where the file names no best wavelength, or the scanner did not say which one it had set.
 

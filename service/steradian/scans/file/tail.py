@@ -1,4 +1,4 @@
-"""Incremental reader of a scan file that another process is writing."""
+"""Incremental reader (tail) of a scan file that another process is writing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _GAP = 16  # rows not wanted that are rather read than skipped
 
 @dataclass(frozen=True)
 class AlineBatch:
-    """A-lines stored since the last look.
+    """A-lines stored since the previous read.
 
     Attributes
     ----------
@@ -39,10 +39,10 @@ class AlineBatch:
     shots
         What differed from A-line to A-line.
     replaced
-        Forget all; ``points`` begin anew with all that are stored. An A-line seen earlier has since been measured
-        again, or the first pulse energy has come, which changes what A-lines without one mean.
+        Whether this batch replaces all earlier ones and has every stored A-line. The reason is an A-line measured
+        again, or the first pulse energy, which changes the meaning of A-lines without one.
     energy_known
-        Whether any A-line stored by now, seen before or not, has a pulse energy.
+        Whether any A-line stored so far, in this or an earlier batch, has a pulse energy.
     """
 
     points: NDArray[np.int64]
@@ -58,7 +58,7 @@ class ScanTail:
     Parameters
     ----------
     path
-        A scan file, finished or not; each look opens it anew, for another process writes to it.
+        A scan file, finished or not; each read reopens it, because another process writes to it.
     frame
         Which frame of it.
 
@@ -91,7 +91,7 @@ class ScanTail:
         self._energy_known = False
 
     def read_new(self, most: int | None = None) -> AlineBatch:
-        """Read the A-lines stored since the last call.
+        """Read the A-lines stored since the previous call.
 
         A row that does not match its checksum (it is being written again this moment) is left for the next call.
 
@@ -109,7 +109,7 @@ class ScanTail:
             return self._take(file, most)
 
     def rewind(self) -> None:
-        """Take all A-lines again at the next call."""
+        """Reset the reader, so that the next call reads all A-lines."""
         self._seen[:] = False
 
     def _take(self, file: h5py.File, most: int | None) -> AlineBatch:
@@ -135,7 +135,7 @@ class ScanTail:
 
 
 def has_alines(path: Path, frame: int = 0) -> bool:
-    """Whether a scan file exists and holds an A-line of a frame, or lacks that frame."""
+    """Return whether a scan file exists and has an A-line in a frame; also True if the frame does not exist."""
     if not path.is_file():
         return False
     frames = list_frames(path)
@@ -162,14 +162,14 @@ class IdleDetector:
         self._stored, self._since = -1, clock()
 
     def __call__(self) -> bool:
-        """Look at the file."""
+        """Return whether the scan is over: complete, or without a new A-line for ``patience`` seconds."""
         stored, rows = self._count()
         if stored != self._stored:
             self._stored, self._since = stored, self._clock()
         return stored == rows or self._clock() - self._since > self._patience
 
     def _count(self) -> tuple[int, int]:
-        """Return the numbers of stored and of planned A-lines; -1 of 0 while there is not yet a file."""
+        """Return the numbers of stored and planned A-lines; (-1, 0) if the file does not exist yet."""
         if not self._path.is_file():
             return -1, 0
         with reraise_as_damaged(self._path, "scan"), open_for_reading(self._path) as file:
@@ -178,7 +178,7 @@ class IdleDetector:
 
 
 def _planned(file: h5py.File, rows: slice) -> Recording:
-    """All planned points of a frame, as if each had been measured and had seen nothing."""
+    """Return a recording with all planned points of a frame and zero samples."""
     table = ShotTable.of_file(file, rows)
     begun = table["time_zero_s"][table.stored]
     mask, plan = file["mask"], file["plan"]
@@ -203,7 +203,7 @@ def _planned(file: h5py.File, rows: slice) -> Recording:
 
 
 def _read_rows(samples: h5py.Dataset, rows: NDArray[np.int64]) -> NDArray[Any]:
-    """Read some rows, in runs: a list of single rows is slow in HDF5."""
+    """Read rows of a dataset in contiguous runs, because HDF5 reads lists of single rows slowly."""
     found: NDArray[Any] = np.empty((len(rows), samples.shape[1]), samples.dtype)
     if not len(rows):
         return found

@@ -1,4 +1,4 @@
-"""Verify every A-line's checksum and repair the status table."""
+"""Verification of a scan file: checks every A-line's checksum and repairs the status table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from steradian.scans.file.writer import ScanFileWriter
 
 @dataclass(frozen=True, eq=False)
 class CheckReport:
-    """Result of a check.
+    """Result of the verification of a scan file.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class CheckReport:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether there was nothing to correct."""
+        """Whether the status table needed no correction."""
         return not len(self.damaged) and not len(self.unlisted)
 
 
 def verify_scan_file(path: Path, *, repair: bool = True, progress: Progress | None = None) -> CheckReport:
-    """Verify a scan file that is not being written; corrects the table of stored A-lines, never an A-line.
+    """Verify the checksums of a scan file and correct its status table; A-lines are not modified.
 
     A damaged A-line becomes a missing one, which a resumed scan measures again; one that the table does not list is
     listed where its checksum proves all of it.
@@ -94,7 +94,7 @@ def verify_scan_file(path: Path, *, repair: bool = True, progress: Progress | No
 
 
 def _check_frame(path: Path, file: h5py.File) -> None:
-    """Check all but the A-lines."""
+    """Check format, version and geometry checksum of a scan file; raises :class:`DamagedFile`."""
     kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if kind != schema.FORMAT or version not in schema.SUPPORTED_VERSIONS:
         raise DamagedFile(f"{path} is not a scan file that this program reads: format {kind!r}, version {version}")
@@ -105,7 +105,7 @@ def _check_frame(path: Path, file: h5py.File) -> None:
 def _verify(
     file: h5py.File, table: ShotTable, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Return which rows (F·M,) are intact, and the strengths of their A-lines; reads one chunk of the file at a time.
+    """Return a boolean array (F·M,) of intact rows, and the signal strengths of their A-lines, chunk by chunk.
 
     Where the checksum does not cover the columns, nothing proves those of a row that the table does not list.
     """

@@ -1,4 +1,4 @@
-"""Durable writer of scan files: append returns after fsync.
+"""Durable writer of scan files: appends return after fsync.
 
 The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it
 (:mod:`steradian.scans.file.create`). Appending then overwrites rows in their places and ends with ``fdatasync``, once a
@@ -38,7 +38,7 @@ MAX_GAP = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class UploadRecord:
-    """Upload record: the points that a session sent to the scanner.
+    """Record of an upload: the rows that a session sent to the scanner, with tag and shot counts.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class UploadRecord:
 
 
 class ScanFileWriter:
-    """Durable appends into a scan file; one writer at a time.
+    """Durable writer of A-lines into a scan file, with an exclusive lock.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class ScanFileWriter:
             raise
 
     def _locate(self, file: h5py.File) -> None:
-        """Locate the file's datasets and read which rows are stored."""
+        """Read the file offsets of the datasets and the table of stored rows."""
         alines = file["alines"]
         samples = alines["samples"]
         self.course = ScanProgram.of_file(file)
@@ -122,17 +122,17 @@ class ScanFileWriter:
 
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """(F·M,) which rows hold no A-line yet."""
+        """Boolean array (F·M,): rows that hold no A-line yet."""
         missing: NDArray[np.bool_] = ~self._stored
         return missing
 
     def flagged(self, bits: int = 0xFFFFFFFF) -> NDArray[np.bool_]:
-        """(F·M,) which stored A-lines have one of these quality flags."""
+        """Return a boolean array (F·M,): stored A-lines with one of the given quality flags."""
         flagged: NDArray[np.bool_] = self._stored & ((self._columns["quality"] & np.uint32(bits)) != 0)
         return flagged
 
     def append(self, alines: Iterable[AlineLike], rows: NDArray[np.int64] | None = None) -> None:
-        """Store A-lines and return when they are on the disk; only then may they be acknowledged.
+        """Store A-lines durably (fsync); they may be acknowledged to the scanner after the return.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class ScanFileWriter:
         self._stored[places] = True
 
     def record_shot_count(self, shots: int) -> None:
-        """Note how many shots the scanner says it has fired; on a full disk that waits for the next time."""
+        """Store the scanner's shot count; on a full disk, postpone it to the next call."""
         self.fired = shots
         try:
             self._overwrite(self._fired_offset, np.asarray(shots, schema.FIRED).tobytes())
@@ -183,7 +183,7 @@ class ScanFileWriter:
                 raise
 
     def record_upload(self, upload: UploadRecord) -> None:
-        """Record durably the upload that the scanner is about to receive; files of version 1 cannot."""
+        """Store durably the record of the upload to the scanner that follows; files of version 1 have none."""
         if not self._run:
             return
         data = np.ascontiguousarray(upload.rows, schema.UPLOAD).tobytes()
@@ -194,7 +194,7 @@ class ScanFileWriter:
         sync_data(self._handle)
 
     def last_upload(self) -> UploadRecord | None:
-        """Return the last upload, if it is known for certain."""
+        """Return the record of the last upload; ``None`` if it is missing or its checksum is wrong."""
         if not self._run:
             return None
         head = self._read(self._run["upload"], schema.UPLOAD_FIELDS, schema.UPLOAD)
@@ -207,20 +207,20 @@ class ScanFileWriter:
         return UploadRecord(rows.astype(np.int64), tag, fired, laser_shots)
 
     def set_reference(self, point: int, bias: float, sensitivity: float, reflectivity: float) -> None:
-        """Note how the film was tuned at a point when the scan began."""
+        """Store the film's tuning at a reference point at the beginning of the scan."""
         if self._run:
             values = np.array([point, bias, sensitivity, reflectivity], schema.REFERENCE)
             self._overwrite(self._run["reference"], values.tobytes())
 
     def reference(self) -> tuple[int, float, float, float] | None:
-        """Return the reference set by :meth:`set_reference`, if any."""
+        """Return the tuning stored by :meth:`set_reference`; ``None`` without one."""
         if not self._run:
             return None
         point, bias, sensitivity, reflectivity = self._read(self._run["reference"], 4, schema.REFERENCE).tolist()
         return (int(point), bias, sensitivity, reflectivity) if bias > 0 else None
 
     def set_status(self, rows: NDArray[np.int64], status: int) -> None:
-        """Correct the table of stored rows; the A-lines themselves stay unchanged."""
+        """Overwrite the status table of stored rows; A-lines are not modified."""
         self._columns["status"][rows] = status
         self._stored[rows] = status == schema.STORED
         for row in rows.tolist():
@@ -228,17 +228,17 @@ class ScanFileWriter:
         sync_data(self._handle)
 
     def read_row(self, row: int) -> NDArray[Any]:
-        """Return the (N_t,) samples of one row."""
+        """Return the samples (N_t,) of one row."""
         chunk, within = divmod(row, self._chunk_rows)
         start = self._chunks[chunk] + within * self.samples * self.kind.itemsize
         return self._read(start, self.samples, self.kind)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a copy of one column of the shot table, (F·M,); KeyError where the file's version has none."""
+        """Return a copy of a metadata column (F·M,); KeyError if the file's version does not have it."""
         return self._columns[name].copy()
 
     def close(self) -> None:
-        """Flush and close; the file is valid without it."""
+        """Flush and close the file; a file that is not closed is valid, too."""
         if not self._file.closed:
             try:
                 self.record_shot_count(self.fired)
@@ -256,7 +256,7 @@ class ScanFileWriter:
         self.close()
 
     def _write_samples(self, places: NDArray[np.int64], pieces: Sequence[bytes]) -> None:
-        """Write A-lines into their rows, neighbours in one go."""
+        """Write A-lines into their rows, with one write for adjacent rows."""
         size, rows, chunks = len(pieces[0]), self._chunk_rows, self._chunks
         following = places[1:]
         ends = ((following - places[:-1] != 1) | (following % rows == 0)).nonzero()[0] + 1
@@ -266,7 +266,7 @@ class ScanFileWriter:
             self._overwrite(chunks[place // rows] + place % rows * size, data)
 
     def _write_columns(self, places: NDArray[np.int64]) -> None:
-        """Write the table at ``places``; rows between them keep their verified content."""
+        """Write the metadata columns of the rows at ``places``; rows between them keep their values."""
         first, last = int(places.min()), int(places.max()) + 1
         for name, values in self._columns.items():
             offset, size = self._offsets[name], values.itemsize
@@ -295,5 +295,5 @@ class ScanFileWriter:
 
 
 def sync_data(file: int) -> None:
-    """Wait until the file's data are on the disk; its size and bookkeeping never change while a scan runs."""
+    """Flush the file's data to the disk (fdatasync); its size never changes during a scan."""
     getattr(os, "fdatasync", os.fsync)(file)

@@ -1,4 +1,4 @@
-"""Import recordings of other formats as scan files.
+"""Import of recordings in other formats as scan files.
 
 What is imported counts as untrusted: see :mod:`steradian.scans.importing.untrusted`.
 """
@@ -23,7 +23,7 @@ __all__ = ["ImportSummary", "import_scan"]
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """Summary of an import: scan file, kind of source, number and length of A-lines, decisions."""
+    """Summary of an import: scan file, source format, number and length of A-lines, notes on decisions."""
 
     path: Path
     format: str
@@ -41,7 +41,7 @@ def import_scan(
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> ImportSummary:
-    """Make a scan file from a recording of another kind.
+    """Import a recording in another format: write its A-lines into a new scan file.
 
     A-lines pass in blocks of a few tens of megabytes. Integers of at most 16 bits are kept as they are, other numbers
     as float32. The file appears under its name only when it is whole. A file from a stranger is better read in a

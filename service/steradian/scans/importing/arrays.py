@@ -1,4 +1,4 @@
-"""Plain arrays: .npy and .npz, with a description beside them.
+"""Import of NumPy arrays (.npy and .npz), with metadata from a description file.
 
 An .npz that holds ``p`` (time, y, z) or (time, y), ``dt`` and ``dy``, ``dz`` (or ``dx`` alone) needs no description: it
 is k-Wave's pressure on a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z become our x and y.
@@ -42,7 +42,7 @@ PIECE = 1 << 22
 
 @contextmanager
 def open_npy(path: Path, said: Description) -> Iterator[RecordingSource]:
-    """Open an .npy file of A-lines.
+    """Open an .npy file of A-lines as a recording source.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def open_npy(path: Path, said: Description) -> Iterator[RecordingSource]:
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read a small .npy file of numbers.
+    """Read a small .npy file as an array of numbers.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def read_npy(path: Path) -> NDArray[Any]:
 
 @contextmanager
 def open_npz(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
-    """Open an .npz archive with the A-lines as one array; other arrays may replace a description.
+    """Open an .npz archive of A-lines as a recording source; its other arrays can serve as metadata.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
 
 
 def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any], bool]:
-    """Read an npy header: shape, kind, Fortran order."""
+    """Read the header of an .npy file: shape, dtype and Fortran order."""
     try:
         version = npy.read_magic(file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
@@ -133,7 +133,7 @@ def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any],
 def order_in(
     shape: tuple[int, ...], said: Description, name: str, default: tuple[str, ...] = ("point", "time"), known: int = 0
 ) -> tuple[str, ...]:
-    """Name an array's axes: as the description says, else as its format has them.
+    """Return the names of an array's axes from the description, else from the default of the format.
 
     Where the sensors' number is ``known``, or the description has positions, and only the other axis of two has so
     many, that is the sensors' axis.
@@ -162,7 +162,7 @@ def table_in(
     *,
     fortran: bool = False,
 ) -> tuple[TraceBlocks, tuple[int, ...]]:
-    """Make a table of numbers that lie one after the other in a file; returns the sensors' own axes, too."""
+    """Return A-lines stored contiguously in a file as a table, with the lengths of the sensor axes."""
     time = order.index("time")
     usual = order in (("point", "time"), ("time", "point"), ("x", "y", "time"), ("time", "x", "y"), ("x", "time"))
     if usual and not (fortran and len(shape) > 2):  # needs no address space
@@ -200,7 +200,7 @@ def _member_table(
     said: Description,
     spare: IO[bytes],
 ) -> tuple[TraceBlocks, tuple[int, ...], bool]:
-    """Give the A-lines of a member, the sensors' own axes, and whether the member is k-Wave's ``p``."""
+    """Return the A-lines of an .npz member, the lengths of its sensor axes, and whether it is k-Wave's ``p``."""
     member, is_p = held[name], name == "p"
     with archive.open(member) as file:
         shape, kind, fortran = _header(file, member.filename)
@@ -256,7 +256,7 @@ def _metadata_of(
         return float(_small(archive, member).reshape(-1)[0])
 
     def time_zero() -> float | NDArray[np.float64]:
-        """Of all A-lines, or of each point where there is one for each; none at all is 0."""
+        """Return the time zero of all A-lines, or one for each point; 0 if the archive has none."""
         member = find(variable_aliases.TIME_ZERO)
         if said.time_zero is not None or member is None or prod(_shape(archive, member)) == 1:
             return number(*variable_aliases.TIME_ZERO) or 0.0

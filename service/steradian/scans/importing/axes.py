@@ -1,4 +1,4 @@
-"""Axes of an array of A-lines by their names, and arrays in any order of axes as a table of A-lines."""
+"""Named axes of arrays of A-lines, and their conversion to a table of A-lines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ALLOWED = 'time and point (or sensor), or time and x, y, once each; frame may be
 
 
 def parse_axes(text: str) -> tuple[str, ...]:
-    """Return the names of axes, in the order in which they are written.
+    """Parse a list of axis names such as "frame, x, y, time".
 
     Raises
     ------
@@ -35,7 +35,7 @@ def parse_axes(text: str) -> tuple[str, ...]:
 
 
 def axes_of(names: tuple[str, ...], count: int, called: str) -> tuple[str, ...]:
-    """Return the name of each of an array's ``count`` axes; ``point`` may stand for x and y.
+    """Return the names of an array's ``count`` axes after validation; ``point`` is replaced by x and y if needed.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def axes_of(names: tuple[str, ...], count: int, called: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class ArrayTable:
-    """An array in memory, or mapped into it, as a table.
+    """Table of A-lines over an array in memory or a memory map.
 
     Parameters
     ----------
@@ -69,26 +69,26 @@ class ArrayTable:
 
     @property
     def lateral(self) -> tuple[int, ...]:
-        """Numbers of sensors along their axes."""
+        """Number of sensors along each lateral axis."""
         return tuple(map(int, self.values.shape[1:-1]))
 
     @property
     def points(self) -> int:
-        """Number of A-lines of a frame."""
+        """Number of A-lines in a frame."""
         return prod(self.lateral)
 
     @property
     def samples(self) -> int:
-        """Samples of each."""
+        """Number of samples of an A-line."""
         return int(self.values.shape[-1])
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Kind of number."""
+        """Data type of the samples."""
         return self.values.dtype
 
     def blocks(self) -> Iterator[Block]:
-        """Give all A-lines in order, whole rows of x together."""
+        """Yield all A-lines in blocks, in order, with the number of each block's first row."""
         row = prod(self.values.shape[2:]) * self.dtype.itemsize
         step, each = max(1, BLOCK_BYTES // max(1, row)), prod(self.lateral[1:])
         for frame, values in enumerate(self.values):
@@ -98,7 +98,7 @@ class ArrayTable:
 
 
 def table_of(values: NDArray[Any], axes: tuple[str, ...]) -> ArrayTable:
-    """Make a table of an array whose axes are named.
+    """Return an array with named axes as a table of A-lines.
 
     Raises
     ------

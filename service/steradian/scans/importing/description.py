@@ -1,4 +1,4 @@
-"""Sidecar JSON with metadata that an array file lacks.
+"""Description file of an import: JSON with metadata that an array file lacks.
 
 ::
 
@@ -37,7 +37,7 @@ MAX_BYTES = 64 << 20
 
 
 class GridDescription(Value):
-    """Sensors on a rectangular grid, sensor j of n at (j − n//2)·interval, x slowest."""
+    """Rectangular grid of sensors: pitch and counts, with sensor j of n at (j − n//2)·interval, x slowest."""
 
     interval: tuple[float, ...] = Field(description="Pitch along x and y, or along a line (lengths)", min_length=1)
     count: tuple[int, ...] | None = Field(default=None, description="Sensors along x and y; none: as the array has")
@@ -52,7 +52,7 @@ class GridDescription(Value):
 
 
 class Description(Value):
-    """Description of a recording, beside its samples; a file's own metadata fill in omitted fields."""
+    """Metadata of a recording to import, from a JSON file; omitted fields come from the recording itself."""
 
     sampling_interval: float | None = quantity_field("times", "Time between samples", gt=0, default=None)
     time_zero: float | None = quantity_field("times", "From the laser pulse to the first sample", default=None)
@@ -111,40 +111,40 @@ class Description(Value):
 
     @property
     def order(self) -> tuple[str, ...] | None:
-        """Names of the array's axes; ``None`` where the description does not give them."""
+        """Names of the array's axes; ``None`` if the description states none."""
         return None if self.axes is None else parse_axes(self.axes)
 
     @property
     def has_lengths(self) -> bool:
-        """Whether it has a length of its own; else ``lengths`` is the unit of the file's."""
+        """Whether the description states a length itself; else ``lengths`` is the unit of the file's lengths."""
         return any(each is not None for each in (self.positions, self.grid, self.aperture, self.depth))
 
     @property
     def has_times(self) -> bool:
-        """Whether it has a time of its own; else ``times`` is the unit of the file's."""
+        """Whether the description states a time itself; else ``times`` is the unit of the file's times."""
         return self.sampling_interval is not None or self.time_zero is not None
 
     @property
     def length_unit(self) -> float:
-        """Metres."""
+        """Unit of the description's lengths in metres."""
         return LENGTHS[self.lengths]
 
     @property
     def time_unit(self) -> float:
-        """Seconds."""
+        """Unit of the description's times in seconds."""
         return TIMES[self.times]
 
     def seconds(self, value: float | None) -> float | None:
-        """Convert one of the description's times."""
+        """Convert a time of the description to seconds."""
         return None if value is None else value * self.time_unit
 
     def metres(self, value: float | None) -> float | None:
-        """Convert one of the description's lengths."""
+        """Convert a length of the description to metres."""
         return None if value is None else value * self.length_unit
 
 
 def read_description(path: Path | None, options: Mapping[str, Any] | None = None) -> Description:
-    """Read a description; an empty one for ``None``.
+    """Read the description file of an import; ``None`` gives an empty description.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _fields(path: Path) -> dict[str, Any]:
 
 
 def grid_points(counts: tuple[int, ...], interval: tuple[float, ...]) -> NDArray[np.float64]:
-    """Positions (M, 1) or (M, 2) of a grid, sensor j of n at (j − n//2)·interval, the first axis slowest.
+    """Return the positions (M, 1) or (M, 2) of a grid of sensors, first axis slowest.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Detect the format of a recording by content and open it."""
+"""Format detection of recordings by content, and opening as a recording source."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def open_recording_source(
     note: Progress | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Iterator[RecordingSource]:
-    """Open a foreign recording for reading in blocks.
+    """Open a recording of any importable format as a source that is read in blocks.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def open_recording_source(
 
 
 def is_scan_file(path: Path) -> bool:
-    """Whether a file is a scan file of this program, by its format attribute; only HDF5 files can be one.
+    """Return whether a file is a scan file of this program, by its HDF5 format attribute.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def _opened_hdf5(
 
 
 def _format(file: h5py.File) -> str | None:
-    """Format attribute of the file, where it is one text."""
+    """Return the format attribute of an HDF5 file, if it is a single text."""
     if "format" not in file.attrs or file.attrs.get_id("format").shape != ():
         return None
     return str(file.attrs["format"])
@@ -128,7 +128,7 @@ def _magic_bytes(path: Path) -> bytes:
 
 
 def _with_positions(said: Description, description: Path | None) -> tuple[Description, Path | None]:
-    """Read the positions file that a description names; a k-Wave input file is handed on by its path."""
+    """Replace the name of a positions file in a description by its content; return a k-Wave input file as path."""
     if not isinstance(said.positions, str) or description is None:
         return said, None
     path = description.parent / said.positions

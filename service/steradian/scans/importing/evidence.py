@@ -1,4 +1,4 @@
-"""Evidence for the meaning of an array's axes, from the samples themselves.
+"""Inference of the meaning of an array's axes from the samples: quiet beginnings, similar neighbours.
 
 A record begins before the sound arrives, so an array's first part along time is quiet, while the first sensors are as
 loud as the others. A-lines of sensors side by side are alike but for a delay of at most their distance over the speed
@@ -34,7 +34,7 @@ LOUD = 1e-3
 
 
 def time_axis(data: Any, axes: Sequence[int]) -> int | None:
-    """Return which axis of an array (of NumPy or HDF5) is time; ``None`` if the samples do not decide.
+    """Return the axis of an array (NumPy or HDF5) that is time by its samples; ``None`` if undecided.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def time_axis(data: Any, axes: Sequence[int]) -> int | None:
 
 
 def quiet_beginnings(data: Any) -> NDArray[np.float64]:
-    """Return the mean power of each axis's beginning over the mean power of all."""
+    """Return, for each axis, the mean power of its first entries relative to the mean power of all samples."""
     count = data.shape[0]
     picked = np.unique(np.linspace(0, count - 1, min(count, SLICES)).round().astype(int))
     whole = np.stack([np.asarray(data[index], np.float64) for index in picked])
@@ -69,13 +69,13 @@ def quiet_beginnings(data: Any) -> NDArray[np.float64]:
 
 
 def longest_delay(pitch: float, speed: float, interval: float) -> int:
-    """Return the longest delay in samples between sensors ``pitch`` apart."""
+    """Return the longest possible delay, in samples, between the signals of sensors ``pitch`` metres apart."""
     delay = pitch / (speed * interval) if speed > 0 and interval > 0 else 0.0
     return int(min(MOST_LAG, ceil(delay))) if np.isfinite(delay) else MOST_LAG
 
 
 def likeness(lines: NDArray[Any], others: NDArray[Any], delay: int) -> NDArray[np.float64]:
-    """Return the correlation (n,) of A-lines (n, N_t) with others, at the best delay; nan where one is silent."""
+    """Return the correlation (n,) of pairs of A-lines at their best delay; nan for pairs without signal."""
     first, second = (np.asarray(each, np.float64) for each in (lines, others))
     first, second = (each - each.mean(axis=1, keepdims=True) for each in (first, second))
     power = (first**2).sum(axis=1), (second**2).sum(axis=1)
@@ -91,7 +91,7 @@ def likeness(lines: NDArray[Any], others: NDArray[Any], delay: int) -> NDArray[n
 
 
 def first_break(lines: Any, delay: int) -> int | None:
-    """Return the first row (of (M, N_t)) whose next one is not beside it, though its neighbours are; else ``None``."""
+    """Return the first row that, unlike its neighbours, is not similar to the next row; else ``None``."""
     pairs, step, found = len(lines) - 1, max(1, BLOCK // lines.shape[1]), [np.zeros(0)]
     for start in range(0, pairs, step):
         stop = min(start + step, pairs)

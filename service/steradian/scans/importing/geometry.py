@@ -1,4 +1,4 @@
-"""Positions of imported sensors on a plane or a line, centred on a square aperture."""
+"""Placement of imported sensors: fit of a plane or line, centred on a square aperture."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ AXIS_NAMES = "xyz"
 
 @dataclass(frozen=True)
 class SensorPlacement:
-    """Sensor positions as the reconstruction wants them.
+    """Positions, weights and aperture of imported sensors in the coordinates of the reconstruction.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class SensorPlacement:
 
     @property
     def centre(self) -> tuple[float, ...]:
-        """Coordinates (x, y) in m of our origin in the source's frame; () where that is ours."""
+        """Aperture's centre (x, y) in m in the coordinates of the source; () if both frames are the same."""
         return centre_of(self.origin, self.positions.shape[1])
 
     def mask(self, source: str) -> Mask:
-        """Make the mask; sensors without weights get the areas of their cells (:func:`custom_mask`).
+        """Create the mask; sensors without weights get the areas of their Voronoi cells (:func:`custom_mask`).
 
         Raises
         ------
@@ -82,7 +82,7 @@ def fit_sensor_plane(
     weights: NDArray[np.float64] | None = None,
     sensed_area: float | None = None,
 ) -> SensorPlacement:
-    """Fit a plane to imported sensor positions and centre them.
+    """Fit a plane or line to imported sensor positions and centre the positions on the aperture.
 
     ``bounds`` that are square, hold every sensor and are as wide as ``aperture``, if that is known, are the aperture.
     Else, with ``aperture``, positions count as centred already. Else sensors on a lattice of N places with pitch d, of
@@ -172,7 +172,7 @@ def _lateral_axes(points: NDArray[np.float64]) -> list[int]:
 
 
 def _refuse_arc(points: NDArray[np.float64], axes: list[str]) -> None:
-    """Reject sensors on an open arc: a curved array seen from its side is not a planar aperture.
+    """Raise an error for sensors on an arc, because a curved array is not a planar aperture.
 
     Each sensor is then a corner of their convex hull, and one of the hull's sides, the chord, is much longer than the
     others. Rings are closed, and those of an L, a cross or a grid are corners but for a few.
@@ -195,7 +195,7 @@ def _refuse_arc(points: NDArray[np.float64], axes: list[str]) -> None:
 
 
 def refuse_sideways(points: NDArray[np.float64], directions: NDArray[np.float64]) -> None:
-    """Refuse sensors whose stated directions lie in their plane instead of along its normal.
+    """Raise an error for sensors whose stated directions lie in their plane instead of along its normal.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Inspect a recording without importing it: metadata, missing fields, sample traces."""
+"""Preview of a recording without an import: metadata, missing fields, sample A-lines."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRACES, POSITIONS, SAMPLES = 5, 4000, 4096
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """Interpretation of a recording; ``None`` for fields that it does not state.
+    """Preview of a recording; ``None`` for fields that the recording does not state.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class RecordingSummary:
 
 
 def inspect_recording(source: Path, description: Path | None = None, folder: Path | None = None) -> RecordingSummary:
-    """Read the metadata of a recording, as an import would interpret them.
+    """Read the metadata of a recording as an import would interpret it, without importing.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _own(plan: ScanPlan, table: TraceBlocks, time_zero: float) -> RecordingSumma
 
 
 def _some(table: TraceBlocks) -> tuple[list[int], list[list[float]]]:
-    """Take a few A-lines of the first block, which is read alone: a file may be large."""
+    """Return the numbers and samples of a few A-lines from the first block."""
     start, block = next(iter(table.blocks()))
     rows = np.unique(np.linspace(0, len(block) - 1, TRACES).round().astype(int))
     return (start + rows).tolist(), np.nan_to_num(block[rows, :SAMPLES].astype(np.float64)).tolist()

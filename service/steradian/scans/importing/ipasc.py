@@ -1,4 +1,4 @@
-"""IPASC HDF5, the exchange format of the International Photoacoustic Standardisation Consortium.
+"""Import of IPASC HDF5, the format of the International Photoacoustic Standardisation Consortium.
 
 ``binary_time_series_data`` is [detector, sample, wavelength, frame]; ``meta_data`` holds the tags of the acquisition,
 ``meta_data_device`` a group for each detector. All values are datasets in SI units. Our own files add tags that the
@@ -49,7 +49,7 @@ TIME_ZERO, WEIGHTS, DEPTH, APERTURE, SIMULATED, ENERGY, QUALITY = (
 
 @contextmanager
 def open_ipasc(path: Path, said: Description, note: Progress | None = None) -> Iterator[RecordingSource]:
-    """Open an IPASC file, all frames of one wavelength after the other; of several, the description may choose one.
+    """Open an IPASC file as a recording source; the description may select one of several wavelengths.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _stated(file: h5py.File, points: NDArray[np.float64], excitation: tuple[floa
 
 
 def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tuple[float, ...]:
-    """Wavelengths of the light in m, where the file says one of each that is imported."""
+    """Return the excitation wavelengths in m, if the file states one for each imported frame; else ()."""
     name, count = f"{ACQUISITION}/acquisition_wavelengths", series.shape[2] if series.ndim > 2 else 1
     if name not in file:
         return ()
@@ -114,7 +114,7 @@ def _excitation(file: h5py.File, series: h5py.Dataset, said: Description) -> tup
 
 
 def _energies(file: h5py.File, series: h5py.Dataset, said: Description) -> NDArray[np.float64] | None:
-    """Return the pulse energy of each A-line that is imported (frames, detectors), where our own export states it."""
+    """Return the pulse energies (frames, detectors), which exports of this program state; else ``None``."""
     name, shape = f"{ACQUISITION}/{ENERGY}", (series.shape[0], *series.shape[2:])
     if name not in file or file[name].shape != shape:
         return None
@@ -125,7 +125,7 @@ def _energies(file: h5py.File, series: h5py.Dataset, said: Description) -> NDArr
 
 
 def _sound_speed(file: h5py.File) -> float | None:
-    """Speed of sound where it is one number; a map of it says too much for one."""
+    """Return the speed of sound if the file states a single number; ``None`` for a map."""
     name = f"{ACQUISITION}/speed_of_sound"
     found = file.get(name)
     if not isinstance(found, h5py.Dataset) or found.size != 1 or found.dtype.kind not in "iuf":
@@ -134,7 +134,7 @@ def _sound_speed(file: h5py.File) -> float | None:
 
 
 def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np.float64]:
-    """Positions (M, 3) of the detectors in the order of their names, by number where they are numbers."""
+    """Return the positions (M, 3) of the detectors, sorted by name (numerically where names are numbers)."""
     group = file.get(f"{DEVICE}/detectors")
     names = list(group) if isinstance(group, h5py.Group) else []
     if len(names) != count:
@@ -156,7 +156,7 @@ def _positions(file: h5py.File, count: int, note: Progress | None) -> NDArray[np
 
 
 def _directions(file: h5py.File) -> NDArray[np.float64]:
-    """Directions (K, 3) in which some of the detectors look, where the file says so."""
+    """Return the orientations (K, 3) of a sample of the detectors, if the file states them."""
     group = file[f"{DEVICE}/detectors"]
     names = list(group)
     found = []

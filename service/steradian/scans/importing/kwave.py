@@ -1,4 +1,4 @@
-"""HDF5 files of k-Wave's compiled programs, and their axes.
+"""Import of HDF5 output files of k-Wave's compiled programs (kspaceFirstOrder).
 
 k-Wave numbers its axes x, y, z with x fastest; an HDF5 file shows them in the opposite order. A sensor mask is a list
 of places in the grid, counted from 1 with x fastest, or cuboids between two corners; the recorded pressure has one
@@ -34,7 +34,7 @@ INDEX, CORNERS = "sensor_mask_index", "sensor_mask_corners"
 def open_kwave(
     path: Path, said: Description, companion: Path | None, folder: Path | None = None
 ) -> Iterator[RecordingSource]:
-    """Open an output file of kspaceFirstOrder.
+    """Open an output file of k-Wave's kspaceFirstOrder as a recording source.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def open_kwave(
 def mask_points(
     places: NDArray[np.int64], counts: tuple[int, int, int], steps: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Positions (M, 3) in metres of places in a grid, counted from 0 with x fastest.
+    """Return the positions (M, 3) in metres of grid points with the given linear indices (from 0, x fastest).
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _sensor_points(
 
 
 def _sound_speed(file: h5py.File) -> float | None:
-    """Speed of a uniform medium, else k-Wave's reference speed."""
+    """Return the speed of sound of a uniform medium, else k-Wave's reference speed."""
     uniform = file.get("c0")
     if isinstance(uniform, h5py.Dataset) and uniform.size == 1:
         return untrusted.number(file, "c0")

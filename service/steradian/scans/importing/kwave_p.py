@@ -1,4 +1,4 @@
-"""k-Wave's ``p`` as an array without positions: which of its axes is time, and whether its sensors lie on a line."""
+"""Axis order of k-Wave's array ``p`` without sensor positions, and check that its sensors form a line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from steradian.scans.importing.trace_blocks import RawTraceBlocks, TraceBlocks, 
 
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
-    """Return whether time is the first or last axis of k-Wave's ``p``; programs and versions differ.
+    """Return the axis names of k-Wave's ``p``, with time as first or last axis according to the samples.
 
     Of three axes time is the first, as k-Wave has it, unless the samples say otherwise; two must say.
     """
@@ -37,7 +37,7 @@ def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
 
 
 def order_of_square(values: NDArray[Any], usual: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the axes of an array with as many samples as sensors: the usual ones, unless the samples say otherwise."""
+    """Return the axis names of a square array: the usual order, unless the samples show the opposite."""
     time = time_axis(values, (0, 1))
     if time is None or usual[time] == "time":
         return usual
@@ -47,7 +47,7 @@ def order_of_square(values: NDArray[Any], usual: tuple[str, ...]) -> tuple[str, 
 
 
 def require_line(table: TraceBlocks, stated: Metadata, said: Description, pitch: float) -> None:
-    """Refuse sensors that would be a line for want of positions, where neighbouring A-lines say they are none."""
+    """Raise InvalidInput if A-lines without positions do not look like neighbours on a line."""
     if not isinstance(table, RawTraceBlocks) or table.points < 3:
         return
     shape = (table.samples, table.points) if table.time_first else (table.points, table.samples)

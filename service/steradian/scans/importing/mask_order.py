@@ -1,4 +1,4 @@
-"""The order in which the rows of a recording stand for the voxels of a binary mask.
+"""Assignment of a recording's rows to the voxels of a binary mask: MATLAB (column-major) or Python order.
 
 MATLAB's k-Wave counts voxels with the first axis fastest, k-wave-python since 0.6 with the last one. A file does not
 say which; the A-lines of neighbouring voxels do, for they are alike.
@@ -27,13 +27,13 @@ BY_PYTHON = re.compile(rb"Platform: (posix|nt|java|CPython)")
 
 
 def written_by_python(path: Path) -> bool:
-    """Whether the text at the beginning of a MATLAB file says that SciPy or hdf5storage wrote it."""
+    """Return whether a MATLAB file was written by SciPy or hdf5storage, according to its header text."""
     with path.open("rb") as file:
         return BY_PYTHON.search(file.read(116)) is not None
 
 
 def ordered(points: NDArray[np.float64], order: Order) -> NDArray[np.float64]:
-    """Return points (M, A) of a grid in the order in which a program counts them."""
+    """Return grid points (M, A) sorted in MATLAB's (column-major) or Python's (row-major) order."""
     keys = points if order == "matlab" else points[:, ::-1]
     return points[np.lexsort(keys.round(12).T)]
 
@@ -41,7 +41,7 @@ def ordered(points: NDArray[np.float64], order: Order) -> NDArray[np.float64]:
 def settle_order(
     table: TraceBlocks, points: NDArray[np.float64], said: Order | None, usual: Order, delay: int, *, python: bool
 ) -> NDArray[np.float64]:
-    """Return the mask's points (M, A) in the order of the table's rows.
+    """Return the mask's points (M, A) in the order of the A-lines, decided by description, samples or convention.
 
     Parameters
     ----------
@@ -50,9 +50,9 @@ def settle_order(
     points
         Of the mask, in any order.
     said
-        What the description says.
+        Order stated in the description, if any.
     usual
-        What is taken where the samples do not tell and MATLAB or Octave wrote the file.
+        Order used if the samples do not decide and MATLAB or Octave wrote the file.
     delay
         The longest delay between neighbours in samples.
     python
@@ -91,7 +91,7 @@ def settle_order(
 
 
 def _alike(table: TraceBlocks, points: NDArray[np.float64], delay: int) -> float:
-    """Mean correlation of the A-lines of neighbouring points, where row m of the table belongs to point m."""
+    """Return the mean correlation of A-lines of neighbouring points, if row m belongs to point m."""
     from scipy.spatial import KDTree
 
     picked = np.unique(np.linspace(0, len(points) - 1, min(PAIRS, len(points))).round().astype(int))

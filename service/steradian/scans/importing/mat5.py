@@ -1,4 +1,4 @@
-"""MATLAB's format before 7.3, the default of ``save`` (versions 5 to 7), and of Octave with ``-v6`` or ``-v7``.
+"""Reader of MATLAB files of versions 5 to 7 (before HDF5), also from Octave (``-v6``, ``-v7``).
 
 Read by SciPy: only variables of plain numbers that the import has a use for, and such fields of structures; never
 cells, objects or functions.
@@ -45,7 +45,7 @@ BROKEN = (
 
 @contextmanager
 def open_variables(path: Path, wanted: Iterable[str], needed: Iterable[str]) -> Iterator[h5py.File]:
-    """Give variables as an HDF5 file in memory that holds them as MATLAB 7.3 would.
+    """Yield variables of a MATLAB 5 to 7 file as an in-memory HDF5 file in the layout of MATLAB 7.3.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def open_variables(path: Path, wanted: Iterable[str], needed: Iterable[str]) -> 
 
 
 def _held(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
-    """Names of all variables with their shapes and classes."""
+    """Return the shapes and classes of all variables in the file, by name."""
     from scipy.io import whosmat
     from scipy.io.matlab import MatReadError
 
@@ -110,7 +110,7 @@ def _held(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
 
 
 def _require_sizes(path: Path, structures: list[str], held: list[str]) -> None:
-    """Reject structures of disproportionate size when inflated; SciPy does not report their size."""
+    """Raise an error for structures whose inflated size is too large, because SciPy does not report it."""
     sizes = _element_sizes(path)
     if len(sizes) != len(held):
         raise DamagedFile(f"{path.name} has {len(sizes)} elements for {len(held)} variables")
@@ -121,7 +121,7 @@ def _require_sizes(path: Path, structures: list[str], held: list[str]) -> None:
 
 
 def _element_sizes(path: Path) -> list[tuple[int, int]]:
-    """Bytes of each element in the file, and inflated, as their tags say."""
+    """Return the stored and the inflated size of each data element, in bytes, from the element tags."""
     found, size = [], path.stat().st_size
     with path.open("rb") as file:
         file.seek(126)
@@ -139,7 +139,7 @@ def _element_sizes(path: Path) -> list[tuple[int, int]]:
 
 
 def _fields(path: Path, structures: list[str], paths: set[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Plain numbers of structures, by the paths that are wanted."""
+    """Return the numeric fields of structures at the requested paths."""
     if not structures:
         return {}
     found = {}
@@ -160,7 +160,7 @@ def _field_names(path: Path, root: str) -> list[str]:
 
 
 def _one(value: Any) -> Any:
-    """Return the structure in a (1, 1) array of them."""
+    """Return the structure from an array of shape (1, 1); other values unchanged."""
     return (
         value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1 else value
     )

@@ -1,4 +1,4 @@
-"""MATLAB files with ``sensor_data`` and ``dt``: 7.3 (HDF5 underneath) or older, and Octave's ``save -hdf5``.
+"""Import of MATLAB and Octave files with the variables ``sensor_data`` and ``dt``.
 
 MATLAB's first axis runs fastest, so its arrays appear with their axes reversed. ``sensor_data`` is (sensor, time) or
 (x, y, time) as MATLAB shows it, or a structure with the field ``p``. The sensors come from ``positions`` (sensor,
@@ -46,7 +46,7 @@ EMPTY = "MATLAB_empty"
 
 @contextmanager
 def open_matlab(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
-    """Open a MATLAB 7.3 or Octave HDF5 file.
+    """Open a MATLAB 7.3 or Octave HDF5 file as a recording source.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def open_matlab(path: Path, said: Description, folder: Path | None = None) -> It
 
 @contextmanager
 def open_matlab_5(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
-    """Open a MATLAB file of version 5 to 7; raises like :func:`open_matlab`."""
+    """Open a MATLAB file of versions 5 to 7 as a recording source; raises like :func:`open_matlab`."""
     wanted = wanted_names(said)
     with mat5.open_variables(path, (*names.NUMBERS, *names.GEOMETRY), wanted) as file, temporary_file(folder) as spare:
         yield _source(file, said, spare, path, by_matlab=True)
@@ -89,7 +89,7 @@ def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_ma
 def _in_order(
     file: h5py.File, table: TraceBlocks, stated: Metadata, said: Description, path: Path, *, reversed_axes: bool
 ) -> Metadata:
-    """Put the points of a binary mask into the order of the A-lines."""
+    """Sort the points of a binary mask in the order of the A-lines."""
     interval = said.seconds(said.sampling_interval) or stated.sampling_interval or 0.0
     speed = said.sound_speed or stated.sound_speed or 1500.0
     delay = longest_delay(_steps(file, 1)[0], speed, interval)
@@ -101,7 +101,7 @@ def _in_order(
 
 
 def _mask(file: h5py.File) -> h5py.Dataset | None:
-    """Binary mask of the sensors, where the file has one and no positions."""
+    """Return the binary sensor mask if the file has one and no positions; else ``None``."""
     name = None if _find(file, names.POSITIONS) else _find(file, names.MASK)
     if name is None:
         return None
@@ -110,18 +110,18 @@ def _mask(file: h5py.File) -> h5py.Dataset | None:
 
 
 def wanted_names(said: Description) -> tuple[str, ...]:
-    """Return the names by which the A-lines are looked for; a field of a structure may be named with dots."""
+    """Return the variable names under which A-lines are searched for, structure fields written with a dot."""
     return (said.array.replace(".", "/"),) if said.array else names.TRACES
 
 
 def _by_matlab(path: Path) -> bool:
-    """Whether a file is of MATLAB 7.3, by the block before its HDF5 part."""
+    """Return whether an HDF5 file was written as MATLAB 7.3, according to its header block."""
     with path.open("rb") as file:
         return file.read(6) == b"MATLAB"
 
 
 def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
-    """Name of the first variable that is there and not [].
+    """Return the name of the first of several variables that exists and is not empty.
 
     Structures give their field ``p``, Octave's groups their ``value``.
     """
@@ -141,7 +141,7 @@ def _find(file: h5py.File, wanted: tuple[str, ...]) -> str | None:
 def _order(
     traces: h5py.Dataset, said: Description, known: int | None, called: str, *, reversed_axes: bool
 ) -> tuple[str, ...]:
-    """Name the axes as the file stores them: MATLAB's are reversed, those of another program as it shows them.
+    """Return the axis names of the A-lines in storage order, which for MATLAB is reversed.
 
     What a description says is about the axes as the program that wrote the file shows them.
     """
@@ -177,7 +177,7 @@ def _order_of_two(traces: h5py.Dataset, known: int | None, *, reversed_axes: boo
 
 
 def _order_of_three(traces: h5py.Dataset, *, reversed_axes: bool) -> tuple[str, ...]:
-    """MATLAB's (x, y, time), stored reversed, or time first; another program's with time first or last."""
+    """Return the axis names of a three-axis array, with time as first or last axis according to the samples."""
     time = time_axis(traces, (0, 2))
     if reversed_axes:
         if time == 2:
@@ -196,7 +196,7 @@ def _order_of_three(traces: h5py.Dataset, *, reversed_axes: bool) -> tuple[str, 
 
 
 def _table(traces: h5py.Dataset, order: tuple[str, ...], spare: Any) -> TraceBlocks:
-    """Put the A-lines in order, x slowest."""
+    """Return the A-lines as a table with x as the slowest axis."""
     points = prod(count for count, name in zip(traces.shape, order, strict=True) if name in ("point", "x", "y"))
     if points > MOST_POINTS:
         raise InvalidInput("sensor_data", f"{points} sensors", f"at most {MOST_POINTS}")
@@ -228,7 +228,7 @@ def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float6
 
 
 def _time_zero(file: h5py.File, lateral: tuple[int, ...]) -> float | NDArray[np.float64]:
-    """Time of the first sample, of all or (M,) of each sensor; an array of a form that is neither as it is."""
+    """Return the time of the first sample, for all sensors or each (M,); arrays of other shapes unchanged."""
     name = _find(file, names.TIME_ZERO)
     if name is None or file[name].size == 1:
         return _number(file, names.TIME_ZERO) or 0.0
@@ -264,7 +264,7 @@ def _points(file: h5py.File, *, reversed_axes: bool) -> NDArray[np.float64] | No
 
 
 def _coordinates(values: NDArray[Any], *, first: str) -> NDArray[np.float64]:
-    """Positions (M, A) from an array (M, A) in MATLAB's view, or (A, M) where ``first`` is the coordinate."""
+    """Return positions (M, A) from a MATLAB array of shape (M, A) or (A, M)."""
     if values.ndim != 2 or min(values.shape) > 3:
         raise DamagedFile(f"positions have the shape {values.shape[::-1]} in MATLAB; expected (sensor, x y z)")
     usual = values if first == "coordinate" else values.T
@@ -272,7 +272,7 @@ def _coordinates(values: NDArray[Any], *, first: str) -> NDArray[np.float64]:
 
 
 def _places(mask: h5py.Dataset) -> NDArray[np.int64]:
-    """Places of the nonzero voxels, counted with MATLAB's first axis fastest, a slab at a time."""
+    """Return the linear indices of the mask's nonzero voxels in MATLAB's order (first axis fastest)."""
     found, before, total = [], 0, 0
     for slab in iter_slabs(mask):
         here = np.flatnonzero(slab)

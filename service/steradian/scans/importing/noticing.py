@@ -1,4 +1,4 @@
-"""Anomalies of A-lines found while reading them: an offset of all samples, constant A-lines."""
+"""Detection of anomalies while A-lines are read: a common offset of the samples, constant A-lines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHOWN = 5
 
 
 def noticed(table: TraceBlocks) -> Iterator[Block]:
-    """Yield a table's blocks unchanged, and add remarks on their anomalies at the end."""
+    """Yield a table's blocks unchanged, and add import remarks on anomalies at the end."""
     count = lines = 0
     total = varied = 0.0
     constant: list[int] = []
@@ -44,7 +44,7 @@ def noticed(table: TraceBlocks) -> Iterator[Block]:
 
 
 def _moments(block: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
-    """Return mean and variance of each A-line, and which are constant; a few at a time, as copies take memory."""
+    """Return mean and variance of each A-line and the indices of constant A-lines."""
     step = max(1, AT_ONCE // max(1, block.shape[1]))
     means, power = np.empty(len(block)), np.empty(len(block))
     silent = np.empty(len(block), bool)

@@ -1,4 +1,4 @@
-"""Read and validate the plan stored in a scan file."""
+"""Reader of the plan stored in a scan file, with validation."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def read_mask(file: h5py.File) -> Mask:
 
 
 def _of_attributes(file: h5py.File, stated: dict[str, float]) -> dict[str, Any]:
-    """Fields of a plan in a file of version 1, which has no document."""
+    """Return the fields of a plan from attributes of a scan file of version 1, which lacks the JSON document."""
     whole = {name: int(stated[name]) for name in WHOLE}
     return stated | whole | {"order": untrusted.text(file, "plan", "order")}
 

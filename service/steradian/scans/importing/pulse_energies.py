@@ -1,4 +1,4 @@
-"""Pulse energies that a foreign file states, relative to their mean."""
+"""Normalisation of the pulse energies stated in an imported file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from steradian.scans.importing.remarks import remark
 
 
 def relative_energies(values: NDArray[Any] | None, frames: int, points: int) -> NDArray[np.float64] | None:
-    """Return the energy of each A-line over the mean of all, frame after frame.
+    """Return the pulse energy of each A-line divided by the mean energy, frame after frame.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Remarks on an import: decisions and assumptions where a file is silent, reported to the caller."""
+"""Remarks on an import: notes on decisions and assumptions, collected for the caller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _collected: ContextVar[list[str] | None] = ContextVar("collected", default=None)
 
 @contextmanager
 def collecting_remarks() -> Iterator[list[str]]:
-    """Collect the remarks made inside the block, each once, in the order in which they were made."""
+    """Collect the remarks added inside the block, in order and without duplicates."""
     found: list[str] = []
     token = _collected.set(found)
     try:
@@ -23,13 +23,13 @@ def collecting_remarks() -> Iterator[list[str]]:
 
 
 def remark(text: str) -> None:
-    """Add a remark, one plain sentence; outside :func:`collecting_remarks` it is dropped."""
+    """Add a remark of one sentence to the collected ones; ignored outside :func:`collecting_remarks`."""
     found, text = _collected.get(), printable(text)[:LONGEST]
     if found is not None and text not in found and len(found) < MOST:
         found.append(text)
 
 
 def remarks() -> list[str]:
-    """Return the list to which :func:`remark` adds now; an empty one where nothing collects."""
+    """Return the current list of collected remarks; an empty list outside :func:`collecting_remarks`."""
     found = _collected.get()
     return [] if found is None else found

@@ -1,4 +1,4 @@
-"""Run imports in a sandboxed subprocess with memory and time limits.
+"""Import in a sandboxed subprocess with limits of memory and time.
 
 The HDF5 library follows what a damaged file says, sometimes into the ground or in circles, and no care outside it can
 prevent that. ``python -P -m steradian.scans.importing.sandbox`` reads one request as a line of JSON, writes progress
@@ -56,7 +56,7 @@ def import_in_sandbox(
     cancelled: CancelCheck | None = None,
     seconds: float = SECONDS,
 ) -> ImportSummary:
-    """Do :func:`~steradian.scans.importing.import_scan` in a process with limited memory and time.
+    """Run :func:`~steradian.scans.importing.import_scan` in a sandboxed process with limits of memory and time.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def import_in_sandbox(
 def inspect_in_sandbox(
     source: Path, folder: Path, *, description: Path | None = None, seconds: float = POLL_INTERVAL
 ) -> RecordingSummary:
-    """Do :func:`~steradian.scans.importing.inspect.inspect_recording` in a process with limited memory and time.
+    """Run :func:`~steradian.scans.importing.inspect.inspect_recording` in a sandboxed, limited process.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def _in_child(
 
 
 def _listen(lines: IO[bytes], progress: Progress | None, cancelled: CancelCheck | None) -> dict[str, Any]:
-    """Pass on progress; returns the last message, empty when the process ended without one."""
+    """Report the process's progress messages to the caller; return its last message, empty without one."""
     for line in lines:
         said: dict[str, Any] = json.loads(line)
         if "stage" not in said:
@@ -226,7 +226,7 @@ def main() -> None:
 
 
 def _needed(source: Path, description: Path | None) -> list[Path]:
-    """Return the files that an import reads: the recording, its description and the files named there."""
+    """Return the files that an import reads: recording, description and the positions file."""
     if description is None:
         return [source]
     with suppress(SteradianError):  # it is told when the description is read
@@ -236,7 +236,7 @@ def _needed(source: Path, description: Path | None) -> list[Path]:
 
 
 def limit_process(memory: int, seconds: float, size: int) -> None:
-    """Set resource limits of this process where the system supports them.
+    """Set resource limits of this process (memory, processor time, file size) where the system supports them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Import foreign scan files by rewriting the validated content."""
+"""Import of scan files of this program from untrusted sources, by rewriting their validated content."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class _Scan:
 def sanitise_scan(
     source: Path, path: Path, *, progress: Progress | None, cancelled: CancelCheck | None
 ) -> tuple[int, int]:
-    """Write a scan file from the content of another; returns the numbers of stored A-lines and samples of each.
+    """Copy the validated content of a scan file into a new one; return the numbers of A-lines and samples.
 
     Nothing is copied that was not read as what it should be. Missing points stay missing: the new file can be
     continued or reconstructed like the old one.
@@ -114,7 +114,7 @@ def sanitise_scan(
 
 @contextmanager
 def open_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5TraceBlocks, float]]:
-    """Open a scan file to look into: its plan, its A-lines and its time zero (s); raises as :func:`sanitise_scan`."""
+    """Open an untrusted scan file for preview; yield its plan, A-lines and time zero (s)."""
     with untrusted.open_untrusted(source) as file:
         scan = _read(file)
         yield scan.plan, scan.table, _time_zero(file)
@@ -157,14 +157,14 @@ def _read(file: h5py.File) -> _Scan:
 
 
 def _refuse_unknown(file: h5py.File) -> None:
-    """Reject unknown content of a scan file; groups are allowed in the root only."""
+    """Raise DamagedFile for unknown groups or datasets in a scan file."""
     for place in _names(file):
         if place not in GROUPS | DATASETS or (place in GROUPS) != isinstance(file[place], h5py.Group):
             raise DamagedFile(f"{untrusted.name_of(file)}: {place} is unknown in a scan file")
 
 
 def _names(file: h5py.File) -> list[str]:
-    """Names of all objects, as deep as a scan file's lie."""
+    """Return the names of all HDF5 objects, down to the depth of a scan file's structure."""
     names = [name.decode(errors="replace") for name in file.id]
     for group in GROUPS.intersection(names):
         if isinstance(file[group], h5py.Group):
@@ -183,7 +183,7 @@ def _visit(file: h5py.File, plan: ScanPlan) -> NDArray[np.int64]:
 
 
 def _bias(file: h5py.File, plan: ScanPlan) -> NDArray[np.float64] | None:
-    """Read the wavelengths that were set; programs that did not say so set each point's best one."""
+    """Read the bias wavelengths that were set; without a record, the optimum wavelengths of the plan."""
     if "plan/bias" not in file:
         return plan.wavelengths
     bias = untrusted.array(file, "plan/bias")
@@ -213,7 +213,7 @@ def _pulse_energy(file: h5py.File) -> float:
 
 
 def _name(file: h5py.File, attribute: str) -> str:
-    """Read a text attribute of the root, without terminal control characters."""
+    """Read a text attribute of the root group, without terminal control characters."""
     return "".join(each for each in untrusted.text(file, "/", attribute, most=NAME) or "" if each.isprintable())
 
 
@@ -232,7 +232,7 @@ def _write(scan: _Scan, store: ScanFileWriter, progress: Progress | None, cancel
 
 
 def _alines(scan: _Scan, first: int, block: NDArray[Any]) -> Iterator[ImportedAline]:
-    """Give the stored A-lines of some rows, each proven by its checksum."""
+    """Yield the stored A-lines of a block of rows after checksum verification."""
     rows = np.flatnonzero(scan.stored[first : first + len(block)])
     proven = scan.rows.take(first + rows).verify_rows(block[rows])
     if not proven.all():
@@ -251,7 +251,7 @@ def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_],
 
 
 def _copy_resume_state(file: h5py.File, scan: _Scan, store: ScanFileWriter) -> None:
-    """Copy the data needed to resume the scan: the last upload, if it is certain, and the reference."""
+    """Copy the data needed to resume the scan: record of the last upload, if valid, and tuning reference."""
     if not {"run/queue", "run/upload", "run/reference"}.issubset(_names(file)):
         return  # version 1
     queue, head, told = (untrusted.array(file, f"run/{name}") for name in ("queue", "upload", "reference"))

@@ -1,4 +1,4 @@
-"""Write an opened recording to a new scan file."""
+"""Writer of an opened recording source into a new scan file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _PIECE = 1 << 20
 
 @dataclass(frozen=True)
 class ImportedAline:
-    """A-line for the store; values missing in the source are zero, its energy the nominal one."""
+    """Imported A-line for the scan file writer; unknown metadata are zero and the energy is nominal."""
 
     point: int
     samples: NDArray[np.int16] | NDArray[np.float32]
@@ -52,7 +52,7 @@ class ImportedAline:
 
 
 def plan_of(source: RecordingSource) -> ScanPlan:
-    """Make the plan that would have measured a recording.
+    """Create a scan plan that matches an imported recording.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def plan_of(source: RecordingSource) -> ScanPlan:
 def write_scan(
     source: RecordingSource, path: Path, *, progress: Progress | None, cancelled: CancelCheck | None
 ) -> None:
-    """Write a recording into a new scan file, block by block.
+    """Write a recording source into a new scan file, block by block.
 
     Integers of at most 16 bits stay what they are; everything else becomes float32.
 
@@ -140,7 +140,7 @@ def _origin(source: RecordingSource) -> str:
 
 
 def split_block(start: int, block: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Yield pieces of a block that begins at row ``start``, with their first rows; the store copies its input."""
+    """Yield parts of a block of A-lines with their first row numbers, to limit memory use."""
     step = max(1, _PIECE // (block.shape[1] * block.itemsize))
     for first in range(0, len(block), step):
         yield start + first, block[first : first + step]
@@ -152,7 +152,7 @@ def check_values(
     rows: NDArray[np.int64],
     given: NDArray[Any] | None = None,
 ) -> None:
-    """Raise :class:`InvalidInput` for the first sample (B, N_t) of ``rows`` that is not finite or too large.
+    """Raise :class:`InvalidInput` if a sample of a block (B, N_t) is not finite or too large.
 
     ``given`` is what the source had in its place.
     """

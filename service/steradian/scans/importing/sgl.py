@@ -1,4 +1,4 @@
-"""``.sgl``: raw recordings of Fabry–Pérot scanners that LabVIEW controls, a grid or a line of points.
+"""Import of ``.sgl`` files, raw recordings of LabVIEW-controlled Fabry–Pérot scanners.
 
 Big-endian float32 throughout. A header of six numbers: Nx, Ny, Nt, dx (µm), dy (µm), dt (ns); Nx·Ny·Nt samples, x
 fastest, then y, then time; up to eight numbers more, those of :data:`TRAILER`. The file's name may carry settings too
@@ -53,7 +53,7 @@ EXCITATION = (200.0, 3000.0)
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout of a file according to its header and length.
+    """Layout of an .sgl file: counts, steps, interval and trailer.
 
     Attributes
     ----------
@@ -80,18 +80,18 @@ class Layout:
 
     @property
     def points(self) -> int:
-        """Number of A-lines."""
+        """Number of A-lines in the file."""
         return self.counts[0] * self.counts[1]
 
     def said(self, name: str) -> float | None:
-        """Return a number of the trailer, ``None`` where it is missing or no number."""
+        """Return a number of the trailer by name; ``None`` if it is missing or not finite."""
         place = TRAILER.index(name)
         value = self.trailer[place] if place < len(self.trailer) else np.nan
         return value if np.isfinite(value) else None
 
 
 def is_sgl(path: Path, name: str = "") -> bool:
-    """Whether a file is an .sgl file, by its name or by a header that fits the length; the format has no signature."""
+    """Return whether a file is an .sgl file, by its name or by a header that matches its length."""
     if (name or path.name).lower().endswith(SUFFIX):
         return True
     head, size = _head(path)
@@ -107,7 +107,7 @@ def is_sgl(path: Path, name: str = "") -> bool:
 
 @contextmanager
 def open_sgl(path: Path, said: Description) -> Iterator[RecordingSource]:
-    """Open an .sgl file.
+    """Open an .sgl file as a recording source.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def open_sgl(path: Path, said: Description) -> Iterator[RecordingSource]:
 
 
 def read_layout(path: Path, named: NameSays | None = None) -> Layout:
-    """Read and check the header, and the numbers behind the samples; raises like :func:`open_sgl`."""
+    """Read and validate header and trailer of an .sgl file; raises like :func:`open_sgl`."""
     head, size = _head(path)
     width = KIND.itemsize * len(HEADER)
     if len(head) < width or size % KIND.itemsize:
@@ -158,7 +158,7 @@ def _head(path: Path) -> tuple[bytes, int]:
 
 
 def _decimal(data: bytes) -> list[float]:
-    """Numbers as they are written with the fewest digits: 106.3 rather than 106.30000305."""
+    """Decode float32 numbers to the shortest decimal value: 106.3 rather than 106.30000305."""
     return [float(str(number)) for number in np.frombuffer(data, KIND).astype(np.float32)]
 
 
@@ -175,7 +175,7 @@ def _in_range(name: str, value: float, given: str, allowed: Any) -> float:
 
 
 def _require_one_plane(name: str, held: int, total: int, shape: str, named: NameSays | None) -> None:
-    """Reject files that are too short or too long, and files of two planes by name."""
+    """Raise an error for files of wrong length and for files of two-plane scanners."""
     if named is not None and named.two_planes:
         raise DamagedFile(
             f"{name} is, by its name, a recording of a two-plane (V-shape) scanner; only one plane can be imported: "
@@ -217,7 +217,7 @@ def _stated(layout: Layout, named: NameSays, said: Description) -> Metadata:
 
 
 def _compare(layout: Layout, named: NameSays) -> None:
-    """Remark where name and header say different things."""
+    """Add an import remark for each value that differs between file name and header."""
     for label, figure, value, unit, scale in (
         ("dx", named.dx, layout.steps[0] if layout.counts[0] > 1 else None, "µm", 1e6),
         ("dy", named.dy, layout.steps[1] if layout.counts[1] > 1 else None, "µm", 1e6),
@@ -229,7 +229,7 @@ def _compare(layout: Layout, named: NameSays) -> None:
 
 
 def _points(layout: Layout) -> NDArray[np.float64]:
-    """(M, 2) positions in m, x fastest, as the samples are."""
+    """Return the positions (M, 2) of the points in m, x fastest."""
     lines = []
     for name, count, step in zip(("x0_mm", "y0_mm"), layout.counts, layout.steps, strict=True):
         step, first = step if count > 1 else 0.0, layout.said(name)
@@ -272,7 +272,7 @@ def _averages(layout: Layout, named: NameSays) -> int:
 
 
 def _details(layout: Layout) -> dict[str, Any]:
-    """Return metadata that the scan file stores in its ``source`` attribute; ``bytes``: header and trailer."""
+    """Return metadata for the scan file's ``source`` attribute, including the bytes of header and trailer."""
     source = layout.said("interrogation_source")
     known = source is not None and source % 1 == 0 and 0 <= source < len(INTERROGATION)
     if source is not None and not known:

@@ -1,4 +1,4 @@
-"""Names of .sgl files, which carry acquisition settings.
+"""Parser of .sgl file names, which contain acquisition settings.
 
 ``NAME@750nm_t0[0]_dx[100µm]_dy[100µm]_dt[8ns]_03s08m21h_04-12-18_avg1_2D_raw.SGL``: excitation wavelength, time of the
 first sample in samples after the pulse, steps, sampling interval, averages.
@@ -23,19 +23,19 @@ TIMES = {"": 1.0, "m": 1e-3, "n": 1e-9, "p": 1e-12}
 
 @dataclass(frozen=True)
 class Figure:
-    """A number of a name in SI units, and half a unit of its last digit."""
+    """Number parsed from a file name: value in SI units and rounding error."""
 
     value: float
     rounding: float
 
     def agrees(self, other: float) -> bool:
-        """Whether another number rounds to this one."""
+        """Return whether another number equals this one within the rounding error."""
         return abs(other - self.value) <= self.rounding * 1.01 + 1e-6 * abs(self.value)
 
 
 @dataclass(frozen=True)
 class NameSays:
-    """Metadata in a file's name; ``None`` for fields that it does not contain.
+    """Metadata parsed from the name of an .sgl file; ``None`` for fields that the name does not contain.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Opened recording: traces in blocks plus metadata in SI units."""
+"""Recording source: an opened file with A-lines in blocks and metadata in SI units."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNITLESS = ("npz", "matlab")  # formats whose numbers may be in any unit
 
 @dataclass(frozen=True)
 class MissingField:
-    """Field that is missing from both file and description, with its allowed values."""
+    """Metadata field that neither file nor description states, with its allowed values."""
 
     field: str
     allowed: str
@@ -49,7 +49,7 @@ def collecting_missing_fields() -> Iterator[list[MissingField]]:
 
 
 def _missing(field: str, allowed: str, instead: _T) -> _T:
-    """Reject a missing field; or record it and return a placeholder."""
+    """Raise InvalidInput for a missing field; inside :func:`collecting_missing_fields`, return a placeholder."""
     lacks = _noted.get()
     if lacks is None:
         raise InvalidInput(field, "missing", allowed)
@@ -59,7 +59,7 @@ def _missing(field: str, allowed: str, instead: _T) -> _T:
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata of a file in SI units; ``None`` for fields that it does not state."""
+    """Metadata stated by a file, in SI units; ``None`` for fields that the file does not state."""
 
     points: NDArray[np.floating[Any]] | None = None
     """(M, 1 to 3) positions."""
@@ -86,7 +86,7 @@ class Metadata:
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """A recording that can be read in blocks.
+    """Opened file of A-lines that are read in blocks, with complete metadata.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class RecordingSource:
     notes: list[str] = field(default_factory=list)
 
     def recording(self) -> Recording:
-        """Read the first frame into memory."""
+        """Read the first frame into memory as a recording."""
         sensors, mask = self.sensors, self.sensors.mask(self.format)
         blocks = [
             rows.astype(rows.dtype.newbyteorder("="))
@@ -160,7 +160,7 @@ class RecordingSource:
         )
 
     def _shots(self) -> ShotMetadata | None:
-        """Return per-A-line differences of the first frame, if there are any."""
+        """Return the per-A-line metadata of the first frame; ``None`` if all A-lines are alike."""
         if self.time_zeros is None and self.energies is None:
             return None
         points = self.table.points
@@ -176,7 +176,7 @@ def make_source(
     name: str,
     lateral: tuple[int, ...] | None = None,
 ) -> RecordingSource:
-    """Combine the metadata of a file with its description, which takes precedence.
+    """Create a recording source from the metadata of a file and its description, which takes precedence.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def make_source(
 
 
 def _in_units(stated: Metadata, said: Description) -> Metadata:
-    """Convert a file's own lengths and times where the description gives their unit."""
+    """Convert the lengths and times of a file to SI units, if the description states their unit."""
     length = 1.0 if said.has_lengths else said.length_unit
     time = 1.0 if said.has_times else said.time_unit
     for noun, unit, factor in (("lengths", said.lengths, length), ("times", said.times, time)):
@@ -260,7 +260,7 @@ def _in_units(stated: Metadata, said: Description) -> Metadata:
 def _time_zeros(
     stated: float | NDArray[np.float64], said: Description, points: int
 ) -> tuple[float, NDArray[np.float64] | None]:
-    """Return the earliest time zero, and that of each of the ``count`` sensors if they differ."""
+    """Return the earliest time zero, and an array of each sensor's time zero if these differ."""
     values = np.asarray(stated, np.float64)
     if values.ndim and max(values.shape) == values.size:  # a row or a column
         values = values.reshape(-1)

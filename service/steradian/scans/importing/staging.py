@@ -1,4 +1,4 @@
-"""Lay out uploaded files under the names the importers expect."""
+"""Staging of uploaded files in a folder with the file names that the importers expect."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 def stage_upload(
     folder: Path, description: Mapping[str, Any] | None, upload: Path, companion: Path | None = None
 ) -> tuple[Path, Path | None]:
-    """Give uploads the names by which the importer knows text files and a description its companion.
+    """Create links to uploaded files, and the description, with the file names that the importers expect.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables of numbers as text: lines of fields between commas, semicolons, tabs or spaces.
+"""Import of text tables (CSV): numbers separated by commas, semicolons, tabs or spaces.
 
 The first line of numbers settles the separator: semicolons before tabs before commas before spaces. A comma inside the
 fields of another separator is a decimal comma, in all lines. Lines that begin with # or % are left out, and one heading
@@ -38,7 +38,7 @@ CUT = re.compile(rb"^[+-]?0[0-9]")
 
 
 def is_text_table(path: Path) -> bool:
-    """Whether a file is a text table: its beginning is text with a line of numbers, or its name says so."""
+    """Return whether a file is a text table, by its content (a line of numbers) or its name."""
     with path.open("rb") as file:
         start = file.read(START).removeprefix(MARK)
     if start.startswith(UTF_16):
@@ -53,7 +53,7 @@ def is_text_table(path: Path) -> bool:
 
 @contextmanager
 def open_csv(path: Path, said: Description, folder: Path | None = None) -> Iterator[RecordingSource]:
-    """Open a text file with an A-line a row, or a time step a row where the description says so.
+    """Open a text table as a recording source: one A-line per row, or one time step per row if so described.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def open_csv(path: Path, said: Description, folder: Path | None = None) -> Itera
 
 
 def text_rows(file: IO[bytes], path: Path) -> Iterator[NDArray[np.float64]]:
-    """Give the rows of numbers.
+    """Yield the rows of numbers of a text table.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def text_rows(file: IO[bytes], path: Path) -> Iterator[NDArray[np.float64]]:
 
 @dataclass
 class _Form:
-    """Separator of a file's fields (none: spaces), and whether commas are decimal ones."""
+    """Dialect of a text table: field separator, and whether numbers have decimal commas."""
 
     separator: bytes | None
     decimal: bool = False
@@ -119,7 +119,7 @@ class _Form:
 
     @classmethod
     def of(cls, text: bytes) -> _Form:
-        """Find the separator of a line."""
+        """Return the dialect detected from a line."""
         if b";" in text:
             return cls(b";")
         if b"\t" in text and not all(
@@ -136,7 +136,7 @@ class _Form:
         return cls(b"," if b"," in text else None)
 
     def row(self, text: bytes, number: int, name: str) -> NDArray[np.float64]:
-        """Return the numbers of a line; the file's first comma within a field settles that they are decimal."""
+        """Parse the numbers of a line; a comma inside a field marks the table as one with decimal commas."""
         if self.separator is None:
             fields = text.split()
         else:
@@ -162,7 +162,7 @@ class _Form:
         return row
 
     def _require_whole(self, fields: list[bytes], number: int, name: str) -> None:
-        """Reject decimals split at their commas: "0,05" between commas cannot be distinguished from two numbers."""
+        """Raise an error for ambiguous commas: in "0,05" a decimal comma or a separator."""
         for place, field in enumerate(fields, 1):
             if CUT.match(field):
                 raise DamagedFile(
@@ -172,7 +172,7 @@ class _Form:
 
 
 def _is_heading(text: bytes) -> bool:
-    """Whether a line has words in it and no field that is a number."""
+    """Return whether a line is a heading: words and no numbers."""
     fields = [field for field in re.split(rb"[,;\t ]+", text.strip()) if field]
     return bool(fields) and not any(_number(field.strip(b"\"'")) is not None for field in fields)
 
@@ -185,7 +185,7 @@ def _number(field: bytes) -> float | None:
 
 
 def _fault(fields: list[bytes]) -> str:
-    """Return a message that names the first field that is not a finite number."""
+    """Return an error message for the first field that is not a finite number."""
     for place, field in enumerate(fields, 1):
         number = _number(field)
         if not field:

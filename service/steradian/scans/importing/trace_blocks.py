@@ -1,4 +1,4 @@
-"""Read A-lines from a file in blocks of bounded size.
+"""Tables of A-lines in a file, read in blocks of bounded size.
 
 A table gives (M, N_t) A-lines, point by point, whatever the order in which its file keeps them. Where the file has
 time first and cannot be read by columns (compressed, chunked by time step, a text, a zip member), its numbers go
@@ -26,7 +26,7 @@ Block = tuple[int, NDArray[Any]]
 
 
 class TraceBlocks(Protocol):
-    """A-lines that can be read in blocks; row f·M + m belongs to frame f and point m."""
+    """Protocol of a table of A-lines that is read in blocks; row f·M + m is point m of frame f."""
 
     @property
     def points(self) -> int: ...  # noqa: D102
@@ -41,7 +41,7 @@ class TraceBlocks(Protocol):
 
 @dataclass(frozen=True)
 class RawTraceBlocks:
-    """Numbers one after the other in a file, either order of axes.
+    """Table of A-lines stored as contiguous raw numbers in a file, in either axis order.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class RawTraceBlocks:
     frames: int = 1
 
     def blocks(self) -> Iterator[Block]:
-        """Give all A-lines in order."""
+        """Yield all A-lines in blocks, in order."""
         step = max(1, BLOCK_BYTES // (self.samples * self.dtype.itemsize))
         for start in range(0, self.points, step):
             count = min(step, self.points - start)
@@ -94,7 +94,7 @@ class RawTraceBlocks:
 
 @dataclass(frozen=True)
 class Hdf5TraceBlocks:
-    """A dataset (M, N_t, …) of an HDF5 file; each set of further indices is a frame."""
+    """Table of A-lines in an HDF5 dataset (M, N_t, …); each further index is a frame."""
 
     dataset: h5py.Dataset
     further: tuple[tuple[int, ...], ...] = ((),)
@@ -106,22 +106,22 @@ class Hdf5TraceBlocks:
 
     @property
     def points(self) -> int:
-        """Number of A-lines."""
+        """Number of A-lines in a frame."""
         return int(self.dataset.shape[0])
 
     @property
     def samples(self) -> int:
-        """Samples of each."""
+        """Number of samples of an A-line."""
         return int(self.dataset.shape[1])
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Kind of number."""
+        """Data type of the samples."""
         kind: np.dtype[Any] = np.dtype(self.dataset.dtype)
         return kind
 
     def blocks(self) -> Iterator[Block]:
-        """Give all A-lines in order, in whole chunks where these are small enough."""
+        """Yield all A-lines in blocks, in order; blocks are whole HDF5 chunks if these are small enough."""
         row = int(np.prod(self.dataset.shape[1:])) * self.dtype.itemsize
         step = max(1, BLOCK_BYTES // row)
         whole = self.dataset.chunks[0] if self.dataset.chunks else 1
@@ -133,14 +133,14 @@ class Hdf5TraceBlocks:
 
 
 def temporary_file(folder: Path | None) -> IO[bytes]:
-    """Open a nameless file that vanishes when it is closed, however that happens."""
+    """Open an anonymous temporary file, which the system deletes when it is closed."""
     return tempfile.TemporaryFile(dir=folder, prefix=".import-")
 
 
 def spill_to_disk(
     pieces: Iterator[NDArray[Any]], file: IO[bytes], points: int, samples: int, *, time_first: bool
 ) -> RawTraceBlocks:
-    """Write pieces of a table, in the order of its file, into a scratch file.
+    """Write pieces of an array to a temporary file and return it as a table of A-lines.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def spill_to_disk(
 def mapped(
     file: IO[bytes], offset: int, kind: np.dtype[Any], shape: tuple[int, ...], *, fortran: bool = False
 ) -> NDArray[Any]:
-    """Map numbers that lie one after the other in a file into memory, for reading in any order.
+    """Memory-map contiguous numbers of a file as an array.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def mapped(
 
 
 def iter_slabs(dataset: h5py.Dataset) -> Iterator[NDArray[Any]]:
-    """Read a dataset along its first axis, a few megabytes at a time and in whole chunks."""
+    """Yield slabs of an HDF5 dataset along its first axis, a few megabytes each, in whole chunks."""
     row = max(1, int(np.prod(dataset.shape[1:])) * dataset.dtype.itemsize)
     step = max(1, BLOCK_BYTES // row)
     if dataset.chunks:

@@ -1,4 +1,4 @@
-"""Units of a file's and a description's numbers, in refusals of numbers that are too large."""
+"""Units of lengths and times in error messages of imports."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from steradian.scans.importing.description import LENGTHS, TIMES, Description
 
 
 def unit_of_times(said: Description) -> Literal["s", "us", "ns"]:
-    """Return the unit of a file's own times."""
+    """Return the unit in which a file's own times are interpreted."""
     return "s" if said.has_times else said.times
 
 
 def require_extent(points: NDArray[np.floating[Any]], said: Description) -> None:
-    """Reject sensors or an aperture wider than any scanner, in the name and unit of the input."""
+    """Raise an error for sensors or an aperture wider than any scanner, with values in the input's unit."""
     if said.aperture is not None and said.aperture * said.length_unit not in LENGTH:
         given = f"{said.aperture:g} {said.lengths}"
         raise InvalidInput("aperture", given, f"{LENGTH}; {unit_hint(True, 'lengths', said.lengths)}")
@@ -32,7 +32,7 @@ def require_extent(points: NDArray[np.floating[Any]], said: Description) -> None
 
 
 def unit_hint(described: bool, field: Literal["lengths", "times"], unit: str) -> str:
-    """Return a hint on how to state the unit of a description's numbers, or on the unit assumed for a file's own."""
+    """Return a hint for error messages: how to state the unit of lengths or times in a description."""
     if not described:
         kind, example = ("length", "mm") if field == "lengths" else ("time", "us")
         return (

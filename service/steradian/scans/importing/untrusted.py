@@ -1,4 +1,4 @@
-"""HDF5 files that others made: nothing outside the file is touched, and every size is checked before it is read.
+"""Safe reading of untrusted HDF5 files: no external links, and sizes are checked before reading.
 
 Refused, naming what: links that leave the file (and soft links, which hide where they lead), groups nested without
 end, virtual datasets and external storage, references, variable-length and compound values, shapes and chunks beyond
@@ -41,7 +41,7 @@ FILTERS = {h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_FLE
 
 @contextmanager
 def open_untrusted(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file (or MATLAB 7.3) for reading and check all links in it.
+    """Open an untrusted HDF5 or MATLAB 7.3 file for reading, after a check of all its links.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def open_untrusted(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def open_root_only(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file to look at its root's attributes and names, nothing else: its links are not checked.
+    """Open an HDF5 file for reading names and attributes of the root group only; links are not checked.
 
     Raises
     ------
@@ -71,17 +71,17 @@ def open_root_only(path: Path) -> Iterator[h5py.File]:
 
 
 def name_of(file: h5py.File) -> str:
-    """Name of an open file, without its folder."""
+    """Return the name of an open file without its folder."""
     return Path(file.filename).name
 
 
 def top_names(file: h5py.File) -> list[str]:
-    """Names in the root, without following them."""
+    """Return the names in the root group, without following links."""
     return [name.decode(errors="replace") for name in file.id]
 
 
 def dataset(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> h5py.Dataset:
-    """Find a dataset of numbers that may be read.
+    """Return a numeric dataset after checks of its type, storage and size.
 
     Raises
     ------
@@ -100,12 +100,12 @@ def dataset(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> h5p
 
 
 def array(file: h5py.File, name: str, *, most_bytes: int = SMALL_BYTES) -> NDArray[Any]:
-    """Read a whole dataset of numbers that may be read; see :func:`dataset`."""
+    """Read a whole numeric dataset after the checks of :func:`dataset`."""
     return np.asarray(dataset(file, name, most_bytes=most_bytes)[()])
 
 
 def read_plain(group: h5py.Group, name: str, into: NDArray[np.float64]) -> bool:
-    """Read a small dataset of exactly the shape of ``into`` that lies plainly in the file; many of them, fast.
+    """Read a small uncompressed dataset into an array of the same shape; fast path of :func:`array`.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def read_plain(group: h5py.Group, name: str, into: NDArray[np.float64]) -> bool:
 
 
 def number(file: h5py.File, name: str) -> float | None:
-    """Read a single number of any shape; ``None`` if the dataset does not exist.
+    """Read a dataset of a single number, in an array of any shape; ``None`` if the dataset does not exist.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def number(file: h5py.File, name: str) -> float | None:
 
 
 def text(file: h5py.File, place: str, name: str, *, most: int = MOST_TEXT) -> str | None:
-    """Read an attribute that is one text; ``None`` when there is none of that name.
+    """Read a text attribute; ``None`` if it does not exist.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def text(file: h5py.File, place: str, name: str, *, most: int = MOST_TEXT) -> st
 
 
 def float_attribute(file: h5py.File, place: str, name: str) -> float | None:
-    """Read an attribute that is one finite number; see :func:`float_array_attribute`."""
+    """Read an attribute of one finite number; like :func:`float_array_attribute`."""
     found = float_array_attribute(file, place, name, None)
     return None if found is None else found[0]
 
@@ -214,12 +214,12 @@ def _damage(path: Path) -> Iterator[None]:
 
 
 def _library_message(error: Exception, path: Path) -> str:
-    """Words of the HDF5 library, which names files with their folders."""
+    """Return an HDF5 error message with the file's path shortened to its name."""
     return str(error).replace(str(path), path.name)
 
 
 def _check_links(file: h5py.File) -> None:
-    """Look at every link from the root down, without recursion and at each group once."""
+    """Check every link of the file, visiting each group once, without recursion."""
     count, known = 0, {h5py.h5o.get_info(file.id).addr}
     waiting = [(file.id, "", 0)]
     while waiting:
@@ -307,7 +307,7 @@ def _chunks(found: h5py.Dataset) -> str:
 
 
 def _inflation(found: h5py.Dataset) -> str:
-    """Measure the inflated size of each compressed chunk, because the HDF5 library does not limit its memory."""
+    """Return an error text if a compressed chunk inflates to more than its size; empty if all are valid."""
     made = found.id.get_create_plist()
     filters = [made.get_filter(index) for index in range(made.get_nfilters())]
     strange = [name.decode(errors="replace") or str(code) for code, _, _, name in filters if code not in FILTERS]

@@ -1,4 +1,4 @@
-"""Accepted variable names in MATLAB and .npz files.
+"""Accepted variable names (aliases) in MATLAB and .npz files.
 
 ``docs/formats.md`` lists them.
 """

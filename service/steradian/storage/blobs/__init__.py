@@ -1,1 +1,1 @@
-"""Array storage: local files or an object store, with a cache."""
+"""Blob storage of scans, uploads and results: local folder or S3, with a local cache."""

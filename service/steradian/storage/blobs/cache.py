@@ -24,14 +24,14 @@ LOCKS: Final = "locks"
 
 
 class ContentCache:
-    """A folder of files, used by many threads and processes at once.
+    """LRU cache of files in a folder, safe for concurrent threads and processes.
 
     Parameters
     ----------
     folder
-        Made when missing.
+        Folder of the cached files, created if missing.
     limit
-        Bytes. What is held, because a process has just asked for it, stays beyond that.
+        Maximum size in bytes. Pinned files, which a process has just used, may exceed the limit.
     """
 
     def __init__(self, folder: Path, limit: int) -> None:
@@ -40,18 +40,18 @@ class ContentCache:
         self._lock = threading.Lock()
 
     def get(self, name: str, size: int, modified: float, fetch: Callable[[Path], None]) -> Path:
-        """Return a file, fetched if it is not there; it stays while this process is among the last to ask for it.
+        """Return the path of a cached file, calling ``fetch`` on a miss; recently used files are pinned.
 
         Parameters
         ----------
         name
-            Tells its content.
+            File name, derived from the content.
         size
-            Its bytes, for which room is made.
+            Size in bytes; older files are evicted to make room.
         modified
-            The time that it is to have (s since 1970), the same on every host.
+            Modification time to set (s since 1970), the same on every host.
         fetch
-            Writes it to a path; what it raises is passed on, and nothing is kept.
+            Callback that writes the file to a path; its exceptions are propagated, and nothing is cached.
         """
         path = self._folder / name
         while not self._hold(path):
@@ -62,14 +62,14 @@ class ContentCache:
         return path
 
     def adopt(self, name: str, file: Path, modified: float) -> None:
-        """Move a file in, whose content has that name."""
+        """Move an existing file into the cache under the name derived from its content."""
         self._make_room(file.stat().st_size)
         with self._alone(name):
             os.utime(file, (time.time(), modified))
             os.replace(file, self._folder / name)
 
     def peek(self, name: str) -> Path | None:
-        """Return a file if it is there."""
+        """Return the path of a cached file, or ``None`` if it is not cached."""
         path = self._folder / name
         return path if self._hold(path) else None
 
@@ -83,12 +83,12 @@ class ContentCache:
             draft.unlink(missing_ok=True)
 
     def _alone(self, name: str) -> filelock.BaseFileLock:
-        """Keep others from fetching the same; some thousand locks serve all names, so that few wait for another's."""
+        """Return the file lock that prevents concurrent fetches of a name; names share a fixed set of lock files."""
         (self._folder / LOCKS).mkdir(mode=0o700, parents=True, exist_ok=True)
         return filelock.FileLock(self._folder / LOCKS / name[:3])
 
     def _hold(self, path: Path) -> bool:
-        """Keep a file from going, and note that it is used; ``False`` when it is not there."""
+        """Pin a cached file against eviction and update its access time; return ``False`` if it is not cached."""
         with self._lock:
             try:
                 if path not in self._held:
@@ -104,7 +104,7 @@ class ContentCache:
         return True
 
     def _make_room(self, size: int) -> None:
-        """Remove the least recently used files until ``size`` bytes fit within the limit."""
+        """Evict the least recently used files until ``size`` more bytes fit within the limit."""
         found, now = [], time.time()
         self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for entry in os.scandir(self._folder):
@@ -123,7 +123,7 @@ class ContentCache:
 
 
 def _held(path: Path) -> int:
-    """Open a file and lock it, so that :func:`_remove` leaves it."""
+    """Open a file with a shared lock, which prevents its eviction, and return the descriptor."""
     handle = os.open(path, os.O_RDONLY)
     if sys.platform != "win32":  # there what is open cannot be removed
         import fcntl
@@ -139,7 +139,7 @@ def _held(path: Path) -> int:
 
 
 def _remove(path: Path) -> bool:
-    """Remove a file unless a process holds its lock."""
+    """Delete a file unless a process holds a lock on the file; return whether no file is left."""
     try:
         handle = os.open(path, os.O_RDONLY)
         try:

@@ -1,8 +1,8 @@
-"""Interface of the blob store: scans, uploads and job results by name.
+"""Interface of the blob store (scans, uploads, job results, by name) and its local implementation.
 
-What is kept has a name, the path that it has in a data folder: ``scans/<id>.h5``, ``jobs/<id>/<file>``,
-``uploads/<id>``. It never changes. A scan under way, the folder of a job that runs and an upload that is coming are not
-kept yet: they are local files of whoever writes them, given to :meth:`BlobStore.put` when they are whole.
+A blob's name is its path in a data folder: ``scans/<id>.h5``, ``jobs/<id>/<file>``, ``uploads/<id>``. Blobs never
+change. A running scan, the folder of a running job and an incomplete upload are not blobs yet: they are local files of
+the process that writes them, passed to :meth:`BlobStore.put` when complete.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 
 def scan_name(scan_id: str) -> str:
-    """Name of the A-lines of a scan."""
+    """Return the blob name of a scan's file."""
     return f"scans/{scan_id}.h5"
 
 
 def upload_name(upload_id: str) -> str:
-    """Name of a file that came over HTTP."""
+    """Return the blob name of an uploaded file."""
     return f"uploads/{upload_id}"
 
 
 def result_name(job_id: str, file: str = "") -> str:
-    """Name of a job's result file; without ``name``, the common prefix of all of them."""
+    """Return the blob name of a job's result file; without ``file``, the prefix of all of the job's results."""
     return f"jobs/{job_id}/{file}"
 
 
@@ -48,9 +48,9 @@ class BlobInfo:
 
 @dataclass(frozen=True)
 class StagedBlob:
-    """Staged blob that :meth:`BlobStore.commit` makes visible under its name.
+    """Record of an uploaded blob that becomes visible with :meth:`BlobStore.commit`.
 
-    ``sha256`` is of their content, empty where files are known by their place.
+    ``sha256`` is the hash of the content, empty in the data folder, where files are identified by their path.
     """
 
     name: str
@@ -59,35 +59,35 @@ class StagedBlob:
     sha256: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """Write it for another process; :meth:`of_json` reads it."""
+        """Return the record as JSON-compatible values, for another process."""
         return asdict(self) | {"created": self.created.isoformat()}
 
     @classmethod
     def of_json(cls, said: dict[str, Any]) -> Self:
-        """Parse the output of :meth:`as_json`."""
+        """Parse a record from the output of :meth:`as_json`."""
         return cls(**said | {"created": datetime.fromisoformat(said["created"])})
 
 
 class BlobStore(Protocol):
-    """Store of immutable blobs, safe for concurrent threads and processes."""
+    """Interface of a store of immutable blobs, safe for concurrent threads and processes."""
 
     def open(self, name: str) -> Path:
-        """Return a local file with the whole of it, only to be read; raises :class:`NotFound`."""
+        """Return the path of a local, read-only file with the blob's content; raises :class:`NotFound`."""
         ...
 
     def put(self, name: str, file: Path) -> StagedBlob:
-        """Take a whole file over; it is not where it was any more.
+        """Move a file into the store as an uncommitted blob; the source path no longer exists afterwards.
 
-        Nobody sees a part of it, also when this process is killed.
+        Readers never see a partial blob, also when this process is killed.
         """
         ...
 
     def commit(self, session: Session, *stored: StagedBlob) -> None:
-        """Commit a staged blob under its name when the transaction commits."""
+        """Make staged blobs visible under their names when the transaction commits."""
         ...
 
     def put_and_commit(self, name: str, file: Path) -> None:
-        """Put and announce in one go."""
+        """Store a file and make the blob visible in one step."""
         ...
 
     def stat(self, name: str) -> BlobInfo | None:
@@ -95,7 +95,7 @@ class BlobStore(Protocol):
         ...
 
     def range(self, name: str, first: int, count: int) -> bytes:
-        """Read some bytes, fewer at the end; raises :class:`NotFound`."""
+        """Return at most ``count`` bytes of a blob from offset ``first``; raises :class:`NotFound`."""
         ...
 
     def url(self, name: str, seconds: float) -> str | None:
@@ -103,7 +103,7 @@ class BlobStore(Protocol):
         ...
 
     def list_names(self, beginning: str) -> Iterator[str]:
-        """Name all whose names begin so, sorted."""
+        """Yield the names of all blobs with a prefix, sorted."""
         ...
 
     def accept_stale_copy(self, name: str) -> None:
@@ -114,16 +114,16 @@ class BlobStore(Protocol):
         ...
 
     def delete(self, name: str) -> None:
-        """Forget one thing, or all below a name that ends in a slash; nothing happens when there is none."""
+        """Delete a blob, or all blobs below a name that ends with a slash; missing blobs are ignored."""
         ...
 
     def is_available(self) -> bool:
-        """Whether something can be kept now."""
+        """Return whether the store accepts writes now."""
         ...
 
 
 class FolderBlobStore:
-    """Blob store on the local data folder.
+    """Blob store in the local data folder.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ class FolderBlobStore:
         self._root = data.root.absolute()
 
     def open(self, name: str) -> Path:
-        """Return the file itself."""
+        """Return the path of a blob's file in the data folder."""
         path = self._root / name
         if not path.is_file():
             raise NotFound("file", name)
         return path
 
     def put(self, name: str, file: Path) -> StagedBlob:
-        """Give the file its place, where it survives a power cut if its bytes do."""
+        """Move a file to its place in the data folder and sync the folder, without syncing the content."""
         path = self._root / name
         if file != path:
             os.replace(file, path)
@@ -151,14 +151,14 @@ class FolderBlobStore:
         return StagedBlob(name, found.st_size, datetime.fromtimestamp(found.st_mtime, UTC))
 
     def commit(self, session: Session, *stored: StagedBlob) -> None:
-        """Do nothing: a file is known by its place."""
+        """Do nothing, because a file in the data folder is visible at once."""
 
     def put_and_commit(self, name: str, file: Path) -> None:
-        """Put it."""
+        """Move a file to its place in the data folder, where it is visible at once."""
         self.put(name, file)
 
     def stat(self, name: str) -> BlobInfo | None:
-        """Look at the file."""
+        """Return size and modification time of a blob's file; ``None`` if it does not exist."""
         path = self._root / name
         try:
             found = path.stat()
@@ -167,27 +167,27 @@ class FolderBlobStore:
         return BlobInfo(found.st_size, found.st_mtime) if path.is_file() else None
 
     def range(self, name: str, first: int, count: int) -> bytes:
-        """Read a part of the file."""
+        """Read ``count`` bytes of a blob's file from offset ``first``."""
         with self.open(name).open("rb") as file:
             file.seek(first)
             return file.read(count)
 
     def url(self, name: str, seconds: float) -> str | None:
-        """Return nothing: only the service shows files."""
+        """Return None, because local files have no public URL."""
         return None
 
     def list_names(self, beginning: str) -> Iterator[str]:
-        """Look through the folder; drafts are not there yet."""
+        """Yield the names of the files with a prefix, without temporary files."""
         folder, _, start = beginning.rpartition("/")
         for path in sorted((self._root / folder).glob(f"{start}*")):
             if path.is_file() and DRAFT_SUFFIX not in path.name:
                 yield path.relative_to(self._root).as_posix()
 
     def accept_stale_copy(self, name: str) -> None:
-        """Do nothing: the file is all that there is."""
+        """Do nothing, because the data folder has no second copy of a scan."""
 
     def delete(self, name: str) -> None:
-        """Remove the file, or the folder with all that is in it."""
+        """Delete a blob's file, or a folder with its content."""
         path = self._root / name
         if name.endswith("/") and path.exists():
             shutil.rmtree(path)
@@ -195,5 +195,5 @@ class FolderBlobStore:
             path.unlink(missing_ok=True)
 
     def is_available(self) -> bool:
-        """Whether the folder can be written to."""
+        """Return whether the data folder is writable."""
         return os.access(self._root / "scans", os.W_OK)

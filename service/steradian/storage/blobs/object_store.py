@@ -1,4 +1,4 @@
-"""Blob store on S3: immutable objects, names in the database, local cache.
+"""Blob store on S3: immutable objects, index of names in the database, local cache.
 
 A key is ``<name>/<sha256>``. An object without a row is not there for anybody: it waits for its row, or is an orphan.
 """
@@ -44,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Contents:
-    """Inconsistencies between rows and objects: names with a missing or resized object, and keys without a row."""
+    """Result of an audit of the object store: counts, missing or resized objects, and orphaned keys."""
 
     objects: int
     bytes: int
@@ -53,14 +53,14 @@ class Contents:
 
 
 class S3BlobStore:
-    """Keeps everything as objects, and finds files that are not kept yet in the data folder.
+    """Blob store on S3, with a local cache; files not yet uploaded are read from the data folder.
 
     Parameters
     ----------
     settings
-        Which store; its keys are those of the environment, as S3's programs know them.
+        Settings with the store's URL; credentials come from the usual environment variables of S3.
     database
-        Where names are.
+        Database with the names of the objects.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class S3BlobStore:
         self._at_once = S3Bucket(self.place, settings.store_endpoint, timedelta(0))
 
     def open(self, name: str) -> Path:
-        """Return this host's copy, downloaded if necessary, or the local file of an object that is not stored yet."""
+        """Return the path of a cached copy, downloaded if necessary, or of the local file if not yet uploaded."""
         row = self._row(name)
         if row is None:
             return self._folder.open(name)
@@ -86,7 +86,7 @@ class S3BlobStore:
         return self._cache.get(_copy_of(row), row.size, made, lambda draft: self._fetch(row, draft))
 
     def put(self, name: str, file: Path, as_of: datetime | None = None) -> StagedBlob:
-        """Upload a file, which becomes this host's copy, as the content at a given time; default: now."""
+        """Upload a file and move it into the local cache; ``as_of`` is the time of its content (default: now)."""
         created = as_of or self._clock()  # before it is read, which takes a while
         with file.open("rb") as opened:
             sha256 = hashlib.file_digest(opened, "sha256").hexdigest()
@@ -97,7 +97,7 @@ class S3BlobStore:
         return stored
 
     def commit(self, session: Session, *stored: StagedBlob) -> None:
-        """Write the rows; raises :class:`StoreUnavailable` unless all of the objects are there."""
+        """Insert the database rows of uploaded objects; raises :class:`StoreUnavailable` if an object is missing."""
         advisory_xact_lock(session, SWEEP_LOCK)
         for each in stored:
             if self._bucket.size(_key(each)) != each.size:
@@ -105,18 +105,18 @@ class S3BlobStore:
             session.merge(ObjectRow(name=each.name, sha256=each.sha256, size=each.size, created=each.created))
 
     def put_and_commit(self, name: str, file: Path) -> None:
-        """Put and announce."""
+        """Upload a file and insert its database row."""
         stored = self.put(name, file)
         with self._database.write() as session:
             self.commit(session, stored)
 
     def stat(self, name: str) -> BlobInfo | None:
-        """Look at the row, or at a file that is not kept yet."""
+        """Return size and time of a blob from its database row, or of a local file not yet uploaded."""
         row = self._row(name)
         return self._folder.stat(name) if row is None else BlobInfo(row.size, row.created.timestamp())
 
     def range(self, name: str, first: int, count: int) -> bytes:
-        """Read from this host's copy, if there is one, else from the store."""
+        """Read bytes of a blob from the cached copy if there is one, else from S3."""
         row = self._row(name)
         if row is None:
             return self._folder.range(name, first, count)
@@ -128,19 +128,19 @@ class S3BlobStore:
         return self._bucket.range(_key(row), first, length) if length else b""
 
     def url(self, name: str, seconds: float) -> str | None:
-        """Return a signed URL; ``None`` for objects that are not stored yet."""
+        """Return a presigned URL of a blob; ``None`` for objects that are not stored yet."""
         row = self._row(name)
         return None if row is None else self._bucket.sign(_key(row), seconds)
 
     def list_names(self, beginning: str) -> Iterator[str]:
-        """Name rows, and files that are not kept yet."""
+        """Yield the names of stored blobs and of local files not yet uploaded, sorted."""
         query = select(ObjectRow.name).where(ObjectRow.name.startswith(beginning, autoescape=True))
         with self._database.read() as session:
             known = set(session.scalars(query))
         yield from sorted(known | set(self._folder.list_names(beginning)))
 
     def accept_stale_copy(self, name: str) -> None:
-        """Date a stale copy to the scan's last start, so that the original file, if found later, is newer."""
+        """Accept the stored copy of a resumed scan by setting its time to the scan's last start."""
         with self._database.write() as session:
             row = session.get(ObjectRow, name, with_for_update=True)
             scan = session.scalar(select(ScanRow).where(ScanRow.id == PurePosixPath(name).stem))
@@ -148,7 +148,7 @@ class S3BlobStore:
                 row.created = max(row.created, begun)
 
     def delete(self, name: str) -> None:
-        """Delete rows, then objects; failed deletions are left to the sweep, and local copies to cache eviction."""
+        """Delete the database rows and then the objects; objects that cannot be deleted become orphans."""
         which = ObjectRow.name.startswith(name, autoescape=True) if name.endswith("/") else ObjectRow.name == name
         with self._database.write() as session:
             keys = [_key(row) for row in session.scalars(select(ObjectRow).where(which))]
@@ -160,14 +160,14 @@ class S3BlobStore:
         self._folder.delete(name)
 
     def is_available(self) -> bool:
-        """Whether store and database are there and belong together."""
+        """Return whether store and database are reachable and bound to each other."""
         try:
             return self.check(self._at_once)
         except (StoreUnavailable, InvalidInput, DamagedFile, SQLAlchemyError):
             return False
 
     def bind(self) -> None:
-        """Make store and database belong together; raises :class:`InvalidInput` when one of them belongs elsewhere."""
+        """Bind store and database by a shared identifier; raises :class:`InvalidInput` if either is bound elsewhere."""
         with self._database.write() as session:
             known, found = self._database.get_fact(session, FACT_KEY), _identity(self._bucket)
             if known is None:
@@ -181,12 +181,12 @@ class S3BlobStore:
                 raise self._foreign()
 
     def check(self, bucket: S3Bucket | None = None) -> bool:
-        """Whether the store belongs to the database; ``False`` while no service has bound them.
+        """Return whether the store is bound to the database; ``False`` before a service has bound them.
 
         Parameters
         ----------
         bucket
-            How to ask; patiently, if nothing is said.
+            Client of the bucket; by default one that retries for a while.
 
         Raises
         ------
@@ -200,17 +200,17 @@ class S3BlobStore:
         return known is not None
 
     def is_whole(self, name: str) -> bool:
-        """Read all of an object and compare it with its checksum."""
+        """Download an object and return whether its SHA-256 matches its database row."""
         row = self.find_row(name)
         return row is not None and self._bucket.fetch(_key(row), Path(os.devnull)) == row.sha256
 
     def rows(self) -> list[ObjectRow]:
-        """Return all that is kept, by name."""
+        """Return the database rows of all stored objects, by name."""
         with self._database.read() as session:
             return list(session.scalars(select(ObjectRow).order_by(ObjectRow.name)))
 
     def purge(self) -> None:
-        """Delete all objects and unbind the store from the database, so that both can be bound again."""
+        """Delete all objects and the binding of store and database."""
         self._bucket.delete([key for key, _, _ in self._bucket.list() if key != IDENTITY])
         with self._database.write() as session:
             session.execute(delete(ObjectRow))
@@ -218,7 +218,7 @@ class S3BlobStore:
         self._bucket.delete([IDENTITY])
 
     def audit(self, age: timedelta = ORPHAN_GRACE) -> Contents:
-        """Compare rows and objects; orphans are those of at least an age."""
+        """Compare database rows with objects and return missing objects and orphans of at least the given age."""
         with self._database.read() as session:
             rows = {_key(row): row for row in session.scalars(select(ObjectRow))}
         objects, old = dict[str, int](), self._clock() - age
@@ -234,7 +234,7 @@ class S3BlobStore:
         return Contents(len(objects), sum(objects.values()), sorted(missing), sorted(orphans))
 
     def collect_orphans(self, age: timedelta = ORPHAN_GRACE) -> int:
-        """Delete orphans; returns how many. None of them is announced meanwhile."""
+        """Delete orphaned objects under a lock that excludes commits; return their number."""
         count = 0
         orphans = self.audit(age).orphans
         for first in range(0, len(orphans), AT_A_TIME):
@@ -248,12 +248,12 @@ class S3BlobStore:
         return count
 
     def find_row(self, name: str) -> ObjectRow | None:
-        """Find a row."""
+        """Return the database row of a stored object by name; ``None`` if there is none."""
         with self._database.read() as session:
             return session.get(ObjectRow, name)
 
     def _row(self, name: str) -> ObjectRow | None:
-        """Find a row, unless this host has a scan's file that was written to since: it was resumed."""
+        """Return an object's current database row; ``None`` if there is none or the scan was resumed since."""
         row = self.find_row(name)
         if row is None or not name.startswith("scans/"):
             return row
@@ -277,7 +277,7 @@ class S3BlobStore:
 def arrays_of(
     settings: Settings, database: Database, clock: Clock = utc_now, patience: timedelta = TIMEOUT
 ) -> BlobStore:
-    """Return where the settings say that arrays live."""
+    """Return the blob store that the settings select: S3 or the data folder."""
     if settings.store is None:
         return FolderBlobStore(DataDirectory(settings.data))
     return S3BlobStore(settings, database, clock, patience)
@@ -293,5 +293,5 @@ def _key(of: ObjectRow | StagedBlob) -> str:
 
 
 def _copy_of(of: ObjectRow | StagedBlob) -> str:
-    """Return the file name of a copy, with the suffix by which readers recognise the format."""
+    """Return the file name of a cached copy: SHA-256 and the file name extension."""
     return f"{of.sha256}{PurePosixPath(of.name).suffix}"

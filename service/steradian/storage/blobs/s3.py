@@ -1,4 +1,4 @@
-"""S3 bucket below a prefix; the only module that imports obstore."""
+"""Client of an S3 bucket below a prefix; the only module that imports obstore."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TIMEOUT: Final = timedelta(seconds=60)
 
 
 class S3Bucket:
-    """The part of a bucket below a prefix; an object is there as a whole or not at all.
+    """Client of an S3 bucket below a prefix, with atomic uploads.
 
     The store's keys are those of the environment, as S3's programs know them (``AWS_ACCESS_KEY_ID``, …).
 
@@ -67,7 +67,7 @@ class S3Bucket:
         return None
 
     def create(self, key: str, content: Path | bytes) -> None:
-        """Make an object, in parts if it is large; one that is there already stays, if it is small.
+        """Upload an object, in parts if it is large; an existing small object stays unchanged.
 
         The store's protocol has no condition for parts that every store knows: let a key tell the content.
         """
@@ -79,7 +79,7 @@ class S3Bucket:
             )
 
     def fetch(self, key: str, target: Path) -> str:
-        """Copy an object to a file and return the SHA-256 of the received bytes.
+        """Download an object to a file and return the SHA-256 of the received bytes.
 
         Raises
         ------
@@ -94,23 +94,23 @@ class S3Bucket:
         return digest.hexdigest()
 
     def range(self, key: str, first: int, count: int) -> bytes:
-        """Read some bytes of an object, at least one; raises :class:`DamagedFile` like :meth:`fetch`."""
+        """Download a byte range of an object; raises :class:`DamagedFile` if the object does not exist."""
         with self._found(key):
             return bytes(self._library.get_range(self._store, key, start=first, length=count))
 
     def sign(self, key: str, seconds: float) -> str:
-        """Return a temporary public URL of an object."""
+        """Return a presigned URL of an object, valid for ``seconds`` seconds."""
         with self._understood(key):
             return self._library.sign(self._store, "GET", key, timedelta(seconds=seconds))
 
     def list(self) -> Iterator[tuple[str, int, datetime]]:
-        """Yield key, size and time of each object."""
+        """Yield key, size and modification time of each object."""
         with self._understood("the list of objects"):
             for page in self._library.list(self._store):
                 yield from ((each["path"], each["size"], each["last_modified"]) for each in page)
 
     def delete(self, keys: Sequence[str]) -> None:
-        """Delete objects, those too that are not there."""
+        """Delete objects; missing objects are ignored."""
         with self._understood(f"deletion of {len(keys)} objects"):
             if keys:
                 self._library.delete(self._store, keys)
@@ -125,7 +125,7 @@ class S3Bucket:
 
     @contextmanager
     def _understood(self, what: str) -> Iterator[None]:
-        """Translate an error of the library; the library's own message may contain an access key."""
+        """Translate errors of obstore to :class:`StoreUnavailable`, without messages that may contain an access key."""
         try:
             yield
         except (FileNotFoundError, self._library.exceptions.AlreadyExistsError):

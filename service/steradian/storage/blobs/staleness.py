@@ -1,4 +1,4 @@
-"""Whether the stored copy of a scan is older than its last resumption."""
+"""Staleness of a scan's stored copy: whether the scan was resumed after the upload."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
 
 
 def is_stale(scan: ScanRow, kept: ObjectRow) -> bool:
-    """Whether a scan was resumed since its file was stored, so that its scanner's node has newer A-lines."""
+    """Return whether a scan was resumed since its file was stored, so that its scanner's node has newer A-lines."""
     if scan.scanner_id is None:
         return False
     begun = last_write_started(scan)

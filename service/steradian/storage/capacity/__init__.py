@@ -1,1 +1,1 @@
-"""Disk quota and usage."""
+"""Disk quota and disk usage of the data folder."""

@@ -1,4 +1,4 @@
-"""Disk quota: free space, reserve, and bytes promised to unfinished scans and jobs."""
+"""Disk quota: free space, reserve, and bytes reserved for unfinished scans and jobs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ QUOTA_LOCK = 0x57E2AD1C
 
 @dataclass(frozen=True)
 class DiskQuota:
-    """The disk under a data directory.
+    """Disk quota of a data directory: reserve of free space and limit of use.
 
     Attributes
     ----------
@@ -44,16 +44,16 @@ class DiskQuota:
 
     @property
     def free(self) -> int:
-        """Bytes that are free now."""
+        """Free bytes of the disk."""
         return shutil.disk_usage(self.folder).free
 
     @property
     def used(self) -> int:
-        """Bytes that all files of the folder hold."""
+        """Bytes used by all files of the data directory."""
         return size_of(self.folder)
 
     def require(self, need: int, what: str, promised: int, used: int) -> None:
-        """Reject work that exceeds the available space.
+        """Raise :class:`DiskFull` if work needs more bytes than are available and not reserved.
 
         Parameters
         ----------
@@ -82,14 +82,14 @@ class DiskQuota:
         raise DiskFull(text, needed=need, available=available, promised=promised)
 
     def available(self, used: int) -> int:
-        """Bytes available to uploads and jobs, for a given size of the folder."""
+        """Return the bytes available to uploads and jobs, given the bytes used by the data directory."""
         free = self.free - self.reserve
         return max(0, free if self.quota is None else min(free, self.quota - used))
 
 
 @dataclass(frozen=True)
 class BytesWritten:
-    """Progress of reserved writes: bytes per running job, and scans whose file exists."""
+    """Measured output of unfinished work: bytes per running job, and scans whose file exists."""
 
     jobs: Mapping[str, int]
     scans: frozenset[str]
@@ -97,7 +97,7 @@ class BytesWritten:
 
 @dataclass(frozen=True)
 class UsageSnapshot:
-    """Measured size of a data folder, the time at which counting began, and the uploads received by then."""
+    """Measurement of a data folder: bytes used, start time, and bytes of uploads received by then."""
 
     used: int
     at: datetime
@@ -107,7 +107,7 @@ class UsageSnapshot:
 
 
 class UploadReservations:
-    """Uploads under way, so that those which come at once do not take the same room."""
+    """Reservations of disk space for concurrent uploads."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -118,7 +118,7 @@ class UploadReservations:
     def upload(
         self, stated: int, require: Callable[[int], object], *, kept: bool = False
     ) -> Iterator[Callable[[int], None]]:
-        """Admit an upload; its bytes stay reserved until it ends, and are counted as used if it succeeds.
+        """Reserve disk space for an upload until it ends; its bytes count as used if it succeeds.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class UploadReservations:
 
 
 def scan_bytes(plan: PlanRow) -> int:
-    """Return how large the file of a scan of a plan is."""
+    """Return the size in bytes of the scan file that a plan produces."""
     samples: int = plan.preview["bytes"]
     alines: int = samples // (plan.parameters["samples"] * BYTES_PER_SAMPLE)
     return samples + alines * BYTES_PER_ALINE
@@ -170,7 +170,7 @@ def scan_bytes(plan: PlanRow) -> int:
 def reserved_bytes(
     session: Session, data: DataDirectory, measured: UsageSnapshot | None = None, scanner_id: str | None = None
 ) -> int:
-    """Return the bytes that queued and running scans and jobs will still write, according to their reservations.
+    """Return the reserved bytes that unfinished scans and jobs have not yet written.
 
     A scan's file has its full size from the start.
 
@@ -193,7 +193,7 @@ def reserved_bytes(
 
 
 def bytes_written(session: Session, data: DataDirectory) -> BytesWritten:
-    """Measure the bytes written by running jobs and unfinished scans."""
+    """Measure the bytes that running jobs have written, and find unfinished scans whose file exists."""
     jobs = select(JobRow.id, JobRow.kind, JobRow.state).where(JobRow.ended.is_(None), JobRow.promised > 0)
     sizes = {}
     for job_id, kind, state in session.execute(jobs):
@@ -207,17 +207,17 @@ def bytes_written(session: Session, data: DataDirectory) -> BytesWritten:
 
 
 def _unfinished(row: type[JobRow] | type[ScanRow], measured: UsageSnapshot | None) -> ColumnElement[bool]:
-    """Return unfinished work, including work that was unfinished when the folder was measured."""
+    """Return the SQL condition that selects work that is unfinished or ended after the measurement."""
     return row.ended.is_(None) if measured is None else or_(row.ended.is_(None), row.ended > measured.at)
 
 
 def imported_scan_id(job_id: str) -> str:
-    """Name the scan that an import makes: a second attempt at the job makes the same one."""
+    """Return the identifier of the scan that an import job creates; the same for each attempt."""
     return f"s{job_id[1:]}"
 
 
 def importing_job_id(scan_id: str) -> str:
-    """Name the job that would make a scan of this name by import."""
+    """Return the identifier of the import job that creates a scan with this identifier."""
     return f"j{scan_id[1:]}"
 
 
@@ -229,7 +229,7 @@ def _size(path: Path) -> int:
 
 
 def size_of(folder: Path) -> int:
-    """Sum the sizes of all files below a folder; files removed meanwhile are ignored."""
+    """Return the total size in bytes of all files below a folder."""
     total = 0
     for root, _, names in os.walk(folder):
         for name in names:

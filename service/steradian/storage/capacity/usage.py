@@ -14,7 +14,7 @@ from steradian.storage.db.tables import ReconstructionRow
 
 
 def usage(database: Database, data: DataDirectory) -> dict[str, int]:
-    """Return the bytes that scans, reconstructions, other jobs, uploads, pictures and the rest hold, by name."""
+    """Return the disk usage in bytes by category: scans, reconstructions, other jobs, uploads, pictures, rest."""
     with database.read() as session:
         volumes = set(session.scalars(select(ReconstructionRow.id)))
     jobs = {folder: "reconstructions" if folder.name in volumes else "other_jobs" for folder in data.job_folders()}

@@ -1,1 +1,1 @@
-"""The data folder: layout, job folders, and blocks shared between processes."""
+"""The data folder: layout, job folders, and small files shared between processes."""

@@ -1,4 +1,4 @@
-"""Emergency-stop latch: fixed-size, checksummed blocks in the data folder, readable without locks.
+"""Emergency-stop latch: checksummed files in the data folder, readable without locks.
 
 DATA/emergency-stop/pressed    the last press: its number, when, who, why
 DATA/emergency-stop/released   the number of the last press that a person released
@@ -26,18 +26,18 @@ from steradian.storage.data_dir.shared_block import open_block, read_block, writ
 
 @dataclass(frozen=True)
 class StopPress:
-    """One press of the stop.
+    """Record of one press of the emergency stop: number, time, principal and reason.
 
     Attributes
     ----------
     number
-        Of this press alone; later ones are greater.
+        Unique number of the press (a ULID); later ones are greater.
     at
-        When, ISO 8601 in UTC.
+        Time, ISO 8601 in UTC.
     who, reason
-        By whom and why.
+        Principal and reason.
     moment
-        When by this machine's monotonic clock, in s.
+        Time on this machine's monotonic clock, in s.
     """
 
     number: str
@@ -48,25 +48,25 @@ class StopPress:
 
     @property
     def why(self) -> str:
-        """The stop as a reason in log lines and events."""
+        """Text of the reason for the emergency stop, for log lines and events."""
         return f"emergency stop: {self.reason or 'no reason given'}"
 
 
 @dataclass(frozen=True)
 class StopOutcome:
-    """Outcome of a press: the acquisition process's report.
+    """Outcome of an emergency stop, reported by the acquisition process: state of the laser and delay.
 
     Attributes
     ----------
     number
-        Of the press.
+        Number of the press.
     laser
-        ``off``: the scanner itself said so after the stop; ``idle``: there is no scanner, a simulated one was never
-        started; ``unconfirmed``: the scanner could not be asked, or says that its laser is not off.
+        ``off``: reported by the scanner after the stop; ``idle``: there is no scanner, or the simulated one was never
+        started; ``unconfirmed``: the scanner did not answer, or reports that its laser is not off.
     seconds
-        From the press; ``None`` where the computer was started anew since.
+        Delay from the press; ``None`` if the computer was restarted since.
     detail
-        One sentence: what the scanner said, or why it could not be asked; empty where nothing is to be added.
+        One sentence: the scanner's answer or the error; may be empty.
     """
 
     number: str
@@ -76,12 +76,12 @@ class StopOutcome:
 
 
 class EmergencyLatch:
-    """The latch of one data folder; any number of processes may hold one.
+    """Emergency-stop latch in a data folder, shared by several processes.
 
     Parameters
     ----------
     folder
-        Where its files are; they are made if they are missing, and kept open.
+        Folder of the latch's files, which are created if missing and stay open.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -90,12 +90,13 @@ class EmergencyLatch:
         self._lock = Lock()
 
     def press(self, who: str, reason: str | None, number: str | None = None) -> StopPress:
-        """Press the stop, seen by every process at once; :meth:`make_durable` makes it survive a power cut.
+        """Press the emergency stop, visible to every process at once; :meth:`make_durable` syncs it to disk.
 
         Parameters
         ----------
         number
-            Of a press that may come more than once: it is pressed once, and not again after its release.
+            Number of a press that may be delivered more than once: repeated deliveries have no effect, also after the
+            release.
         """
         press = StopPress(number or str(ULID()), datetime.now(UTC).isoformat(), who[:200], reason, time.monotonic())
         if number is not None and (earlier := self._earlier(press)) is not None:
@@ -104,12 +105,12 @@ class EmergencyLatch:
         return press
 
     def make_durable(self) -> None:
-        """Flush presses and releases to disk."""
+        """Sync presses and releases to disk."""
         for name in ("pressed", "released"):
             getattr(os, "fdatasync", os.fsync)(self._files[name])
 
     def active(self) -> StopPress | None:
-        """Return the active press, if there is one."""
+        """Return the press that is not released, or ``None``."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except ValueError as error:
@@ -119,18 +120,18 @@ class EmergencyLatch:
         return StopPress(**found)
 
     def release(self, number: str) -> None:
-        """Release the press with this number; any other press stays active."""
+        """Release the press with this number; another press stays active."""
         if not number:  # a latch that cannot be read gets blocks that can be
             number = self.press("release", "the latch could not be read").number
         self._write("released", {"number": number})
         self.make_durable()
 
     def record_outcome(self, deed: StopOutcome) -> None:
-        """Write the outcome of a press."""
+        """Store the outcome of a press."""
         self._write("answered", asdict(deed))
 
     def outcome(self, number: str) -> StopOutcome | None:
-        """Return the outcome of a press, or None if there is none yet."""
+        """Return the recorded outcome of a press of the emergency stop, or None if there is none yet."""
         try:
             found = self._read("answered")
         except ValueError:
@@ -138,7 +139,7 @@ class EmergencyLatch:
         return StopOutcome(**found) if found is not None and found["number"] == number else None
 
     def _earlier(self, press: StopPress) -> StopPress | None:
-        """Return a press that was active before, according to the blocks."""
+        """Return the press if the latch already contains its number (active or released), else ``None``."""
         try:
             found, released = self._read("pressed"), self._read("released")
         except (OSError, ValueError):  # what cannot be read keeps no press from being written

@@ -1,4 +1,4 @@
-"""Requests to clear a scanner's latched fault, from the API to the acquisition process of the same node.
+"""Requests to clear a scanner's latched fault, sent through files from the API to the acquisition process.
 
 DATA/emergency-stop/clear     the last request: its number, when, whose
 DATA/emergency-stop/cleared   what came of it
@@ -25,16 +25,16 @@ CLEARED_WITHIN: Final = 4.5
 
 @dataclass(frozen=True)
 class ClearRequest:
-    """One request.
+    """Request to clear a scanner's latched fault.
 
     Attributes
     ----------
     number
-        Of this request alone.
+        Unique number of the request (a ULID).
     who
-        The person or program that asks.
+        Principal that made the request.
     moment
-        When, in s of the machine's monotonic clock.
+        Time on the machine's monotonic clock, in s.
     """
 
     number: str
@@ -43,27 +43,27 @@ class ClearRequest:
 
     @property
     def has_time(self) -> bool:
-        """Whether the request can still be executed and answered in time."""
+        """Whether enough time is left to execute and answer the request before it expires."""
         return 0 <= time.monotonic() - self.moment < WITHIN - CLEARED_WITHIN
 
     @property
     def is_current(self) -> bool:
-        """Whether it may still be carried out."""
+        """Whether the request has not expired."""
         return 0 <= time.monotonic() - self.moment < WITHIN
 
 
 @dataclass(frozen=True)
 class ClearAnswer:
-    """Outcome of a request.
+    """Result of a request to clear a fault: the cleared fault or an error.
 
     Attributes
     ----------
     number
-        Of the request.
+        Number of the request.
     fault
         Name of the fault that was cleared; empty: none was latched, or it was not cleared.
     code, message
-        Why it was not cleared, as an error's code and sentence; empty: it was.
+        Code and text of the error if the fault was not cleared; else empty.
     """
 
     number: str
@@ -73,12 +73,12 @@ class ClearAnswer:
 
 
 class Clearing:
-    """The two blocks of one data folder.
+    """Channel for fault-clearing requests and their results: two shared files in the data folder.
 
     Parameters
     ----------
     folder
-        Where they are; they are made if they are missing, and kept open.
+        Folder of the two files, which are created if missing and stay open.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -87,14 +87,14 @@ class Clearing:
         self._lock = Lock()
 
     def ask(self, who: str) -> ClearRequest:
-        """Make a request."""
+        """Write a request to clear the fault and return it."""
         request = ClearRequest(str(ULID()), who[:200], time.monotonic())
         with self._lock:
             write_block(self._asked, asdict(request))
         return request
 
     def asked(self) -> ClearRequest | None:
-        """Return the last request, if it may still be carried out."""
+        """Return the last request if it has not expired, else ``None``."""
         try:
             found = read_block(self._asked, "clear")
         except ValueError:
@@ -103,12 +103,12 @@ class Clearing:
         return request if request is not None and request.is_current else None
 
     def answer(self, answer: ClearAnswer) -> None:
-        """Write the outcome of a request."""
+        """Write the result of a request."""
         with self._lock:
             write_block(self._answered, asdict(answer))
 
     def answered(self, number: str) -> ClearAnswer | None:
-        """Return the outcome of a request, or None if it is unanswered."""
+        """Return the result of a request, or None if there is none yet."""
         try:
             found = read_block(self._answered, "cleared")
         except ValueError:

@@ -1,4 +1,4 @@
-"""Files of one job and the fencing token of its current attempt."""
+"""Folder of one job: result files, log, run lock and fencing token."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ VOLUME, REVISION, PROJECTIONS, LOG = "volume.h5", "revision.json", "projections.
 
 
 def mip(axis: str) -> str:
-    """Name of the PNG of the maximum-intensity projection along an axis."""
+    """Return the file name of the PNG of the maximum-intensity projection along an axis."""
     return f"mip-{axis}.png"
 
 
 class StillRunning(Conflict):
-    """Another process is at a job."""
+    """Error: another process still runs the job."""
 
     code = "still-running"
 
@@ -35,26 +35,26 @@ class JobDirectory:
 
     @property
     def log(self) -> Path:
-        """Log file of the job and its worker, for all attempts."""
+        """Path of the job's log file, with the output of all attempts."""
         return self.root / f"{LOG}.txt"
 
     @property
     def volume(self) -> Path:
-        """The volume as HDF5."""
+        """Path of the HDF5 file with the reconstructed volume."""
         return self.root / VOLUME
 
     @property
     def report(self) -> Path:
-        """Figures and provenance."""
+        """Path of the JSON file with the job's figures and provenance."""
         return self.root / "report.json"
 
     @property
     def revision(self) -> Path:
-        """Figures of the newest image of a scan that is being followed."""
+        """Path of the JSON file about the newest revision of a live reconstruction."""
         return self.root / REVISION
 
     def results(self) -> list[Path]:
-        """Return the result files of the job, without its log and internal files."""
+        """Return the paths of the job's result files, without log and internal files."""
         own = ("start", "lock", LOG)
         return sorted(
             path
@@ -66,7 +66,7 @@ class JobDirectory:
         )
 
     def begin_attempt(self, start: int) -> None:
-        """Note that a start of the job has begun; an earlier one that still lives somewhere then counts no more.
+        """Store the number of a new attempt as the fencing token, which invalidates earlier attempts.
 
         Raises
         ------
@@ -80,13 +80,13 @@ class JobDirectory:
         draft.replace(self._start)
 
     def check_fence(self, start: int) -> None:
-        """Raise :class:`StaleFence` when a later start of the job has begun."""
+        """Raise :class:`StaleFence` if a later attempt of the job has started."""
         if (newest := self.latest_attempt) > start:
             raise StaleFence(f"start {start} of job {self.root.name} counts no more; start {newest} has begun")
 
     @property
     def latest_attempt(self) -> int:
-        """Number of the newest start; 0 before the first, and where a power cut has emptied the note of it."""
+        """Number of the newest attempt (fencing token); 0 before the first or if its file is damaged."""
         with suppress(OSError, ValueError):
             return int(self._start.read_text())
         return 0
@@ -97,7 +97,7 @@ class JobDirectory:
 
     @contextmanager
     def hold_running_lock(self, timeout: float = 10.0) -> Iterator[None]:
-        """Mark the job as running in this process; waits for an earlier attempt that is still dying.
+        """Hold the job's run lock until the block ends; waits for an earlier attempt to exit.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class JobDirectory:
 
     @property
     def is_running(self) -> bool:
-        """Whether a process runs the job at this moment."""
+        """Whether a process holds the job's run lock."""
         if not (self.root / "lock").exists():
             return False
         lock = filelock.FileLock(self.root / "lock")

@@ -1,4 +1,4 @@
-"""Directory layout, permissions and ownership lock of the data folder.
+"""Directory layout, permissions and lock of the data folder.
 
 DATA/steradian.sqlite          metadata and job queue
 DATA/identity                  says which database the folder belongs to
@@ -38,106 +38,106 @@ UMASK: Final = 0o077
 
 
 class DataDirectoryInUse(Conflict):
-    """Another service owns the data directory."""
+    """Error: another service has locked the data directory."""
 
     code = "data-directory-in-use"
 
 
 @dataclass(frozen=True)
 class DataDirectory:
-    """The layout below one folder."""
+    """Paths of all files in a data directory, with its creation and lock."""
 
     root: Path
 
     @property
     def metadata_file(self) -> Path:
-        """File of the embedded metadata."""
+        """Path of the SQLite file with the metadata."""
         return self.root.absolute() / "steradian.sqlite"
 
     @property
     def metadata_url(self) -> str:
-        """SQLAlchemy URL of the metadata; raises :class:`InvalidInput` for a path that SQLite cannot open."""
+        """SQLAlchemy URL of the SQLite file; raises :class:`InvalidInput` for a path that SQLite cannot open."""
         from steradian.storage.data_dir.sqlite_urls import sqlite_url  # loads SQLAlchemy, which most do not need
 
         return sqlite_url(self.metadata_file)
 
     @property
     def identity_file(self) -> Path:
-        """File that says which database the folder belongs to."""
+        """Path of the file with the identifier that binds the folder to a database."""
         return self.root.absolute() / "identity"
 
     @property
     def identity(self) -> str | None:
-        """Content of the identity file; ``None`` without one or when the folder is missing."""
+        """Identifier that binds the folder to a database; ``None`` without the file or the folder."""
         try:
             return self.identity_file.read_text().strip() or None
         except OSError:
             return None
 
     def scan_file(self, scan_id: str) -> Path:
-        """HDF5 file with the A-lines of a scan."""
+        """Return the path of the HDF5 file with the A-lines of a scan."""
         return self.root.absolute() / "scans" / f"{scan_id}.h5"
 
     def scan_files(self) -> list[Path]:
-        """All scan files, whether the database knows them or not."""
+        """Return the paths of all scan files, including those without a database row."""
         return sorted((self.root.absolute() / "scans").glob("*.h5"))
 
     def scan_drafts(self) -> list[tuple[str, Path]]:
-        """Return temporary files beside the scan files, each with its scan's identifier."""
+        """Return the temporary files beside the scan files, each with its scan's identifier."""
         found = (self.root.absolute() / "scans").glob("*.h5*")
         return [(path.name.partition(".")[0], path) for path in found if path.suffix != ".h5"]
 
     @property
     def uploads(self) -> Path:
-        """Folder of files that came over HTTP."""
+        """Path of the folder of files uploaded over HTTP."""
         return self.root.absolute() / "uploads"
 
     def upload(self, upload_id: str) -> Path:
-        """File that came over HTTP."""
+        """Return the path of a file uploaded over HTTP."""
         return self.uploads / upload_id
 
     def picture(self, mask_id: str) -> Path:
-        """Picture of a mask."""
+        """Return the path of the PNG image of a mask."""
         return self.root.absolute() / "pictures" / f"{mask_id}.png"
 
     @property
     def cache(self) -> Path:
-        """Folder of local copies of stored objects."""
+        """Path of the folder of cached objects from the object store."""
         return self.root.absolute() / "cache"
 
     @property
     def references(self) -> Path:
-        """Folder of images that several jobs compare with."""
+        """Path of the folder of reference images that several jobs share."""
         return self.root.absolute() / "references"
 
     def reference(self, name: str) -> Path:
-        """Image that several jobs compare with."""
+        """Return the path of a reference image that several jobs share."""
         return self.references / f"{name}.h5"
 
     def job(self, job_id: str) -> JobDirectory:
-        """Folder of one job."""
+        """Return the folder of a job."""
         return JobDirectory(self.root.absolute() / "jobs" / job_id)
 
     def job_folders(self) -> list[Path]:
-        """Folders of all jobs, whether the database knows them or not."""
+        """Return the folders of all jobs, including those without a database row."""
         return sorted(path for path in (self.root.absolute() / "jobs").glob("*") if path.is_dir())
 
     @property
     def emergency(self) -> Path:
-        """Folder of the emergency stop's latch."""
+        """Path of the folder of the emergency-stop latch."""
         return self.root.absolute() / "emergency-stop"
 
     @property
     def stop_secret(self) -> Path:
-        """File with the key that signs stop tickets; in no backup."""
+        """Path of the file with the key that signs stop tickets; not part of backups."""
         return self.emergency / "ticket-secret"
 
     def heartbeat(self, process: str) -> Path:
-        """File that a process touches while it is well."""
+        """Return the path of a process's heartbeat file."""
         return self.root / "run" / f"{process}.json"
 
     def create(self) -> None:
-        """Make the folders, for this user alone.
+        """Create the folders, accessible to this user only.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class DataDirectory:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Own the directory until the block ends; the lock goes with the process, also when it is killed.
+        """Hold the lock of the data directory until the block ends; the lock is released if the process is killed.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class DataDirectory:
         return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
 
     def _rename_earlier(self) -> None:
-        """Move the folders of jobs to where they lie today; before, all lay under ``reconstructions``."""
+        """Move job folders of earlier versions from ``reconstructions`` to ``jobs``."""
         earlier = self.root / "reconstructions"
         if earlier.is_dir():
             for folder in earlier.iterdir():
@@ -208,7 +208,7 @@ class DataDirectory:
 
 
 def _mode(path: Path) -> int:
-    """Mode of a file; 0 (no access) if it was removed, as SQLite's log is when the database is closed."""
+    """Return the permission bits of a file; 0 (no access) if the file no longer exists."""
     try:
         return path.stat().st_mode
     except FileNotFoundError:

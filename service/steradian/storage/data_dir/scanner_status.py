@@ -1,4 +1,4 @@
-"""The scanner's present state as a block that the acquisition process writes and the API of its node reads.
+"""Current scanner status in a shared file, written by the acquisition process and read by the API of its node.
 
 DATA/emergency-stop/status   laser, shutter, interlock, key, fault, connection, and when the scanner said so
 
@@ -30,7 +30,7 @@ LOOK_INTERVAL_ELSEWHERE: Final = 4.0
 
 @dataclass(frozen=True)
 class ScannerStatus:
-    """A scanner's state as it was heard last.
+    """Last status reported by the scanner: connection, laser, shutter, interlock, fault and time.
 
     Attributes
     ----------
@@ -47,13 +47,13 @@ class ScannerStatus:
     fault
         The latched fault (``code``, ``name``, ``title``, ``remedy``, ``clearable``), or ``None``.
     error
-        Why the scanner cannot be talked to now, or ``None``.
+        Error of the connection to the scanner, or ``None``.
     holder
         Other program that holds the port, or ``None``.
     model, serial
         Identity of the scanner; empty: unknown.
     heard
-        When the scanner said so, in s of the monotonic clock; ``None``: it has said nothing yet.
+        Time of the scanner's last report, in s of the monotonic clock; ``None``: no report yet.
     """
 
     connection: str = UNKNOWN
@@ -70,24 +70,24 @@ class ScannerStatus:
     heard: float | None = None
 
     def age(self, now: float | None = None) -> float | None:
-        """Return the seconds since the scanner said so; ``None`` where that is not known."""
+        """Return the age of the status in seconds; ``None`` if unknown."""
         if self.heard is None:
             return None
         passed = (time.monotonic() if now is None else now) - self.heard
         return passed if passed >= 0 else None
 
     def as_of_now(self, now: float | None = None) -> Self:
-        """Return the same with everything unknown that the scanner said longer than :data:`CURRENT` seconds ago."""
+        """Return the status, with the scanner's values unknown if it is older than :data:`CURRENT` seconds."""
         age = self.age(now)
         return self if age is not None and age <= CURRENT else self.forgotten()
 
     def forgotten(self) -> Self:
-        """Return the same with everything unknown that the scanner itself has to say."""
+        """Return a copy in which all values reported by the scanner are unknown."""
         return replace(self, state="", laser=UNKNOWN, shutter=UNKNOWN, interlock=UNKNOWN, key=UNKNOWN, fault=None)
 
 
 def wording(text: str | None) -> str:
-    """Return a sentence without its numbers: of seconds that pass alone nothing is logged or noted."""
+    """Return a message without its digits, so that messages which differ only in numbers compare equal."""
     return re.sub(r"\d+", "", text or "")
 
 
@@ -95,12 +95,12 @@ SILENT_ACQUISITION: Final = "the acquisition process does not answer"
 
 
 class StatusBlock:
-    """The block of one data folder; one process writes it, any number read it.
+    """Shared file with the scanner status; one process writes it, others read it.
 
     Parameters
     ----------
     folder
-        Where it is; it is made if it is missing, and kept open.
+        Folder of the file, which is created if missing and stays open.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -108,12 +108,12 @@ class StatusBlock:
         self._file, self._lock = open_block(folder / "status"), Lock()
 
     def write(self, status: ScannerStatus) -> None:
-        """Replace the content of the block."""
+        """Write the scanner status to the shared file."""
         with self._lock:
             write_block(self._file, asdict(status) | {"written": time.monotonic()})
 
     def read(self) -> ScannerStatus:
-        """Return the current status; all fields are unknown if the last write is older than :data:`CURRENT` seconds."""
+        """Return the scanner status; all fields are unknown if the last write is older than :data:`CURRENT` seconds."""
         try:
             found = read_block(self._file, "status")
         except (OSError, ValueError):

@@ -1,8 +1,8 @@
-"""Blocks: small files of one fixed size that processes of one machine overwrite in place and read without a lock.
+"""Small fixed-size files with a checksum, shared between processes and read without a lock.
 
-A block holds one JSON object and its checksum. It has its full size from the start, so a full disk stops no write (on
-file systems that copy on write a reserve must be left to it). A reader that meets a write half done sees that by the
-checksum and reads again.
+A file (block) holds one JSON object and its checksum. It has its full size from the start, so that a full disk does not
+prevent a write (copy-on-write file systems need a reserve). A reader detects a half-finished write by the checksum and
+reads again.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ READ_ATTEMPTS, READ_INTERVAL = 5, 0.001
 
 
 def open_block(path: Path) -> int:
-    """Open a block and return its descriptor; one that is missing appears at its full size at once.
+    """Open a shared file, created at full size if missing, and return its descriptor.
 
-    So no write of another process that comes meanwhile is lost.
+    The creation is atomic, so that no concurrent write of another process is lost.
     """
     if not path.exists():
         with NamedTemporaryFile(dir=path.parent, prefix=f"{path.name}.") as draft:
@@ -39,13 +39,13 @@ def open_block(path: Path) -> int:
 
 
 def write_block(descriptor: int, value: dict[str, Any]) -> None:
-    """Overwrite a block; two threads of one process must not do so at the same time."""
+    """Overwrite a shared file with a JSON object and its checksum; not thread-safe."""
     body = json.dumps(value, ensure_ascii=False).encode().ljust(SIZE - 9)
     os.pwrite(descriptor, b"%08x " % google_crc32c.value(body) + body, 0)
 
 
 def read_block(descriptor: int, name: str) -> dict[str, Any] | None:
-    """Return the content of a block, ``None`` if it was never written; raises ValueError if it is damaged."""
+    """Return the JSON object in a shared file, ``None`` if it is blank; raises ValueError if it is damaged."""
     for _ in range(READ_ATTEMPTS):
         block = os.pread(descriptor, SIZE, 0)
         if block == _BLANK:

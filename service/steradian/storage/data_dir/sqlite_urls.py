@@ -1,4 +1,4 @@
-"""Addresses of SQLite files: the one place where a path becomes an SQLAlchemy URL or a ``file:`` URI of SQLite.
+"""Conversion of SQLite file paths to SQLAlchemy URLs and ``file:`` URIs.
 
 A folder's name may hold every character that an address gives a meaning to: ``?``, ``#``, ``%``, ``&``, quotes.
 """
@@ -19,7 +19,7 @@ LONGEST: Final = 504
 
 
 def sqlite_url(path: Path, field: str = "data") -> str:
-    """Return the SQLAlchemy URL of a SQLite file; ``field`` is the parameter that named its folder.
+    """Return the SQLAlchemy URL of a SQLite file; ``field`` is the parameter named in errors.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def sqlite_url(path: Path, field: str = "data") -> str:
 
 
 def file_uri(path: Path, *, immutable: bool = False) -> str:
-    """Return the URI by which SQLite opens a file for reading only.
+    """Return the URI that opens a SQLite file read-only.
 
     Parameters
     ----------

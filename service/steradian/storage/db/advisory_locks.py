@@ -1,4 +1,4 @@
-"""Named locks bound to a PostgreSQL session; used for ownership and liveness.
+"""PostgreSQL advisory locks, held by a session; used for exclusive ownership and liveness of processes.
 
 The server ends a session that has asked nothing for ten seconds of its own clock: that of a host without power or
 network, and that of a process that is stopped. Neither side waits for ever: who holds a lock asks with a deadline.
@@ -37,7 +37,7 @@ QUERY_TIMEOUT: Final = 5.0
 
 
 class LockState(Enum):
-    """State of an advisory lock."""
+    """State of an advisory lock: held, taken by another session, or server unreachable."""
 
     HELD = "held"
     TAKEN = "taken"
@@ -45,16 +45,16 @@ class LockState(Enum):
 
 
 class AdvisoryLock:
-    """A named lock that lasts as long as one session.
+    """PostgreSQL advisory lock with a name, held as long as its session lives.
 
     Parameters
     ----------
     url
-        Of the database, as libpq takes it.
+        URL of the database, in the form of libpq.
     name
-        What is locked.
+        Name of the lock.
     shared
-        Whether others may share it, as long as nobody has it alone.
+        Whether the lock is shared: compatible with other shared locks of the name, but not with an exclusive one.
     """
 
     def __init__(self, url: str, name: str, *, shared: bool = False) -> None:
@@ -63,7 +63,7 @@ class AdvisoryLock:
         self._held_by = 0
 
     def ensure_held(self) -> LockState:
-        """Reacquire the lock over a new session if needed."""
+        """Acquire the lock unless this object holds it, reconnecting if needed, and return its state."""
         try:
             if self._session is not None:
                 _ask(self._session, "SELECT 1")
@@ -81,12 +81,12 @@ class AdvisoryLock:
         return LockState.HELD
 
     def hold(self, seconds: float) -> LockState:
-        """Make sure that the lock is held; where it is found taken, try for a while: some borrow it for a moment."""
+        """Renew the lock; if another session has taken it, retry for ``seconds`` seconds."""
         hold = self.ensure_held()
         return self.acquire(seconds) if hold is LockState.TAKEN else hold
 
     def acquire(self, seconds: float) -> LockState:
-        """Try for a while to get the lock."""
+        """Retry for ``seconds`` seconds until the lock is acquired, and return its state."""
         deadline = time.monotonic() + seconds
         while (hold := self.ensure_held()) is not LockState.HELD and time.monotonic() < deadline:
             time.sleep(0.2)
@@ -94,7 +94,7 @@ class AdvisoryLock:
 
     @contextmanager
     def try_briefly(self, other: str) -> Iterator[bool]:
-        """Hold another name's lock for a moment; yields whether it was free."""
+        """Acquire another name's lock until the block ends; yields whether it was free."""
         session = self._session
         try:
             free = session is not None and _try(session, other)
@@ -108,7 +108,7 @@ class AdvisoryLock:
                     _ask(session, "SELECT pg_advisory_unlock(%s)", _key(other))
 
     def release(self) -> None:
-        """Release the lock and close its session."""
+        """Release the advisory lock by closing its session."""
         if self._session is not None:
             with suppress(psycopg.Error):
                 self._session.close()
@@ -121,7 +121,7 @@ def _try(session: psycopg.Connection[tuple[bool]], name: str, *, shared: bool = 
 
 
 def _ask(session: psycopg.Connection[tuple[bool]], question: LiteralString, *values: int) -> bool:
-    """Ask the server; when it does not answer in time the connection is cut, and that is an error of psycopg's."""
+    """Run an SQL query for a boolean with a timeout, after which the connection is closed."""
     own = socket.socket(fileno=os.dup(session.fileno()))
     cut = threading.Timer(QUERY_TIMEOUT, _cut, [own])
     cut.daemon = True

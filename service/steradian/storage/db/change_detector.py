@@ -1,4 +1,4 @@
-"""Cheap test whether an embedded database was written since the last check."""
+"""Cheap detection of writes to a SQLite database since the last check."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MAX_INTERVAL: Final = 1.0
 
 
 class ChangeDetector:
-    """Change detector that avoids needless queries of a polling reader; for one thread.
+    """Detector of database changes, which saves a polling reader needless queries; not thread-safe.
 
     Parameters
     ----------
     database
-        A file, or a server's, of which nothing is known without asking.
+        Database; changes of a server database cannot be detected, so every check returns true.
     at_least
-        Seconds after which the answer is yes in any case.
+        Seconds after which a check returns true in any case.
     """
 
     def __init__(self, database: Database, at_least: float = MAX_INTERVAL) -> None:
@@ -32,7 +32,7 @@ class ChangeDetector:
         self._version: int | None = None
 
     def has_changed(self) -> bool:
-        """Whether a transaction may have been committed since the previous call."""
+        """Return whether a transaction may have been committed since the previous call."""
         now, version = time.monotonic(), self._read()
         if version is not None and version == self._version and now < self._due:
             return False
@@ -40,7 +40,7 @@ class ChangeDetector:
         return True
 
     def _read(self) -> int | None:
-        """Read a number that changes with each commit of another connection; ``None`` where there is none."""
+        """Return SQLite's ``data_version``, which changes with each commit; ``None`` for a server database."""
         if self._path is None:
             return None
         try:
@@ -53,7 +53,7 @@ class ChangeDetector:
             return None
 
     def close(self) -> None:
-        """Close its own connection; the next question opens another."""
+        """Close the detector's own connection; the next check opens a new one."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None

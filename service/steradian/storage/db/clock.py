@@ -1,4 +1,4 @@
-"""Clock of the database's rows (UTC), and identifiers that sort by time (ULID)."""
+"""Default clock (UTC) for database rows, and identifiers that sort by time (ULID)."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ def utc_now() -> datetime:
 
 
 def new_id(prefix: str) -> str:
-    """Return a new identifier; identifiers sort by the time of their creation."""
+    """Return a new identifier of a prefix and a ULID, which sorts by creation time."""
     return prefix + str(ULID()).lower()

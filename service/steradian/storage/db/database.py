@@ -29,10 +29,11 @@ MIGRATION_LOCK = 0x57E2AD1B
 
 
 class Database:
-    """Sessions on one database, named by an SQLAlchemy URL; with ``read_only`` a file is opened without writing any.
+    """Metadata database: SQLAlchemy engine, read and write sessions, and migrations.
 
-    Reads and writes are told apart because SQLite has one writer: a write takes its lock at the start instead of
-    failing when it tries to upgrade in the middle.
+    ``url`` is an SQLAlchemy URL; with ``read_only`` a SQLite file is opened without writing. Sessions for reading and
+    writing differ because SQLite has one writer: a write session acquires the lock at its start instead of failing
+    when it upgrades a read lock.
     """
 
     def __init__(self, url: str, *, read_only: bool = False) -> None:
@@ -42,34 +43,34 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Yield a session for reading."""
+        """Yield a session for read queries."""
         with self._readers() as session:
             yield session
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Yield a session whose changes are committed at the end, or rolled back by an exception."""
+        """Yield a session whose changes are committed at the end of the block, or rolled back on an exception."""
         with self._writers.begin() as session:
             yield session
 
     @property
     def name(self) -> str:
-        """The file, or the address without its password."""
+        """Path of the SQLite file, or URL of the server without its password."""
         url = self.engine.url
         return url.database or "" if self.engine.dialect.name == "sqlite" else url.render_as_string()
 
     def check(self) -> None:
-        """Check that the database answers and grants a write lock; raises SQLAlchemy's exceptions."""
+        """Check that the database answers and accepts writes; raises SQLAlchemy's exceptions."""
         with self.write() as session:
             session.execute(text("SELECT 1"))
 
     def migrate(self) -> None:
-        """Bring the tables to the newest version.
+        """Migrate the schema to the newest version with Alembic.
 
         Raises
         ------
         DamagedFile
-            When a newer program made them, or the file of an embedded database cannot be used.
+            When a newer version has created the tables, or the SQLite file is damaged.
         """
         logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic import command
@@ -90,20 +91,20 @@ class Database:
             raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
     def get_fact(self, session: Session, name: str) -> str | None:
-        """Return a fact about the database as a whole."""
+        """Return the value of a key in the table of database-wide facts."""
         return session.scalar(select(FactRow.value).where(FactRow.name == name))
 
     def set_fact(self, session: Session, name: str, value: str) -> None:
-        """Set a fact about the database as a whole."""
+        """Set the value of a key in the table of database-wide facts."""
         session.merge(FactRow(name=name, value=value))
 
     @property
     def is_file(self) -> bool:
-        """Whether it is a file in the data folder."""
+        """Whether the database is a SQLite file."""
         return self.engine.dialect.name == "sqlite"
 
     def revision(self) -> str | None:
-        """Return the schema revision; ``None`` before tables are created."""
+        """Return the Alembic revision of the schema; ``None`` before tables are created."""
         logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic.migration import MigrationContext
 
@@ -112,7 +113,7 @@ class Database:
 
     @contextmanager
     def migrating(self) -> Iterator[None]:
-        """Keep every other process from changing tables until the block ends (PostgreSQL only)."""
+        """Hold the migration lock until the block ends, so that no other process migrates (PostgreSQL only)."""
         if self.engine.dialect.name != "postgresql":
             yield
             return
@@ -128,7 +129,7 @@ class Database:
                 connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
 
     def close(self) -> None:
-        """Close the connections."""
+        """Close all connections to the database."""
         self.engine.dispose()
 
 
@@ -146,14 +147,14 @@ def metadata_url(settings: Settings) -> str:
 
 
 def known_revisions() -> list[str]:
-    """Name all versions that the tables had, the newest first."""
+    """Return all Alembic revisions of the schema, newest first."""
     from alembic.script import ScriptDirectory
 
     return [script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions()]
 
 
 def _reader(url: str) -> Engine:
-    """Make an engine that only reads a SQLite file, in a folder that may be read-only, too."""
+    """Return an SQLAlchemy engine that opens a SQLite file read-only."""
     engine = create_engine(url)
 
     @event.listens_for(engine, "do_connect")

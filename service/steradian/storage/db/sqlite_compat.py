@@ -1,4 +1,4 @@
-"""``unixepoch('subsec')`` for SQLite before 3.42.
+"""Replacement for SQL function ``unixepoch('subsec')`` in SQLite before 3.42.
 
 From Python 3.12 on the queue's engine writes ``unixepoch('subsec')`` into the defaults of its tables and into its
 queries, whatever the SQLite below it. Before 3.42 that is NULL, and before 3.38 an unknown function; Debian 12 has
@@ -19,27 +19,27 @@ _PLUGIN: Final = "steradian_subseconds"
 
 
 def with_subseconds(url: str) -> str:
-    """Return an SQLite URL whose engines provide ``unixepoch('subsec')`` on every connection."""
+    """Return a SQLite URL whose connections provide the SQL function ``unixepoch('subsec')``."""
     return make_url(url).update_query_pairs([("plugin", _PLUGIN)]).render_as_string(hide_password=False)
 
 
 class SubsecondPlugin(CreateEnginePlugin):
-    """Adds the function to the connections of an engine, where SQLite has none of its own."""
+    """SQLAlchemy plugin that adds ``unixepoch('subsec')`` to connections of SQLite before 3.42."""
 
     def __init__(self, url: URL, kwargs: dict[str, Any]) -> None:
         pass
 
     def update_url(self, url: URL) -> URL:
-        """Return the URL unchanged: it has no parameters for this plugin."""
+        """Return the URL unchanged, because it has no parameters for this plugin."""
         return url
 
     def engine_created(self, engine: Engine) -> None:
-        """Register a hook that prepares each new connection of the engine."""
+        """Register an event listener that adds the function to each new connection."""
         event.listen(engine, "connect", lambda connection, _record: add_subseconds(connection))
 
 
 def add_subseconds(connection: sqlite3.Connection) -> None:
-    """Teach one connection the function, where its SQLite has none of its own."""
+    """Add the SQL function ``unixepoch('subsec')`` to a connection of SQLite before 3.42."""
     if sqlite3.sqlite_version_info < (3, 42):
         connection.create_function("unixepoch", 1, _unixepoch)
 

@@ -1,4 +1,4 @@
-"""The tables of the metadata database.
+"""SQLAlchemy tables of the metadata database.
 
 ``sequence`` counts rows in the order they were made: lists page by it, whatever their identifiers look like.
 Times are UTC in ISO 8601 text, the same on SQLite and PostgreSQL.
@@ -17,7 +17,7 @@ from steradian.storage.states import DesiredJobState, DesiredScanState, Reconstr
 
 
 class Base(DeclarativeBase):
-    """Declarative base class of all tables."""
+    """SQLAlchemy's declarative base class of all tables."""
 
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         datetime: UtcTime,
@@ -30,7 +30,7 @@ class Base(DeclarativeBase):
 
 
 class MaskRow(Base):
-    """Mask; ``document`` is the whole value as JSON, the other columns duplicate the values shown in lists."""
+    """Table of masks; ``document`` is the mask as JSON, the other columns repeat values shown in lists."""
 
     __tablename__ = "masks"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -46,7 +46,7 @@ class MaskRow(Base):
 
 
 class PlanRow(Base):
-    """Plan: its parameters, mask and cost."""
+    """Table of scan plans: parameters, mask and cost."""
 
     __tablename__ = "plans"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -58,11 +58,11 @@ class PlanRow(Base):
 
 
 class ScanRow(Base):
-    """A run of a plan, its state and its progress.
+    """Table of scans: plan, state and progress.
 
-    ``revision`` grows with each change, ``fence`` is its scanner lease, ``completes`` the scan that it begins with,
-    ``request_id`` the HTTP request that asked for it, if one did, ``scanner_id`` whose it is: nobody's if it was
-    imported, or over before scanners had names.
+    ``revision`` is the row version, ``fence`` the number of the scanner lease, ``completes`` the partial scan that this
+    scan continues, ``request_id`` the HTTP request that created the row, if any. ``scanner_id`` is empty for imported
+    scans and for scans of versions without scanner names.
     """
 
     __tablename__ = "scans"
@@ -95,13 +95,13 @@ class ScanRow(Base):
 
 
 class JobRow(Base):
-    """A job of the queue: its state, every attempt at it and its progress.
+    """Table of jobs: state, attempts, progress and history.
 
-    The queue's engine decides who runs a job and when; this row is what everybody else reads. ``fence`` counts its
-    starts, also those that were put back: what an earlier start than the newest has to say is refused. ``promised`` is
-    how many bytes it may write; ``scan_id`` repeats the payload's, for lists; ``request_id`` is that of
-    the HTTP request that asked for it, if one did; ``owner`` is who asked, and ``turn`` whose turn it is among those
-    of equal priority. ``requires_…`` is what its worker must have.
+    The queue engine decides which worker runs a job and when; all other code reads this row. ``fence`` is the fencing
+    token: the number of attempts, including requeued ones; reports of earlier attempts are rejected. ``promised`` is
+    the number of reserved bytes; ``scan_id`` repeats the payload's, for lists; ``request_id`` is the HTTP request that
+    created the job, if any; ``owner`` is the principal that requested the job, and ``turn`` the fair-queueing start
+    tag. ``requires_…`` are the requirements on the worker.
     """
 
     __tablename__ = "jobs"
@@ -141,7 +141,7 @@ class JobRow(Base):
 
 
 class BatchRow(Base):
-    """Reconstructions that were asked for together."""
+    """Table of batches of reconstructions that were requested together."""
 
     __tablename__ = "batches"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -153,7 +153,7 @@ class BatchRow(Base):
 
 
 class ReconstructionRow(Base):
-    """Reconstruction request; its progress is in the job with the same identifier."""
+    """Table of reconstruction requests; progress is in the job with the same identifier."""
 
     __tablename__ = "reconstructions"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -166,14 +166,14 @@ class ReconstructionRow(Base):
 
 
 class ScannerRow(Base):
-    """Scanner: state, lease and emergency stop.
+    """Table of scanners: reported state, lease and emergency stop.
 
-    The lease is the principal's in ``held_by``; ``holder`` is how that one calls itself. ``address`` is where its node
-    answers the others, ``follows`` whether it has workers for images that grow with a scan. ``looked_at`` is when
-    the scanner said what ``laser``, ``shutter``, ``interlock``, ``key_switch`` and ``fault`` repeat, ``port_holder``
-    the other program that holds its port. ``stop_number``, ``stop_laser``, ``stop_seconds`` and ``stop_detail`` tell
-    of the press that stands. One that is ``retired`` is none any more, until
-    its node starts again: it keeps its stop.
+    ``held_by`` is the principal with the lease, ``holder`` the name that the client has given. ``address`` is the URL
+    of the scanner's node for other nodes, ``follows`` whether that node has workers for live jobs. ``looked_at`` is the
+    time of the scanner's report of ``laser``, ``shutter``, ``interlock``, ``key_switch`` and ``fault``; ``port_holder``
+    is another program that has opened the port. ``stop_number``, ``stop_laser``, ``stop_seconds`` and ``stop_detail``
+    describe the active emergency stop. ``retired`` is the time of the decommission, empty after the next start of the
+    node; an active stop stays active.
     """
 
     __tablename__ = "scanners"
@@ -213,9 +213,9 @@ class ScannerRow(Base):
 
 
 class WorkerRow(Base):
-    """Worker: its reported capabilities and the time of the last report.
+    """Table of workers: reported capabilities and time of the last report.
 
-    ``scanner_id`` is the scanner's whose growing images are all that it makes; none: it does everybody's jobs.
+    ``scanner_id`` is the scanner whose live jobs are the only ones that the worker runs; empty: all jobs.
     """
 
     __tablename__ = "workers"
@@ -228,7 +228,7 @@ class WorkerRow(Base):
 
 
 class RemovalRow(Base):
-    """Something that was deleted and whose files are still to be removed."""
+    """Table of deleted resources whose files are not yet removed."""
 
     __tablename__ = "removals"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -237,7 +237,7 @@ class RemovalRow(Base):
 
 
 class ObjectRow(Base):
-    """Something that an object store keeps; ``sha256`` is of its content, and with the name its key."""
+    """Table of objects in the object store; name and ``sha256`` of the content are an object's key."""
 
     __tablename__ = "objects"
     name: Mapped[str] = mapped_column(String(200), primary_key=True)
@@ -247,7 +247,7 @@ class ObjectRow(Base):
 
 
 class EventRow(Base):
-    """The log of everything that changed state, in order."""
+    """Table of the event log: every change of state, in order."""
 
     __tablename__ = "events"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -260,10 +260,10 @@ class EventRow(Base):
 
 
 class FactRow(Base):
-    """Facts about the database.
+    """Table of key-value facts about the database as a whole.
 
-    They are the event log's epoch (another one means another database), the data folder that the database belongs to,
-    and the version of the queue's engine that made its tables.
+    Keys are the event log's epoch (which differs between databases), the identifiers of the bound data folder and
+    object store, and the version of the queue engine that migrated its tables.
     """
 
     __tablename__ = "event_log"
@@ -272,7 +272,7 @@ class FactRow(Base):
 
 
 class ApiKeyRow(Base):
-    """An API key; only the hash of its secret is kept."""
+    """Table of API keys, with the hashes of their secrets."""
 
     __tablename__ = "api_keys"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
@@ -286,7 +286,7 @@ class ApiKeyRow(Base):
 
 
 class TicketRow(Base):
-    """A ticket for one event stream, by the hash of its secret; ``streams`` counts where it is open, on all nodes."""
+    """Table of event-stream tickets, by the hashes of their secrets; ``streams`` counts open streams."""
 
     __tablename__ = "tickets"
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
@@ -297,7 +297,7 @@ class TicketRow(Base):
 
 
 class SessionRow(Base):
-    """Browser session, opened with a key, by the hash of its secret."""
+    """Table of browser sessions, by the hashes of their secrets."""
 
     __tablename__ = "sessions"
     hash: Mapped[str] = mapped_column(String(64), primary_key=True)
@@ -308,7 +308,7 @@ class SessionRow(Base):
 
 
 class IdempotencyRow(Base):
-    """The answer that a key got, so that a repeated request gets the same one."""
+    """Table of responses to requests with an idempotency key."""
 
     __tablename__ = "idempotency_keys"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

@@ -11,22 +11,22 @@ from sqlalchemy.types import TypeDecorator
 
 
 class UtcTime(TypeDecorator[datetime]):
-    """An aware UTC time as sortable ISO 8601 text."""
+    """Column type of UTC times, stored as sortable ISO 8601 text."""
 
     impl = String(32)
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> str | None:
-        """Write."""
+        """Convert a time to ISO 8601 text for the database."""
         return None if value is None else value.astimezone(UTC).isoformat(timespec="microseconds")
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> datetime | None:
-        """Read."""
+        """Convert ISO 8601 text from the database to a time."""
         return None if value is None else datetime.fromisoformat(value)
 
 
 class EnumText(TypeDecorator[str]):
-    """A member of a string enum, by its value."""
+    """Column type of string enums, stored by value."""
 
     impl = String(32)
     cache_ok = True
@@ -36,9 +36,9 @@ class EnumText(TypeDecorator[str]):
         self.kind = kind
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        """Write."""
+        """Convert an enum member to text for the database."""
         return None if value is None else str(value)
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> str | None:
-        """Read."""
+        """Convert text from the database to an enum member."""
         return None if value is None else self.kind(value)

@@ -1,1 +1,1 @@
-"""Maintenance of the data folder: start-up checks, permissions, snapshots."""
+"""Maintenance of data folder and database: start-up checks, permissions, snapshots."""

@@ -1,7 +1,7 @@
-"""Bind a data folder to a database by a shared identifier (merge with belonging.py).
+"""Binding of a data folder to a database by a shared identifier.
 
-A worker on another host finds the folder where somebody mounted it. Where nothing is mounted lies an empty folder, in
-which every job would fail for good.
+The binding detects a data folder that is not mounted on another host: its mount point is an empty folder, in which
+every job would fail permanently.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ FACT_KEY: Final = "folder"
 
 
 def bind_folder(database: Database, data: DataDirectory) -> None:
-    """Make folder and database belong together, unless one of them belongs elsewhere already; for the service.
+    """Bind a data folder to a database by a shared identifier; raises an error if either is bound elsewhere.
 
     Raises
     ------
     InvalidInput
-        When it does.
+        When either is bound elsewhere.
     """
     with database.write() as session:
         known, found = database.get_fact(session, FACT_KEY), data.identity
@@ -37,7 +37,7 @@ def bind_folder(database: Database, data: DataDirectory) -> None:
 
 
 def check_binding(database: Database, data: DataDirectory) -> bool:
-    """Whether the folder belongs to the database; ``False`` while no service has bound them. Changes nothing.
+    """Return whether the folder is bound to the database; ``False`` before a service has bound them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Whether a service can write the parts of its data folder, by their owners and modes; seen without changing any."""
+"""Check of write permissions in the data folder by owners and modes, without changing them."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ WITHIN: Final = ("emergency-stop", "jobs", "run", "scans", "uploads")
 
 
 def require_writable(data: DataDirectory, within: tuple[str, ...] = WITHIN) -> None:
-    """Check that the process can write all existing parts of a data folder; missing parts are created later.
+    """Raise :class:`FolderNotWritable` if an existing part of a data folder is not writable.
 
     Parameters
     ----------
     data
         The folder.
     within
-        Folders of which also what lies in them is looked at.
+        Folders whose entries are checked as well.
 
     Raises
     ------
     FolderNotWritable
-        For the first such part: its path, its owner and what mends it.
+        For the first such part, with its path, owner and the remedy.
     """
     for path in _all_parts(data, within):
         if (why := _why_not(path)) is not None:
@@ -40,9 +40,9 @@ def require_writable(data: DataDirectory, within: tuple[str, ...] = WITHIN) -> N
 
 
 def unwritable_part(data: DataDirectory) -> str | None:
-    """Say which part of a service's data folder cannot be written now, ``None``: all can; some stats, no listing.
+    """Return the first part of the data folder that is not writable, with the reason; ``None`` if all are.
 
-    The sentence names the part below the data folder, not where that lies.
+    The text contains the path relative to the data folder.
     """
     for path in _parts(data):
         if (why := _why_not(path)) is not None:
@@ -51,13 +51,13 @@ def unwritable_part(data: DataDirectory) -> str | None:
 
 
 def unwritable_jobs(data: DataDirectory) -> str | None:
-    """Say why the folder of jobs cannot be written; ``None``: it can."""
+    """Return the reason why the folder of jobs is not writable; ``None`` if it is."""
     path = data.root.absolute() / "jobs"
     return None if (why := _why_not(path)) is None else f"{_name(path, data)} {why[0]}"
 
 
 def unwritable_job(data: DataDirectory, job_id: str) -> str | None:
-    """Say why a job's own folder, or its log in it, cannot be written; ``None``: it can, or is still to be made."""
+    """Return the reason why a job's folder or log is not writable; ``None`` if it is, or does not exist yet."""
     folder = data.job(job_id)
     for path in (folder.root, folder.log, folder.root / "lock", folder.root / "start"):
         if (why := _why_not(path)) is not None:
@@ -66,7 +66,7 @@ def unwritable_job(data: DataDirectory, job_id: str) -> str | None:
 
 
 def can_write(path: Path) -> bool:
-    """Whether this process can write a file, and files beside it, or a folder."""
+    """Return whether this process can write a file and its folder, or a folder."""
     return all(_why_not(each) is None for each in ((path,) if path.is_dir() else (path, path.parent)))
 
 

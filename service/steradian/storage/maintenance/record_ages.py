@@ -1,4 +1,4 @@
-"""Validity of ages: a wrong clock must not cause retention to delete recent data.
+"""Check of the system clock, so that a wrong clock does not make retention delete recent data.
 
 A computer without a clock of its own starts in 1970, one with a dead battery anywhere. Ages are trusted once the clock
 has gone with the steady one, which knows no time of day, for a day.
@@ -31,20 +31,20 @@ _log = logging.getLogger(__name__)
 
 
 def steady() -> float:
-    """Return seconds of a monotonic clock, which includes the computer's sleep where the system supports that."""
+    """Return seconds of a monotonic clock, including system sleep where supported."""
     number = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))  # the latter for macOS
     return time.monotonic() if number is None else time.clock_gettime(number)
 
 
 class Ages:
-    """Watches the clock from look to look.
+    """Check of the system clock for jumps, which suspends deletion by age when the clock is in doubt.
 
     Parameters
     ----------
     clock
-        The time of day.
+        System clock (time of day).
     steady
-        Seconds of a clock that is never put right.
+        Seconds of a monotonic clock.
     """
 
     def __init__(self, clock: Clock, steady: Callable[[], float] = steady) -> None:
@@ -53,7 +53,7 @@ class Ages:
         self._held_until = float("-inf")
 
     def can_be_trusted(self, database: Database) -> bool:
-        """Check the clock; return whether resources may be deleted by age now.
+        """Check the system clock and return whether resources may be deleted by age now.
 
         The first failed check of a kind is logged.
         """
@@ -66,7 +66,7 @@ class Ages:
         return seconds >= self._held_until
 
     def _doubt(self, now: datetime, seconds: float, database: Database) -> str | None:
-        """Return the reason to distrust the clock, or None."""
+        """Return the reason to distrust the system clock (early date or jump), or None."""
         if now < EARLIEST:
             return f"the clock shows {_said(now)}"
         if self._last is not None:
@@ -85,8 +85,8 @@ class Ages:
 def newest_record(database: Database, now: datetime) -> datetime | None:
     """Return the time of the newest job, scan or event in the database; ``None`` without any.
 
-    The last one is that of the highest number: a time ahead, of a clock that is right again, does not stay the newest.
-    What this start may have made itself, by the present clock, says nothing about it.
+    The newest record is the one with the highest sequence number, because times may come from a wrong clock. Records
+    near the present time are ignored, because this process may have written them.
     """
     made = ((JobRow.created, JobRow.sequence), (ScanRow.created, ScanRow.sequence), (EventRow.at, EventRow.sequence))
     with database.read() as session:
@@ -98,12 +98,12 @@ def newest_record(database: Database, now: datetime) -> datetime | None:
 
 
 def redate(session: Session, before: datetime, now: datetime) -> None:
-    """Restart the age of jobs whose end was dated by a wrong clock; their history stays unchanged.
+    """Set the end of jobs that a wrong clock dated to ``now``, which restarts their age.
 
     Parameters
     ----------
     before
-        Ends after it are not looked at.
+        Jobs that ended later are ignored.
     """
     for name, ended in _wrongly_dated(session, before, now).items():
         session.execute(update(JobRow).where(JobRow.id == name).values(ended=now))
@@ -111,15 +111,15 @@ def redate(session: Session, before: datetime, now: datetime) -> None:
 
 
 def tell_redated(what: str, at: datetime) -> None:
-    """Log that the age of a resource is counted from now."""
+    """Log a warning that the age of a resource is counted from now."""
     _log.warning("the date of %s, %s, comes from a wrong clock; its age counts from now on", what, _said(at))
 
 
 def _wrongly_dated(session: Session, before: datetime, now: datetime) -> dict[str, datetime]:
-    """Return the jobs that ended before a time, as they say, and cannot have: by identifier, when they say they ended.
+    """Return the jobs whose recorded end is impossible, because a wrong clock dated it, with that end.
 
-    Such an end lies before :data:`EARLIEST`, or before an earlier job was asked for; one asked for in the future, by a
-    clock that was ahead, shows nothing.
+    Such an end lies before :data:`EARLIEST`, or before the creation of a job with a smaller sequence number; jobs with
+    a creation time in the future are ignored.
     """
     old = select(JobRow.sequence, JobRow.id, JobRow.ended).where(JobRow.ended < before)
     ends = {row.sequence: (row.id, row.ended) for row in session.execute(old)}

@@ -1,4 +1,4 @@
-"""Consistent snapshot of the database as a SQLite file, and its restoration."""
+"""Consistent snapshot of the database as a SQLite file, and its restore."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ BATCH_ROWS: Final = 1000
 def take_snapshot(database: Database, path: Path) -> None:
     """Copy a consistent snapshot of a database into a new SQLite file, without blocking writers.
 
-    SQLite copies its own file, with the queue in it. Of PostgreSQL the metadata are copied, table by table in one
-    transaction that sees one moment; the queue is made anew from them wherever they are restored.
+    A SQLite file is copied whole, with the queue. Of PostgreSQL only the metadata are copied, table by table in one
+    repeatable-read transaction; the queue is rebuilt from them after a restore.
     """
     path.unlink(missing_ok=True)
     if database.is_file:
@@ -43,7 +43,7 @@ def take_snapshot(database: Database, path: Path) -> None:
 
 
 def require_empty(database: Database) -> None:
-    """Refuse a database that holds anything; raises :class:`Conflict`."""
+    """Raise :class:`Conflict` if a database has rows."""
     with database.read() as session:
         for table in Base.metadata.sorted_tables:
             if table is not FactRow.__table__ and session.scalar(select(func.count()).select_from(table)):
@@ -51,7 +51,7 @@ def require_empty(database: Database) -> None:
 
 
 def restore_snapshot(path: Path, database: Database) -> None:
-    """Fill an empty PostgreSQL database with the rows of a snapshot, all of them or none."""
+    """Copy all rows of a snapshot into an empty PostgreSQL database in one transaction."""
     source = Database(sqlite_url(path, "backup"))
     try:
         with source.engine.connect() as rows, database.engine.begin() as target:
@@ -66,10 +66,10 @@ def restore_snapshot(path: Path, database: Database) -> None:
 
 
 def assign_new_identity(database: Database) -> str:
-    """Give a database that is a copy a name and an event log of its own; returns the name.
+    """Give a copied database a new identifier and event-log epoch, and delete its sessions; return the identifier.
 
-    A worker that still knows the original's folder is refused, and a client that has seen later events of the original
-    than the copy holds is told to begin anew. Whoever was signed in there is not signed in here.
+    Workers of the original are rejected by the identifier, clients of the original's event log by the epoch. Sessions
+    of the original are not valid in the copy.
     """
     name = uuid.uuid4().hex
     with database.write() as session:
@@ -81,7 +81,7 @@ def assign_new_identity(database: Database) -> str:
 
 
 def _copy_file(source: Path, target: Path) -> None:
-    """Copy in one go: readers do not hold up a writer, and a copy in pieces would begin again with every write."""
+    """Copy a SQLite database with SQLite's backup API in a single step, without blocking writers."""
     with (
         closing(sqlite3.connect(file_uri(source), uri=True)) as rows,
         closing(sqlite3.connect(target)) as copy,
@@ -98,6 +98,6 @@ def _copy_rows(source: Connection, target: Connection) -> None:
 
 
 def _make_one_file(path: Path) -> None:
-    """Merge the write-ahead log into the file."""
+    """Merge SQLite's write-ahead log into the database file."""
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA journal_mode=DELETE")

@@ -1,4 +1,4 @@
-"""Integrity checks of databases and folder before the service starts."""
+"""Integrity check of database and data folder before the service starts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_LISTED = 5
 
 
 def sqlite_fault(path: Path) -> str | None:
-    """Return the damage of a SQLite file that no process has open; ``None`` if it is intact."""
+    """Return a description of the damage of a closed SQLite file; ``None`` if it is intact."""
     if not path.exists():
         return "is missing"
     if not path.stat().st_size:
@@ -40,7 +40,7 @@ def sqlite_fault(path: Path) -> str | None:
 
 
 def is_database(path: Path) -> bool:
-    """Whether a file begins as SQLite's do; the rest is not read."""
+    """Return whether a file begins with SQLite's magic bytes."""
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
@@ -49,12 +49,12 @@ def is_database(path: Path) -> bool:
 
 
 def is_missing(path: Path) -> bool:
-    """Whether opening a SQLite URL would create a new file."""
+    """Return whether a database file does not exist or is empty."""
     return not path.exists() or not path.stat().st_size
 
 
 def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
-    """Read rows of a database with tables of an earlier version; missing tables yield an empty list."""
+    """Run a query on a database of any schema version; a missing table or damaged file yields an empty list."""
     if settings.database_url is None and sqlite_fault(DataDirectory(settings.data).metadata_file) is not None:
         return []
     database = Database(metadata_url(settings))
@@ -70,12 +70,12 @@ def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
 
 
 def pending_removals(settings: Settings) -> set[str]:
-    """Return resources whose rows are deleted but whose files are not yet removed."""
+    """Return the identifiers of deleted resources whose files are not yet removed."""
     return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
 
 
 def check_before_start(settings: Settings) -> list[str]:
-    """Look at databases and folder before a service starts on them.
+    """Check database and data folder for damage, and return scan files without a database row.
 
     Returns
     -------

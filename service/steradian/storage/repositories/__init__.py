@@ -1,1 +1,1 @@
-"""Repositories: queries and changes of each resource's rows."""
+"""Repositories: queries and updates of the database rows of each resource."""

@@ -1,4 +1,4 @@
-"""Base class of the repositories: clock, keyset pagination, NotFound."""
+"""Base class of the repositories, with lookup by identifier and keyset pagination."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, Batch
 
 @dataclass(frozen=True)
 class Page(Generic[Row]):
-    """A piece of a list, newest first; ``cursor`` asks for the next piece and is ``None`` at the end."""
+    """Page of a list, newest first, with the cursor of the next page (``None`` at the end)."""
 
     rows: list[Row]
     cursor: int | None
 
 
 class Repository(Generic[Row]):
-    """Rows of one table."""
+    """Base class of repositories: read access to the rows of one table."""
 
     kind: str
     table: type[Row]
@@ -35,7 +35,7 @@ class Repository(Generic[Row]):
         self.database, self.clock = database, clock
 
     def get(self, identifier: str) -> Row:
-        """Find a row.
+        """Return the row with an identifier.
 
         Raises
         ------
@@ -46,7 +46,7 @@ class Repository(Generic[Row]):
             return self._find(session, identifier)
 
     def page(self, limit: int, before: int | None = None, where: WhereClauses | None = None) -> Page[Row]:
-        """List the newest ``limit`` rows, or those made before the row with the sequence number ``before``.
+        """Return a page of at most ``limit`` rows, newest first, before the sequence number ``before``.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class Repository(Generic[Row]):
         return Page(rows[:limit], rows[limit - 1].sequence if len(rows) > limit else None)
 
     def _find(self, session: Session, identifier: str, *, lock: bool = False) -> Row:
-        """Find a row, held until the transaction ends when ``lock`` is set (SQLite has one writer anyway)."""
+        """Return the row with an identifier, with ``lock`` locked until the transaction ends."""
         query = select(self.table).where(self.table.id == identifier)
         row = session.scalars(query.with_for_update() if lock else query).one_or_none()
         if row is None:

@@ -1,4 +1,4 @@
-"""Delete resources and their dependents in one transaction; remove files afterwards.
+"""Deletion of resources and their dependents in one transaction; files are removed afterwards.
 
 A deletion's transaction takes the rows away and notes whose files are to go (table ``removals``); files go afterwards
 and the notes last. Whatever ends the process between two of these steps, the notes that are left say what is still to
@@ -30,7 +30,7 @@ MAX_LISTED: Final = frozenset({"scan", "batch", "reconstruction", "job"})
 
 
 class HasDependents(Conflict):
-    """The resource to delete has dependents."""
+    """Error: the resource to delete has dependents."""
 
     code = "has-dependents"
 
@@ -40,13 +40,13 @@ class HasDependents(Conflict):
 
 
 class InUse(Conflict):
-    """Something that waits or runs needs it."""
+    """Error: the resource is needed by queued or running work."""
 
     code = "in-use"
 
 
 class DeletionService:
-    """Deletes rows, and notes whose files are to go."""
+    """Service that deletes rows of resources and records the files to remove."""
 
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         self.database, self.clock = database, clock
@@ -54,7 +54,7 @@ class DeletionService:
     def delete(
         self, kind: str, identifier: str, who: str, *, dependents: bool, check: Callable[[Iterable[str]], object]
     ) -> None:
-        """Delete one thing, and all that depends on it where that is asked for.
+        """Delete a resource and, with ``dependents``, all resources that depend on it.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class DeletionService:
             self.delete_rows(session, found, who, "requested")
 
     def delete_rows(self, session: Session, found: Sequence[Resource], who: str, why: str) -> None:
-        """Take the rows away in the present transaction."""
+        """Delete the rows of resources in the caller's transaction, append events and record the files to remove."""
         now, by_kind = self.clock(), {kind: [one.id for one in found if one.kind == kind] for kind in DELETION_ORDER}
         for one in found:
             if one.kind in MAX_LISTED:
@@ -95,14 +95,14 @@ class DeletionService:
 
 
 def waiting_import(database: Database, upload_id: str) -> str | None:
-    """Name an import that has still to read an upload, if there is one."""
+    """Return the unfinished import job that needs an upload; ``None`` if there is none."""
     named = [JobRow.payload[name].as_string() == upload_id for name in ("upload_id", "companion_id")]
     with database.read() as session:
         return session.scalars(select(JobRow.id).where(or_(*named), JobRow.ended.is_(None))).first()
 
 
 def delete_upload(database: Database, arrays: BlobStore, upload_id: str) -> None:
-    """Delete a file that came over HTTP.
+    """Delete a file that was uploaded over HTTP.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def delete_upload(database: Database, arrays: BlobStore, upload_id: str) -> None
 def remove_files(
     database: Database, data: DataDirectory, arrays: BlobStore, forget_jobs: Callable[[Sequence[str]], object] | None
 ) -> None:
-    """Remove the files and then the records of deleted resources; files that cannot be removed yet are retried later.
+    """Remove the files of deleted resources, then their removal records; failed removals are retried later.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _find(session: Session, kind: str, identifier: str) -> Resource:
 
 
 def _busy(session: Session, found: Sequence[Resource]) -> list[str]:
-    """Return the names of queued or running users of the resources, with their rows locked."""
+    """Return the identifiers of unfinished scans and jobs among the resources, and lock their rows."""
     scans = select(ScanRow).where(ScanRow.id.in_([one.id for one in found if one.kind == "scan"])).with_for_update()
     busy = select(JobRow).where(JobRow.id.in_([one.id for one in found if DELETION_ORDER[one.kind] is JobRow]))
     going = [row.id for row in session.scalars(scans) if not _is_settled(row)]
@@ -190,7 +190,7 @@ def _is_settled(scan: ScanRow) -> bool:
 
 
 def _event_of(session: Session, one: Resource) -> dict[str, Any]:
-    """Return the fields by which event streams are filtered."""
+    """Return the scan and batch identifiers by which event streams filter a resource's events."""
     if one.kind == "scan":
         return {}
     if one.kind == "batch":

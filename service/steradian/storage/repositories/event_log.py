@@ -1,4 +1,4 @@
-"""The event log: every change of state, in the transaction that made it, in one order.
+"""Event log: every change of state in order, written in the transaction of the change.
 
 On PostgreSQL a transaction takes a lock before it writes an event, so that events become visible in the order of
 their numbers and a reader that has seen number n never misses a smaller one. SQLite has one writer anyway.
@@ -21,7 +21,7 @@ EVENT_ORDER_LOCK = 0x57E2AD1A
 
 
 def append_event(session: Session, at: datetime, kind: str, resource_id: str, data: dict[str, Any]) -> None:
-    """Append an event to the log in the present transaction.
+    """Append an event to the log in the caller's transaction.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def append_event(session: Session, at: datetime, kind: str, resource_id: str, da
 
 @dataclass(frozen=True)
 class LogBounds:
-    """Bounds of the log: its epoch, the number before its first event, and the number of its last event."""
+    """Bounds of the event log: its epoch, the number before its first event, and the number of its last event."""
 
     epoch: str
     before: int
@@ -45,13 +45,13 @@ class LogBounds:
 
 
 class EventLog:
-    """Reads and prunes the log."""
+    """Reader of the event log, which also prunes old events."""
 
     def __init__(self, database: Database) -> None:
         self.database = database
 
     def bounds(self) -> LogBounds:
-        """Return the bounds of the log."""
+        """Return the bounds of the event log."""
         with self.database.read() as session:
             facts = {row.name: row.value for row in session.scalars(select(FactRow))}
             last = session.scalar(select(func.max(EventRow.sequence)))
@@ -59,13 +59,13 @@ class EventLog:
         return LogBounds(facts["epoch"], before, max(before, last or 0))
 
     def after(self, sequence: int, limit: int) -> list[EventRow]:
-        """Return at most ``limit`` events after a number, oldest first."""
+        """Return at most ``limit`` events after a sequence number, oldest first."""
         query = select(EventRow).where(EventRow.sequence > sequence).order_by(EventRow.sequence).limit(limit)
         with self.database.read() as session:
             return list(session.scalars(query))
 
     def prune(self, older_than: datetime) -> int:
-        """Forget events before a time; returns how many."""
+        """Delete events older than a time and return their number."""
         with self.database.write() as session:
             newest = session.scalar(select(func.max(EventRow.sequence)).where(EventRow.at < older_than))
             if newest is None:

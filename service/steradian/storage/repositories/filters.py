@@ -1,4 +1,4 @@
-"""SQL WHERE clauses of the list endpoints."""
+"""SQL WHERE clauses for the filters of the list endpoints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _R = ReconstructionState
 
 
 class _JsonMembers(GenericFunction[Any]):
-    """The members of a JSON object, as rows of key and value."""
+    """SQL function that returns the members of a JSON object as rows of key and value."""
 
     name = "json_each"
     inherit_cache = True
@@ -32,12 +32,12 @@ def _as_text(element: _JsonMembers, compiler: SQLCompiler, **options: Any) -> st
 
 
 def masks(*, arrangement: str | None = None) -> WhereClauses:
-    """Choose masks of an arrangement."""
+    """Return the WHERE clauses that select masks by arrangement."""
     return _equal((MaskRow.arrangement["arrangement"].as_string(), arrangement))
 
 
 def plans(*, mask_id: str | None = None) -> WhereClauses:
-    """Choose plans of a mask."""
+    """Return the WHERE clauses that select plans by mask."""
     return _equal((PlanRow.mask_id, mask_id))
 
 
@@ -48,7 +48,7 @@ def scans(
     plan_id: str | None = None,
     mask_id: str | None = None,
 ) -> WhereClauses:
-    """Choose scans in one of some states that have all of some labels, of a plan or mask."""
+    """Return the WHERE clauses that select scans by state, labels, plan and mask."""
     found = _equal((ScanRow.plan_id, plan_id), (ScanRow.mask_id, mask_id))
     found += [] if state is None else [ScanRow.state.in_(state)]
     return found + [_has_label(*one) for one in label or ()]
@@ -62,7 +62,7 @@ def jobs(
     batch_id: str | None = None,
     reconstruction_id: str | None = None,
 ) -> WhereClauses:
-    """Choose jobs in one of some states, of a kind, of a scan, a batch, or asked about a reconstruction."""
+    """Return the WHERE clauses that select jobs by state, kind, scan, batch and reconstruction."""
     about = JobRow.payload["reconstruction_id"].as_string()
     found = _equal(
         (JobRow.kind, kind), (JobRow.scan_id, scan_id), (JobRow.batch_id, batch_id), (about, reconstruction_id)
@@ -78,7 +78,7 @@ def reconstructions(
     batch_id: str | None = None,
     mask_id: str | None = None,
 ) -> WhereClauses:
-    """Select reconstructions by job state, scan, batch, measured mask or undersampling mask."""
+    """Return the WHERE clauses that select reconstructions by job state and kind, scan, batch or mask."""
     found = _equal((ReconstructionRow.scan_id, scan_id), (ReconstructionRow.batch_id, batch_id))
     if of_job := jobs(state=state, kind=kind):
         # Of what is over there is much, so one looks from the newest on; what is not is few, so they are found first.
@@ -93,13 +93,13 @@ def reconstructions(
 
 
 def batches(*, state: Sequence[str] | None = None, scan_id: str | None = None) -> WhereClauses:
-    """Choose batches in one of some states, of a scan."""
+    """Return the WHERE clauses that select batches by state and scan."""
     found = _equal((BatchRow.scan_id, scan_id))
     return found if state is None else [*found, or_(*(_batch_state(BatchState(one)) for one in state))]
 
 
 def _batch_state(state: BatchState) -> ColumnElement[bool]:
-    """Return the state of a batch from its jobs, as its view does."""
+    """Return the SQL condition that selects batches in a state, from the states of their jobs."""
 
     def some(*states: ReconstructionState) -> ColumnElement[bool]:
         return exists().where(JobRow.batch_id == BatchRow.id, JobRow.state.in_(states))

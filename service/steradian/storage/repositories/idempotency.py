@@ -1,4 +1,4 @@
-"""Idempotency keys: a request that is repeated gets the answer that the first one got."""
+"""Idempotency keys: a repeated request gets the stored response of the first one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LIFETIME = timedelta(hours=24)
 
 @dataclass(frozen=True)
 class IdempotencyKey:
-    """Idempotency key with its owner and endpoint, and the hash of the request's body."""
+    """Idempotency key with principal and path, and the hash of the request's body."""
 
     principal: str
     path: str
@@ -35,7 +35,7 @@ class IdempotencyKey:
 
 @dataclass(frozen=True)
 class StoredResponse:
-    """Response to an idempotent request."""
+    """Stored response to a request with an idempotency key."""
 
     status: int
     location: str
@@ -44,13 +44,13 @@ class StoredResponse:
 
 
 class IdempotencyStore:
-    """Repository of idempotent responses, written in the transaction that they describe."""
+    """Repository of responses by idempotency key."""
 
     def __init__(self, database: Database, clock: Clock = utc_now) -> None:
         self.database, self.clock = database, clock
 
     def get(self, key: IdempotencyKey | None) -> StoredResponse | None:
-        """Return the stored response of a key; call this first, because the resource may have changed since.
+        """Return the stored response of a key, or ``None``; call this before checking the resource's state.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class IdempotencyStore:
             return self._replay(session, key)
 
     def run_once(self, key: IdempotencyKey | None, make: Callable[[Session], StoredResponse]) -> StoredResponse:
-        """Call ``make`` once per key; without a key, always.
+        """Return the stored response of a key, or call ``make`` and store its response in the same transaction.
 
         Raises
         ------
@@ -100,6 +100,6 @@ class IdempotencyStore:
         return StoredResponse(kept.status, kept.location, kept.answer, replayed=True)
 
     def prune(self) -> None:
-        """Forget keys that are too old."""
+        """Delete expired keys with their responses."""
         with self.database.write() as session:
             session.execute(delete(IdempotencyRow).where(IdempotencyRow.created < self.clock() - LIFETIME))

@@ -1,4 +1,4 @@
-"""Register imported scans; repeating a registration has no effect."""
+"""Registration of imported scans in the database (idempotent)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def register_import(
     who: str,
     clock: Clock = utc_now,
 ) -> None:
-    """Note a scan whose file was imported; it is complete or partial from the start. Doing it twice does it once.
+    """Insert the rows of an imported scan, its plan and its mask (idempotent).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Masks in the database."""
+"""Repository of masks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from steradian.storage.repositories.base import Repository
 
 
 class MaskRepository(Repository[MaskRow]):
-    """Masks, addressed by their content."""
+    """Repository of masks, identified by a hash of their content."""
 
     kind, table = "mask", MaskRow
 
@@ -28,11 +28,11 @@ class MaskRepository(Repository[MaskRow]):
         self._modes: dict[str, int | None] = {}
 
     def put(self, mask: Mask) -> tuple[MaskRow, bool]:
-        """Keep a mask; the flag says whether it is new."""
+        """Store a mask and return its row and whether it is new."""
         return self.insert_row(mask_row_values(mask))
 
     def insert_row(self, columns: dict[str, Any]) -> tuple[MaskRow, bool]:
-        """Keep a mask that :func:`mask_row_values` wrote; the flag says whether it is new."""
+        """Insert the columns from :func:`mask_row_values` and return the row and whether it is new."""
         row = MaskRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
@@ -42,7 +42,7 @@ class MaskRepository(Repository[MaskRow]):
             return self.get(row.id), False
 
     def load(self, identifier: str) -> Mask:
-        """Read the whole mask.
+        """Return a mask, parsed from its stored document.
 
         Raises
         ------
@@ -57,7 +57,7 @@ class MaskRepository(Repository[MaskRow]):
         return Mask.model_validate_json(row.document)
 
     def is_line(self, identifier: str) -> bool:
-        """Whether the sensors of a mask lie on a line: looked up once, as the same name is the same mask for ever.
+        """Return whether the sensors of a mask lie on a line (cached).
 
         Raises
         ------
@@ -69,7 +69,7 @@ class MaskRepository(Repository[MaskRow]):
         return self._lines[identifier]
 
     def default_modes(self, identifier: str) -> int | None:
-        """Return the voxels per axis by an imported lattice, looked up once; raises :class:`NotFound`."""
+        """Return the voxels per axis that follow from an imported grid (cached); raises :class:`NotFound`."""
         if identifier not in self._modes:
             mask = self.load(identifier)
             self._modes[identifier] = imported_modes(mask.positions, mask.aperture, mask.arrangement)

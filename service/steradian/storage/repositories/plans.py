@@ -1,4 +1,4 @@
-"""Plans in the database."""
+"""Repository of scan plans."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from steradian.storage.repositories.references import lock_row
 
 
 def plan_cost_document(plan: ScanPlan) -> dict[str, Any]:
-    """Return a plan's cost as plain JSON."""
+    """Return a plan's cost (time, shots, bytes) as JSON-compatible values."""
     document: dict[str, Any] = _preview_adapter().dump_python(preview(plan), mode="json")
     return document
 
@@ -28,16 +28,16 @@ def _preview_adapter() -> TypeAdapter[PlanCost]:
 
 
 class PlanRepository(Repository[PlanRow]):
-    """Plans, addressed by their content."""
+    """Repository of scan plans, identified by a hash of their content."""
 
     kind, table = "plan", PlanRow
 
     def put(self, plan: ScanPlan) -> tuple[PlanRow, bool]:
-        """Keep a plan whose mask is kept already; the flag says whether it is new. Raises :class:`NotFound` if not."""
+        """Store a plan and return its row and whether it is new; raises :class:`NotFound` without the mask."""
         return self.put_columns(to_columns(plan))
 
     def put_columns(self, columns: dict[str, Any]) -> tuple[PlanRow, bool]:
-        """Keep a plan that :func:`to_columns` wrote; the flag says whether it is new."""
+        """Insert the columns from :func:`to_columns` and return the row and whether it is new."""
         row = PlanRow(created=self.clock(), **columns)
         try:
             with self.database.write() as session:
@@ -48,7 +48,7 @@ class PlanRepository(Repository[PlanRow]):
             return self.get(row.id), False
 
     def load(self, identifier: str) -> ScanPlan:
-        """Read the whole plan with its mask.
+        """Return a plan with its mask.
 
         Raises
         ------
@@ -61,6 +61,6 @@ class PlanRepository(Repository[PlanRow]):
 
 
 def to_columns(plan: ScanPlan) -> dict[str, Any]:
-    """Write a plan as the columns of its row, all but when it was made."""
+    """Return the columns of a plan's row, except its creation time."""
     parameters = plan.model_dump(mode="json", exclude={"mask"})
     return {"id": plan.id, "mask_id": plan.mask.id, "parameters": parameters, "preview": plan_cost_document(plan)}

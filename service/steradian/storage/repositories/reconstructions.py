@@ -1,4 +1,4 @@
-"""Reconstruction and batch rows; their progress is in the job ledger."""
+"""Repositories of reconstructions and batches; their progress is in the job ledger."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ class ReconstructionRepository(Repository[ReconstructionRow]):
         return row
 
     def log_revision(self, identifier: str, scan_id: str, figures: dict[str, Any]) -> None:
-        """Log that there is a newer image of a scan that is followed."""
+        """Append an event about a new revision of a live reconstruction."""
         with self.database.write() as session:
             append_event(session, self.clock(), "revision", identifier, {"scan_id": scan_id, **figures})
 
     def of_batch(self, batch_id: str) -> list[ReconstructionRow]:
-        """Return a batch's reconstructions in the order they were asked for."""
+        """Return a batch's reconstructions in the order of their requests."""
         query = select(ReconstructionRow).where(ReconstructionRow.batch_id == batch_id)
         with self.database.read() as session:
             return list(session.scalars(query.order_by(ReconstructionRow.sequence)))
 
 
 class BatchRepository(Repository[BatchRow]):
-    """Reconstructions that were asked for together."""
+    """Repository of batches of reconstructions that were requested together."""
 
     kind, table = "batch", BatchRow
 

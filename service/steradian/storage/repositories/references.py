@@ -1,4 +1,4 @@
-"""Dependency graph between resources and the row locks that keep referenced rows alive."""
+"""Dependencies between resources, and the row locks that protect referenced rows from deletion."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ REFERENCE_FIELDS: Final = {"scan_id": "scan", "reconstruction_id": "reconstructi
 
 @dataclass(frozen=True)
 class Resource:
-    """One thing."""
+    """Kind and identifier of a resource."""
 
     kind: str
     id: str
 
 
 def lock_row(session: Session, kind: str, identifier: str) -> None:
-    """Keep a thing from being deleted until the transaction ends, in which something is made that depends on it.
+    """Lock a resource's row against deletion until the transaction ends, so that a dependent can be inserted.
 
     Raises
     ------
@@ -49,10 +49,10 @@ def lock_row(session: Session, kind: str, identifier: str) -> None:
 
 
 def lock_references(session: Session, *requests: Mapping[str, Any]) -> None:
-    """Lock all resources that job requests name, before any other lock or event; see :func:`lock_row`.
+    """Lock the rows of all resources that job requests reference, in the order of deletions.
 
-    The order is that of deletions, from masks to scans to reconstructions and then the event log: or two transactions
-    could wait for each other.
+    Rows are locked before any other lock or event, in the order masks, scans, reconstructions, event log, to prevent
+    deadlocks.
     """
     through = [request["through"]["mask_id"] for request in requests if request.get("through") is not None]
     for mask in sorted(set(through)):
@@ -65,16 +65,16 @@ def lock_references(session: Session, *requests: Mapping[str, Any]) -> None:
 
 
 def referenced_jobs(session: Session) -> set[str]:
-    """Name the jobs whose results others have still to read."""
+    """Return the reconstructions that unfinished jobs have to read."""
     names = [JobRow.payload[name].as_string() for name, kind in REFERENCE_FIELDS.items() if kind == "reconstruction"]
     found = session.execute(select(*names).where(JobRow.ended.is_(None)))
     return {identifier for row in found for identifier in row if identifier is not None}
 
 
 def lock_dependents(session: Session, first: Resource) -> list[Resource]:
-    """Find all that depends on a thing, itself first; nothing can come to depend on it until the transaction ends.
+    """Return a resource and all its dependents, with rows locked until the transaction ends.
 
-    All of a kind are held before any of the next, by their names: or two deletions could wait for each other.
+    Rows are locked kind by kind, sorted by identifier, to prevent deadlocks of concurrent deletions.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def _dependents(session: Session, of: Resource) -> list[Resource]:
 
 
 def jobs(session: Session, condition: Any) -> list[Resource]:
-    """Select jobs with or without a ``/reconstructions`` resource."""
+    """Return references to the jobs that match a condition, as reconstruction where that resource exists, else job."""
     query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
     rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
     return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]

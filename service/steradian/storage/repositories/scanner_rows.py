@@ -1,4 +1,4 @@
-"""Rows of scanners: their nodes, activity and reported state."""
+"""Repository of scanners: nodes, activity and reported state."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _OVER = tuple(state for state in ScanState if is_terminal(state))
 
 
 class ScannerRows(Repository[ScannerRow]):
-    """Rows of scanners, with one of them selected; decommissioned scanners are excluded.
+    """Repository of scanners, with one scanner selected; decommissioned scanners are excluded.
 
     Parameters
     ----------
     scanner_id
-        The one that everything but :meth:`get` and lists is about.
+        Selected scanner, used by all methods except :meth:`get` and lists.
     """
 
     kind, table = "scanner", ScannerRow
@@ -45,18 +45,18 @@ class ScannerRows(Repository[ScannerRow]):
         self.id = scanner_id
 
     def of(self, scanner_id: str) -> Self:
-        """Return the same about another scanner."""
+        """Return the repository with another scanner selected."""
         return type(self)(self.database, self.clock, scanner_id)
 
     def ensure(self, *, simulated: bool, address: str | None = None, follows: bool = False) -> ScannerRow:
-        """Return the scanner, which is noted at the first start, or again where it was retired meanwhile.
+        """Return the scanner's row, inserted at its first start or reactivated after decommissioning.
 
         Parameters
         ----------
         address
-            Where its node answers the others.
+            URL of the scanner's node for other nodes.
         follows
-            Whether that node has workers of its own, for images that grow with a scan.
+            Whether that node has workers of its own for live jobs.
         """
         with self.database.write() as session:
             advisory_xact_lock(session, ENSURE_LOCK)  # API and acquisition of a node start at once
@@ -70,7 +70,7 @@ class ScannerRows(Repository[ScannerRow]):
         return row
 
     def retire(self, who: str, reason: str | None = None) -> None:
-        """Decommission the scanner until its node registers it again; an active stop then stays active.
+        """Decommission the scanner until its node registers it again; an active emergency stop stays active.
 
         Raises
         ------
@@ -89,21 +89,21 @@ class ScannerRows(Repository[ScannerRow]):
             self._event(session, row, who, "retired" + (f": {reason}" if reason else ""))
 
     def rows(self) -> list[ScannerRow]:
-        """Return all scanners, by name."""
+        """Return the rows of all scanners that are not decommissioned, by name."""
         with self.database.read() as session:
             return list(session.scalars(select(ScannerRow).where(PRESENT).order_by(ScannerRow.id)))
 
     def report(self, connection: str | None, state: str, error: str | None = None) -> None:
-        """Note how the scanner stands.
+        """Store connection, activity and error of the scanner, and append an event if they changed.
 
         Parameters
         ----------
         connection
-            Whether it is connected; ``None``: as it was.
+            State of the connection; ``None``: unchanged.
         state
-            What this service does with it: ``idle``, ``scanning`` or ``paused``.
+            Activity of this service: ``idle``, ``scanning`` or ``paused``.
         error
-            What is wrong with it now; ``None``: nothing.
+            Present error of the scanner, or ``None``.
         """
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
@@ -114,12 +114,12 @@ class ScannerRows(Repository[ScannerRow]):
             self._event(session, row, "acquisition", error or state)
 
     def note_state(self, state: str) -> None:
-        """Record the activity of this service's scan on the scanner; no effect if the scanner does not exist."""
+        """Store the scanner's activity (idle, scanning, paused); no effect if the scanner does not exist."""
         with suppress(NotFound):
             self.report(None, state)
 
     def note_status(self, status: ScannerStatus) -> None:
-        """Record the scanner's reported state, or its silence; changes are logged as an event."""
+        """Store the status that the scanner reported; changes are appended to the event log."""
         age = status.age()
         with self.database.write() as session:
             query = select(ScannerRow).where(ScannerRow.id == self.id).with_for_update()
@@ -145,7 +145,7 @@ class ScannerRows(Repository[ScannerRow]):
             self._event(session, row, "acquisition", ", ".join(map(_told, changed, map(told.get, changed))))
 
     def note_cleared(self, who: str, fault: str, reason: str | None) -> None:
-        """Note that a person has cleared the scanner's latched fault."""
+        """Append an event that a person has cleared the scanner's latched fault."""
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             self._event(session, row, who, f"fault cleared: {fault}" + (f": {reason}" if reason else ""))
@@ -168,7 +168,7 @@ class ScannerRows(Repository[ScannerRow]):
 
 
 def _told(name: str, value: Any) -> str:
-    """Return a description of the change."""
+    """Return a short text about a changed column, for the event log."""
     if name == "fault":
         return "no fault" if value is None else str(value["title"])
     return f"{name.replace('key_switch', 'key').replace('_', ' ')} {value or 'none'}"

@@ -1,4 +1,4 @@
-"""Scanners in the database: the operator's lease and the emergency stop."""
+"""Repository of scanners with the operator's lease and the emergency stop."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ MAX_NAME_LENGTH = 120
 
 
 class LeaseHeld(Conflict):
-    """Another operator holds the scanner."""
+    """Error: another operator has the lease of the scanner."""
 
     code = "lease-held"
 
 
 class EmergencyStopped(Conflict):
-    """The emergency stop is active."""
+    """Error: the emergency stop is active."""
 
     code = "emergency-stopped"
 
 
 class ScannerRepository(ScannerRows):
-    """Scanners with their leases and stops; parameters as of :class:`ScannerRows`."""
+    """Repository of scanners with leases and emergency stops; parameters as in :class:`ScannerRows`."""
 
     def lease(self, holder: str, seconds: float, note: str | None, who: str, fence: int | None = None) -> ScannerRow:
-        """Take the scanner, or hold it for longer; a new lease gets a new, greater fencing number.
+        """Acquire or renew the lease of the scanner; a new lease gets a greater fencing token.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class ScannerRepository(ScannerRows):
         return row
 
     def release(self, fence: int, who: str, *, whoever: bool = False) -> None:
-        """Release the lease; no effect without a lease.
+        """Release the scanner's lease; no effect without a lease.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class ScannerRepository(ScannerRows):
             self._event(session, row, who, "released")
 
     def check_fence(self, session: Session, fence: int | None, who: str) -> int:
-        """Return the fencing number if the caller may fire; raise LeaseHeld or EmergencyStopped.
+        """Return the fencing token if the caller may fire the laser; raises LeaseHeld or EmergencyStopped.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class ScannerRepository(ScannerRows):
         return row.fence
 
     def refusal_reason(self, scan: ScanRow) -> str | None:
-        """Say why a queued scan must not fire, or ``None``: checked when the scanner is about to be armed."""
+        """Return the reason why a queued scan must not fire (emergency stop, other lease); ``None`` if it may."""
         row = self.get(self.id)
         if row.stopped_at is not None:
             return "the emergency stop is pressed"
@@ -124,7 +124,7 @@ class ScannerRepository(ScannerRows):
         return None
 
     def stop(self, who: str, reason: str | None, number: str | None = None, *, carried: bool = False) -> ScannerRow:
-        """Press the emergency stop: every scan that runs or waits is aborted, and no other begins.
+        """Activate the emergency stop: block new scans and set the desired state of unfinished ones to aborted.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class ScannerRepository(ScannerRows):
         return row
 
     def record_stop_outcome(self, number: str, laser: str, seconds: float | None, detail: str = "") -> None:
-        """Record the outcome of the active press, identified by its number."""
+        """Store the outcome of the active emergency stop, identified by the number of the press."""
         with self.database.write() as session:
             row = self._find(session, self.id, lock=True)
             if row.stopped_at is not None:
@@ -174,7 +174,7 @@ class ScannerRepository(ScannerRows):
         return row
 
     def is_held(self, row: ScannerRow) -> bool:
-        """Whether a lease is active."""
+        """Return whether the scanner has an unexpired lease."""
         return self._is_held(row)
 
     def _is_held(self, row: ScannerRow) -> bool:

@@ -1,4 +1,4 @@
-"""Scans in the database: the only place that changes their state."""
+"""Repository of scans: the only code that changes their state."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _log = logging.getLogger(__name__)
 
 
 class ScanRepository(Repository[ScanRow]):
-    """Scans, their states and their history.
+    """Repository of scans with their states and history.
 
     Parameters
     ----------
     scanner_id
-        Whose scans are meant where a scanner's node looks for work.
+        Scanner whose scans are selected by methods without an identifier.
     """
 
     kind, table = "scan", ScanRow
@@ -47,11 +47,11 @@ class ScanRepository(Repository[ScanRow]):
         self.scanner_id = scanner_id
 
     def of(self, scanner_id: str) -> Self:
-        """Return the same for another scanner."""
+        """Return the repository for another scanner."""
         return type(self)(self.database, self.clock, scanner_id)
 
     def queue(self, plan: PlanRow, *, simulated: bool) -> ScanRow:
-        """Queue a run of a plan in a transaction of its own; see :meth:`add`."""
+        """Insert a queued scan of a plan, in a transaction of its own."""
         with self.database.write() as session:
             return self.add(session, plan, simulated=simulated, scanner_id=self.scanner_id)
 
@@ -67,18 +67,18 @@ class ScanRepository(Repository[ScanRow]):
         completes: str | None = None,
         scanner_id: str = SCANNER_ID,
     ) -> ScanRow:
-        """Queue a run of a plan.
+        """Insert a queued scan of a plan, in the caller's transaction.
 
         Parameters
         ----------
         scanner_id
-            Who is to run it.
+            Scanner that runs the scan.
         completes
-            The scan of this plan whose A-lines it begins with; only what is missing is measured.
+            Partial scan of this plan to continue; only missing A-lines are measured.
         fence
-            Number of the scanner lease under which it is asked for.
+            Number of the scanner lease of the request.
         who
-            The principal who asks.
+            Principal that requests the scan.
         """
         lock_row(session, "plan", plan.id)
         if completes is not None:
@@ -108,39 +108,39 @@ class ScanRepository(Repository[ScanRow]):
         return row
 
     def next_queued(self) -> ScanRow | None:
-        """Return the oldest scan that waits for the scanner."""
+        """Return the scanner's oldest queued scan; ``None`` if there is none."""
         query = select(ScanRow).where(self._mine(ScanState.QUEUED)).order_by(ScanRow.sequence).limit(1)
         with self.database.read() as session:
             return session.scalars(query).one_or_none()
 
     def under_way(self) -> list[ScanRow]:
-        """Return the scans that any scanner is at work on."""
+        """Return the active scans of all scanners."""
         with self.database.read() as session:
             return list(session.scalars(select(ScanRow).where(ScanRow.state.in_(ACTIVE_SCAN_STATES))))
 
     def unfinished(self) -> list[ScanRow]:
-        """Return the scanner's scans that are not over."""
+        """Return the scanner's scans that are not in a terminal state."""
         over = [state for state in ScanState if is_terminal(state)]
         query = select(ScanRow).where(ScanRow.scanner_id == self.scanner_id, ScanRow.state.not_in(over))
         with self.database.read() as session:
             return list(session.scalars(query.order_by(ScanRow.sequence)))
 
     def to_settle(self) -> list[ScanRow]:
-        """Return the scanner's interrupted scans that a person wants to have ended."""
+        """Return the scanner's interrupted scans whose desired state is stopped or aborted."""
         wishes = (DesiredScanState.STOPPED, DesiredScanState.ABORTED)
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), ScanRow.desired_state.in_(wishes))
         with self.database.read() as session:
             return list(session.scalars(query))
 
     def to_resume(self) -> ScanRow | None:
-        """Return the oldest interrupted scan whose desired state is running."""
+        """Return the scanner's oldest interrupted scan whose desired state is running."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.read() as session:
             return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
 
     def clear_desired_running(self, why: str) -> None:
-        """Clear the desired state of interrupted scans, because their request was made before the restart."""
+        """Set the desired state of interrupted scans from running to paused, because the service was restarted."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.write() as session:
@@ -165,9 +165,9 @@ class ScanRepository(Repository[ScanRow]):
         error: tuple[str, str] | None = None,
         summary: dict[str, Any] | None = None,
     ) -> ScanRow:
-        """Change a scan's state by the table and note it in the history.
+        """Change a scan's state if the transition table allows it, and append to its history.
 
-        An interrupted scan is wished paused from then on, unless it was to end anyway: only a person makes it run.
+        The desired state of a scan that is interrupted changes from running to paused: only a person resumes it.
 
         Parameters
         ----------
@@ -204,7 +204,7 @@ class ScanRepository(Repository[ScanRow]):
         return row
 
     def report_condition(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
-        """Record and log a condition of a scan that does not change its state, such as a full disk."""
+        """Store a condition of a scan as its stage, such as a full disk, and append an event; the state stays."""
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
             row.stage = stage[:120]
@@ -212,13 +212,13 @@ class ScanRepository(Repository[ScanRow]):
             append_event(session, self.clock(), "scan", row.id, data)
 
     def report(self, identifier: str, stage: str, done: int, total: int) -> None:
-        """Record the progress of a scan without a new revision, because clients cannot change progress."""
+        """Store the progress of a scan without changing its revision."""
         progress = update(ScanRow).where(ScanRow.id == identifier).values(stage=stage[:120], done=done, total=total)
         with self.database.write() as session:
             session.execute(progress)
 
     def label(self, identifier: str, labels: dict[str, str | None], revision: int | None = None) -> ScanRow:
-        """Set labels; ``None`` takes one away. With ``revision``, only if the scan has not changed since.
+        """Set labels of a scan, or remove those with value ``None``; with ``revision``, only if unchanged since.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class ScanRepository(Repository[ScanRow]):
         return row
 
     def interrupt_all(self, why: str) -> list[str]:
-        """Mark every scan that the scanner's process should be at work on as interrupted; returns their names."""
+        """Set all active scans of the scanner to interrupted and return their identifiers."""
         found = [row.id for row in self.under_way() if row.scanner_id == self.scanner_id]
         for identifier in found:
             self.transition(identifier, ScanState.INTERRUPTED, why=why)
@@ -288,12 +288,12 @@ class ScanRepository(Repository[ScanRow]):
 
 
 def _tell(row: ScanRow, what: str, who: str, why: str | None) -> None:
-    """Log a scan's event under the current request, or else under the request that created the scan."""
+    """Write a log line about a scan's event, with the identifier of the current or original request."""
     with bind_request_id(request_id.get() or row.request_id):
         _log.info("scan %s is %s: %s (%s)", row.id, what, why or "no reason given", who)
 
 
 class RevisionConflict(Conflict):
-    """The resource has changed since the caller read it."""
+    """Error: the resource has changed since the caller read it."""
 
     code = "precondition-failed"

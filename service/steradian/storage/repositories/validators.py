@@ -1,4 +1,4 @@
-"""Cheap version tuples of resources and list pages, equal while the representation is unchanged.
+"""Cache validators of resources and list pages: tuples that are equal while the representation is unchanged.
 
 Rows of masks and plans never change, those of scans and jobs count their revisions; progress alone is written without
 one, so it is part of the stamp. A row that was deleted and made again has another time or identifier. A job by itself
@@ -24,7 +24,7 @@ MAX_CURSOR: Final = 2**31 - 1
 
 @dataclass(frozen=True)
 class ValidatorKey:
-    """Key of a validator: one resource, or, without ``id``, a page of a list."""
+    """Key of a cache validator: a resource, or, without ``id``, a page of a list."""
 
     noun: str
     id: str | None = None
@@ -33,7 +33,7 @@ class ValidatorKey:
 
 
 def load_validators(connection: Connection, questions: Iterable[ValidatorKey]) -> dict[ValidatorKey, Validator]:
-    """Return the stamps of all that is asked, in as few statements as go."""
+    """Load the cache validators of several resources and list pages with few queries."""
     found: dict[ValidatorKey, Validator] = {}
     single: dict[str, list[str]] = defaultdict(list)
     for question in questions:
@@ -56,7 +56,7 @@ def _columns(table: type[Base]) -> tuple[ColumnElement[Any], ...]:
 
 
 def _stamped(table: type[Base]) -> tuple[Select[Any], FromClause]:
-    """Select the identifiers and stamps of a table's rows; a reconstruction's is that of its job."""
+    """Return the query of identifier and validator columns of a table; those of a reconstruction are its job's."""
     mine = table.__table__
     if table is not ReconstructionRow:
         return select(mine.c.id, *_columns(table)), mine

@@ -1,1 +1,1 @@
-"""The engine on a CUDA device; CuPy and numba-cuda (extra ``gpu``) are imported when one is made, not before."""
+"""CUDA engine; CuPy and numba-cuda (extra ``gpu``) are imported only when an engine is created."""

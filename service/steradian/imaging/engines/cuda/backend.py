@@ -24,47 +24,47 @@ USE_SIMULATOR = "STERADIAN_GPU"
 
 
 class Backend(Protocol):
-    """Arrays, transforms and launches of one device."""
+    """Protocol of the array backend of one device: arrays, FFTs and kernel launches."""
 
     @property
     def name(self) -> str:
-        """Of the device."""
+        """Name of the device."""
 
     @property
     def xp(self) -> Any:
-        """Namespace of its arrays, like NumPy's."""
+        """NumPy-compatible array namespace of the device."""
 
     @property
     def fft(self) -> Any:
-        """Module of transforms, like :mod:`scipy.fft`."""
+        """FFT module of the device, like :mod:`scipy.fft`."""
 
     def array(self, values: Any, dtype: str | None = None) -> Any:
-        """Array on the device; one that is there already is not copied."""
+        """Return an array on the device; an array already there is not copied."""
 
     def table(self, values: NDArray[Any]) -> Any:
-        """Array on the device that kernels read again and again, in their form."""
+        """Return a lookup table on the device, in the kernels' argument form."""
 
     def host(self, values: Any) -> NDArray[Any]:
-        """NumPy array of an array on the device."""
+        """Copy an array from the device to a NumPy array."""
 
     def launch(self, kernel: Any, size: tuple[int, int], *arguments: Any) -> None:
-        """Start a kernel with about one thread for each of ``size`` numbers; x is the faster axis."""
+        """Launch a kernel with about one thread for each of ``size`` elements; x is the fast axis."""
 
     def free(self) -> int:
-        """Bytes of the device that this process may still take."""
+        """Return the bytes of device memory available to this process."""
 
     def release(self) -> None:
-        """Release cached memory: work areas of transforms and freed arrays."""
+        """Release cached device memory: FFT work areas and freed arrays."""
 
     def wait(self) -> None:
-        """Wait until all that was started is done."""
+        """Wait until all work started on the device has finished."""
 
     def is_out_of_memory(self, error: BaseException) -> bool:
-        """Whether an error says that the device has no memory left."""
+        """Return whether an exception means that the device is out of memory."""
 
 
 class CupyBackend:
-    """The current CUDA device."""
+    """CuPy backend of the current CUDA device."""
 
     def __init__(self) -> None:
         self._cuda = importlib.import_module("numba.cuda")
@@ -75,22 +75,22 @@ class CupyBackend:
 
     @property
     def name(self) -> str:
-        """As the driver says."""
+        """Name of the GPU as the CUDA driver reports it."""
         runtime = self.xp.cuda.runtime
         return str(runtime.getDeviceProperties(runtime.getDevice())["name"].decode())
 
     def array(self, values: Any, dtype: str | None = None) -> Any:
-        """See :class:`Backend`."""
+        """Return a contiguous CuPy array; arrays of other libraries are exchanged by DLPack."""
         if not isinstance(values, np.ndarray | self.xp.ndarray) and hasattr(values, "__dlpack__"):
             values = (self.xp if values.__dlpack_device__()[0] == _CUDA else np).from_dlpack(values)
         return self.xp.ascontiguousarray(self.xp.asarray(values), dtype=dtype)
 
     def table(self, values: NDArray[Any]) -> Any:
-        """See :class:`Backend`; to be made at each launch, views would cost more than small kernels take."""
+        """Return a lookup table as Numba device array, once, because views at each launch would be slow."""
         return self._seen(self.array(values))
 
     def host(self, values: Any) -> NDArray[Any]:
-        """See :class:`Backend`; into pinned memory, which the device fills at the full rate of its link."""
+        """Copy an array from the device to pinned host memory, for the full transfer rate."""
         if isinstance(values, np.ndarray):
             return values
         target: NDArray[Any] = self._pinned(values.shape, values.dtype)
@@ -98,7 +98,7 @@ class CupyBackend:
         return target
 
     def launch(self, kernel: Any, size: tuple[int, int], *arguments: Any) -> None:
-        """See :class:`Backend`."""
+        """Launch a CUDA kernel on CuPy's current stream."""
         across = 32
         while across < min(_THREADS, size[0]):
             across *= 2
@@ -109,7 +109,7 @@ class CupyBackend:
         kernel[how](*(self._seen(argument) for argument in arguments))
 
     def _seen(self, argument: Any) -> Any:
-        """Return CuPy arrays as Numba's without synchronisation, because both use one stream."""
+        """Convert CuPy arrays to Numba device arrays without synchronisation, because both use one stream."""
         if isinstance(argument, self.xp.ndarray):
             return self._cuda.from_cuda_array_interface(argument.__cuda_array_interface__, owner=argument, sync=False)
         if hasattr(argument, "_fields"):
@@ -117,20 +117,20 @@ class CupyBackend:
         return argument
 
     def free(self) -> int:
-        """See :class:`Backend`."""
+        """Return the free bytes of device memory, including those of CuPy's memory pool."""
         return int(self.xp.cuda.Device().mem_info[0]) + int(self.xp.get_default_memory_pool().free_bytes())
 
     def release(self) -> None:
-        """See :class:`Backend`."""
+        """Clear CuPy's FFT plan cache and memory pool."""
         self.xp.fft.config.get_plan_cache().clear()
         self.xp.get_default_memory_pool().free_all_blocks()
 
     def wait(self) -> None:
-        """See :class:`Backend`."""
+        """Synchronise with the device."""
         self.xp.cuda.Device().synchronize()
 
     def is_out_of_memory(self, error: BaseException) -> bool:
-        """See :class:`Backend`."""
+        """Return whether an exception is CuPy's, cuFFT's or CUDA's out-of-memory error."""
         no_room = importlib.import_module("cupy.cuda.cufft").CuFFTError, self.xp.cuda.runtime.CUDARuntimeError
         if isinstance(error, self.xp.cuda.memory.OutOfMemoryError):
             return True
@@ -138,7 +138,7 @@ class CupyBackend:
 
 
 class SimulatorBackend:
-    """Numba's simulator; a device with as much memory as one says."""
+    """Backend on Numba's CUDA simulator, for tests without a GPU; with a configurable amount of memory."""
 
     def __init__(self, memory: int = 1 << 30) -> None:
         if os.environ.get("NUMBA_ENABLE_CUDASIM") != "1":
@@ -147,38 +147,38 @@ class SimulatorBackend:
         self._memory = memory
 
     def array(self, values: Any, dtype: str | None = None) -> Any:
-        """See :class:`Backend`."""
+        """Return a contiguous NumPy array."""
         return np.ascontiguousarray(values, dtype)
 
     def table(self, values: NDArray[Any]) -> Any:
-        """See :class:`Backend`."""
+        """Return a lookup table as NumPy array."""
         return self.array(values)
 
     def host(self, values: Any) -> NDArray[Any]:
-        """See :class:`Backend`."""
+        """Return a NumPy array of the simulated device's array."""
         return np.asarray(values)
 
     def launch(self, kernel: Any, size: tuple[int, int], *arguments: Any) -> None:
-        """See :class:`Backend`; with few threads, each of which costs as much as thousands of numbers."""
+        """Launch a kernel on the simulator with few threads, because simulated threads are slow."""
         kernel[(2, 1), (1, 2)](*arguments)
 
     def free(self) -> int:
-        """See :class:`Backend`."""
+        """Return the configured bytes of memory."""
         return self._memory
 
     def release(self) -> None:
-        """See :class:`Backend`."""
+        """Release cached memory; the simulator does not cache any."""
 
     def wait(self) -> None:
-        """See :class:`Backend`."""
+        """Wait for the device; the simulator runs synchronously."""
 
     def is_out_of_memory(self, error: BaseException) -> bool:
-        """See :class:`Backend`."""
+        """Return whether an exception means that the simulated device is out of memory."""
         return isinstance(error, MemoryError)
 
 
 def unavailable_reason() -> str | None:
-    """Return the missing requirement of GPU computation; None if there is none."""
+    """Return the reason why GPU computation is unavailable; None if it is available."""
     if os.environ.get(USE_SIMULATOR) == "simulator":
         return None
     lacking = [name for name in ("cupy", "numba_cuda") if find_spec(name) is None]
@@ -193,7 +193,7 @@ def unavailable_reason() -> str | None:
 
 
 def device() -> Backend:
-    """Return the current CUDA device.
+    """Return the backend of the current CUDA device.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def device() -> Backend:
 
 
 def _without_warnings() -> None:
-    """Small images do not fill a device; nothing is wrong with that."""
+    """Disable Numba's low-occupancy warnings, which are irrelevant for small images."""
     for name in ("numba.cuda.core.config", "numba.core.config"):
         try:
             importlib.import_module(name).CUDA_LOW_OCCUPANCY_WARNINGS = 0  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Convert tables to the layout of the CUDA kernels."""
+"""Conversion of the transform tables to the layout of the CUDA kernels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Frequencies:
-    """Frequencies over time that depths are interpolated from: ``count`` of them from number ``lowest``.
+    """Range of time frequencies from which depths are interpolated: ``count`` of them from number ``lowest``.
 
     Number f is f cells of a transform of ``length``; a spectrum of real samples has those of 0 to length/2, the others
     are conjugates.
@@ -30,13 +30,13 @@ class Frequencies:
 
     @property
     def half_spectrum_indices(self) -> Ints:
-        """Indices in the stored half spectrum of real samples."""
+        """Indices of the frequencies in the stored half spectrum of real samples."""
         cells = self.full_spectrum_indices
         return np.where(cells <= self.length // 2, cells, self.length - cells)
 
     @property
     def full_spectrum_indices(self) -> Ints:
-        """Indices in the whole spectrum."""
+        """Indices of the frequencies in the full spectrum."""
         return np.arange(self.lowest, self.lowest + self.count) % self.length
 
     @property
@@ -46,7 +46,7 @@ class Frequencies:
 
 
 def frequencies(tables: TransformTables) -> Frequencies:
-    """Return the frequencies that any interpolation stencil uses."""
+    """Return the range of frequencies that the interpolation stencils use."""
     time, width = tables.time, len(tables.time.taps)
     highest = tables.rule.band * time.length / time.record
     if time.nearest:
@@ -56,7 +56,7 @@ def frequencies(tables: TransformTables) -> Frequencies:
 
 
 def matrix(lateral: LateralTransform) -> Any:
-    """Sparse matrix from sensors to points of the flat grid, of SciPy; weights without the sensors' scale."""
+    """Return the SciPy sparse matrix from sensors to points of the flat grid, without the sensors' scale."""
     from scipy.sparse import csr_array
 
     s, (nx, ny) = lateral.sensors, lateral.grid
@@ -71,14 +71,14 @@ def matrix(lateral: LateralTransform) -> Any:
 
 
 def sparse(found: Any, dtype: str) -> Sparse:
-    """Take SciPy's matrix apart."""
+    """Convert a SciPy sparse matrix to the kernels' CSR arrays."""
     found = found.tocsr()
     return Sparse(found.indptr.astype(np.int64), found.indices.astype(np.int32), found.data.astype(dtype))
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Modes along one lateral axis, in orbits of j and −j.
+    """Modes along one lateral axis, as pairs (orbits) of j and −j.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Axis:
 
 
 def axis_of(tables: TransformTables, axis: int) -> Axis:
-    """Orbits along one axis; that along x has the norm of the transforms, too."""
+    """Return the orbits along one axis; the factors along x include the norm of the transforms."""
     lateral, count = tables.lateral, tables.lateral.modes[axis]
     numbers = numbers_of(count)
     factors = np.asarray(lateral.factor(axis, numbers), np.complex128)
@@ -120,13 +120,13 @@ def axis_of(tables: TransformTables, axis: int) -> Axis:
 
 
 def all_orbits(x: Axis, y: Axis) -> ModeOrbits:
-    """All orbits, of modes on the grid that they were transformed on."""
+    """Return the orbits of all lateral modes, for a run in one pass."""
     lines_x, lines_y = (np.concatenate([axis.lines[axis.modes], axis.modes], axis=1) for axis in (x, y))
     return ModeOrbits(lines_x, lines_y, x.factors, y.factors, x.squares, y.squares)
 
 
 def orbit_slice(x: Axis, y: Axis, first: int, last: int) -> tuple[ModeOrbits, Ints, Ints]:
-    """Orbits ``first`` … ``last`` along x, of arrays with two lines for each: of j and −j.
+    """Return orbits ``first`` … ``last`` along x, for arrays that contain only the lines of their j and −j.
 
     Returns
     -------
@@ -146,7 +146,7 @@ def orbit_slice(x: Axis, y: Axis, first: int, last: int) -> tuple[ModeOrbits, In
 
 
 def kappa_map(tables: TransformTables, found: Frequencies) -> KappaMap:
-    """From κ to frequencies."""
+    """Return the kernels' parameters of the interpolation at κ."""
     rule, time, points = tables.rule, tables.time, tables.geometry.depth_points
     return KappaMap(
         time.taps.astype(tables.dtype), rule.table, rule.steps, time.length / time.record, rule.turns, rule.band,

@@ -1,4 +1,4 @@
-"""The engine on a CUDA device: modes over frequencies, frequencies at κ, and transforms of whole volumes.
+"""CUDA engine: lateral NUFFT, interpolation at κ, and FFTs of the whole volume on a GPU.
 
 A-lines are transformed over time first, all at once; each frequency is then spread onto the lateral grid and
 transformed there. So the interpolation at κ reads what lies side by side, for the modes (±jx, ±jy) with one stencil,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class CudaEngine:
-    """An :class:`~steradian.imaging.engines.Engine` on a CUDA device; its results are device arrays.
+    """:class:`~steradian.imaging.engines.Engine` on a CUDA device; its results are device arrays.
 
     Parameters
     ----------
@@ -102,11 +102,11 @@ class CudaEngine:
         )
 
     def array(self, values: Any) -> Any:
-        """Bring A-lines or an image to the device, in the working precision; see :meth:`Backend.array`."""
+        """Copy A-lines or an image to the device, in the working precision (:meth:`Backend.array`)."""
         return self.backend.array(values, self.tables.dtype)
 
     def host(self, values: Any) -> NDArray[Any]:
-        """Bring a result back from the device."""
+        """Copy a result from the device to the host."""
         return self.backend.host(values)
 
     def lateral(
@@ -118,7 +118,7 @@ class CudaEngine:
         sensors: NDArray[Any] | None = None,
         onto: Any = None,
     ) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the lateral modes of traces on the device (NUFFT type 1)."""
         xp, f, (gx, gy) = self.backend.xp, self._found, self.tables.lateral.grid
         spectra = self._spectra(traces, scale, sensors)
         lines = [axis.used for axis in self._axes]
@@ -144,7 +144,7 @@ class CudaEngine:
         return modes if onto is None else onto
 
     def to_depth(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the modes over depth, by interpolation at κ on the device."""
         xp, half = self.backend.xp, self.tables.geometry.depth_points // 2 + 1
         shape, each = (*self.tables.lateral.modes, half), self.room.orbits
         target = (xp if self.room.fits_in_one_pass else np).empty(shape, self._complex)
@@ -165,7 +165,7 @@ class CudaEngine:
         return target
 
     def to_image(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the image of modes over depth, by inverse FFT on the device."""
         if not self.room.fits_in_one_pass:
             return image_in_chunks(self.tables, self.backend, self.room, modes, watch)
         made = []
@@ -173,7 +173,7 @@ class CudaEngine:
         return made[0]
 
     def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the traces of lateral modes (NUFFT type 2)."""
         xp, f, (gx, gy) = self.backend.xp, self._found, self.tables.lateral.grid
         if self._from is None:
             self._from = self._sent(sparse(self._host.T, self.tables.dtype))
@@ -201,7 +201,7 @@ class CudaEngine:
         return traces * (self._window * (2 * self._scale)[:, None])
 
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only."""
+        """Return the modes over time of modes over depth; only for the forward model's tables."""
         self._model()
         xp, f, each = self.backend.xp, self._found, self.room.orbits
         used_x, used_y = (len(axis.used) for axis in self._axes)
@@ -227,7 +227,7 @@ class CudaEngine:
         return target
 
     def to_image_adjoint(self, image: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
+        """Return the modes over depth of an image; only for the forward model's tables, not upsampled."""
         self._model()
         if not self.room.fits_in_one_pass:
             return spectrum_in_chunks(self.tables, self.backend, self.room, image, watch)
@@ -240,7 +240,7 @@ class CudaEngine:
         return made[0]
 
     def _spectra(self, traces: Any, scale: float, sensors: NDArray[Any] | None) -> Any:
-        """Spectra (M, F) of A-lines; zero of those that are not given."""
+        """Return the spectra (M, F) of A-lines; zero for sensors without A-lines."""
         xp, time, f = self.backend.xp, self.tables.time, self._found
         values = self.array(traces)
         which = None if sensors is None else self.backend.array(sensors)
@@ -271,7 +271,7 @@ class CudaEngine:
         return spectra
 
     def _sent(self, group: Any) -> Any:
-        """Bring the arrays of a named tuple to the device."""
+        """Copy the arrays of a named tuple to the device."""
         return type(group)(*(self.backend.table(v) if isinstance(v, np.ndarray) else v for v in group))
 
     def _model(self) -> None:

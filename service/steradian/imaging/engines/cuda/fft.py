@@ -1,4 +1,4 @@
-"""Inverse and forward transforms of the image, in one pass or in chunks."""
+"""Inverse and forward FFTs between modes and image, in one pass or in chunks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from steradian.imaging.tables import TransformTables
 
 
 def image_of_spectrum(tables: TransformTables, backend: Backend, modes: Any) -> Any:
-    """Image of modes over depth, which are used up; they have the transforms' norm already."""
+    """Return the image of normalised modes over depth, which are overwritten."""
     (x, nx), (y, ny) = tables.visible_region
     first, last = tables.geometry.depth
     for axis, count in enumerate(tables.image_modes):
@@ -29,7 +29,7 @@ def image_of_spectrum(tables: TransformTables, backend: Backend, modes: Any) -> 
 def image_in_chunks(
     tables: TransformTables, backend: Backend, room: MemoryPlan, modes: Any, watch: ProgressMonitor
 ) -> Any:
-    """Do the same with modes and image on the host: along y first, then along x and over depth."""
+    """Compute the image chunk by chunk, with modes and image on the host: along y first, then along x and z."""
     (x, nx), (y, ny), (fx, fy) = *tables.visible_region, tables.image_modes
     (first, last), points = tables.geometry.depth, tables.geometry.depth_points
     between = np.empty((modes.shape[0], ny, modes.shape[2]), modes.dtype)
@@ -52,18 +52,18 @@ def image_in_chunks(
 
 
 def spectrum_of_image(tables: TransformTables, backend: Backend, image: Any) -> Any:
-    """Modes over depth of an image."""
+    """Return the modes over depth of an image."""
     around = _embedded(tables, backend.xp, image)
     return backend.xp.ascontiguousarray(backend.fft.rfftn(around, axes=(*lateral_axes(around.shape[0]), 2)))
 
 
 def lateral_axes(lines: int) -> tuple[int, ...]:
-    """Axes along which there is something to transform: there is one line in 2-D."""
+    """Return the axes to transform: x and y in 3-D, one in 2-D."""
     return (0, 1) if lines > 1 else (1,)
 
 
 def _embedded(tables: TransformTables, xp: Any, image: Any) -> Any:
-    """Put an image where it is in the padded one, zeros around it."""
+    """Return a zero-padded image."""
     (x, nx), (y, ny) = tables.visible_region
     first, last = tables.geometry.depth
     values = image.reshape(nx, ny, last - first)
@@ -78,7 +78,7 @@ def _embedded(tables: TransformTables, xp: Any, image: Any) -> Any:
 def spectrum_in_chunks(
     tables: TransformTables, backend: Backend, room: MemoryPlan, image: Any, watch: ProgressMonitor
 ) -> Any:
-    """Modes over depth of an image, both on the host: over depth and along x first, then along y."""
+    """Compute the modes over depth chunk by chunk, image and modes on the host: z and x first, then y."""
     xp, ((x, nx), (y, ny)), (fx, fy) = backend.xp, tables.visible_region, tables.image_modes
     (first, last), points = tables.geometry.depth, tables.geometry.depth_points
     values = backend.host(image).reshape(nx, ny, last - first)
@@ -106,7 +106,7 @@ def spectrum_in_chunks(
 
 
 def refined(xp: Any, modes: Any, axis: int, count: int) -> Any:
-    """Place modes into a transform of ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
+    """Zero-pad modes to ``count`` ≥ N points; the mode at −N/2 is split evenly with +N/2."""
     n = modes.shape[axis]
     if count == n:
         return modes
@@ -127,5 +127,5 @@ def refined(xp: Any, modes: Any, axis: int, count: int) -> Any:
 
 
 def run_chunks(stage: str, pieces: int, work: Any, watch: ProgressMonitor) -> None:
-    """Do the pieces one after the other: the device has threads of its own."""
+    """Run the chunks of work in sequence with progress and cancellation."""
     workers.parallel_for(stage, pieces, lambda: None, lambda piece, *_: work(piece), threads=1, **watch._asdict())

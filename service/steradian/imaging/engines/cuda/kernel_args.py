@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 
 class Sparse(NamedTuple):
-    """A sparse matrix by rows: row r has ``weights[e]`` in column ``columns[e]``, e from starts[r] to starts[r + 1]."""
+    """Sparse matrix in CSR form: row r has ``weights[e]`` in column ``columns[e]``, starts[r] ≤ e < starts[r + 1]."""
 
     starts: Any
     columns: Any
@@ -35,7 +35,7 @@ class ModeOrbits(NamedTuple):
 
 
 class KappaMap(NamedTuple):
-    """From κ to a place among the frequencies, and the factor (:mod:`steradian.imaging.transforms.time_to_depth`).
+    """Parameters of the interpolation at κ, and of its phase factor (:mod:`.transforms.time_to_depth`).
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class KappaMap(NamedTuple):
 
 
 class DecimationArgs(NamedTuple):
-    """A-lines with fewer samples (:class:`steradian.imaging.transforms.decimation.Decimation`)."""
+    """Resampling of A-lines to fewer samples (:class:`steradian.imaging.transforms.decimation.Decimation`)."""
 
     starts: Any
     taps: Any

@@ -1,4 +1,4 @@
-"""Kernels for a CUDA device, compiled at their first launch; each number of a result is summed by one thread.
+"""CUDA kernels, compiled at their first launch; each element of a result is summed by one thread.
 
 No thread adds to what another one writes, so results are the same bits in every run. Every kernel walks over its
 numbers with the stride of its threads: it is right for any number of them, also for the few of Numba's simulator.
@@ -19,7 +19,7 @@ _FLOOR = 64
 
 
 class Kernels(NamedTuple):
-    """For one precision."""
+    """Compiled CUDA kernels of one floating-point precision."""
 
     combine: Any
     decimate: Any
@@ -30,7 +30,7 @@ class Kernels(NamedTuple):
 
 @cuda.jit(device=True)
 def stencil_position(kappa: float, rule: Any) -> tuple[int, float]:
-    """Return the first frequency of the stencil at κ, counted from 0, and the position in between, in −1 … 1."""
+    """Return the first frequency of the interpolation stencil at κ, and the fractional position, in −1 … 1."""
     u = kappa * rule.ratio
     left = u - 0.5 * rule.taps.shape[0]
     whole = int(left + _FLOOR) - _FLOOR
@@ -40,7 +40,7 @@ def stencil_position(kappa: float, rule: Any) -> tuple[int, float]:
 
 @cuda.jit(device=True)
 def interpolate_response(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
-    """Response at κ and the angle whose sine is |j|/κ: amplitude and phase in turns, linear in both."""
+    """Interpolate the response bilinearly at κ and the angle of sine |j|/κ: amplitude, and phase in turns."""
     u = min(kappa * steps[0], table.shape[1] - 1.000001)
     sine = math.sqrt(square) / kappa if kappa > 0 else 0.0
     v = min(sine * steps[1], table.shape[2] - 1.000001)
@@ -55,7 +55,7 @@ def interpolate_response(table: Any, steps: Any, square: float, kappa: float) ->
 
 @cuda.jit(device=True)
 def gain_and_phase(l: int, kappa: float, square: float, rule: Any) -> tuple[float, float]:  # noqa: E741
-    """Amplitude of the factor, and its phase in turns, −½ … ½."""
+    """Return amplitude and phase (in turns, −½ … ½) of the factor at κ."""
     gain = 0.5
     if not rule.both:
         gain = 2.0 * l / kappa if kappa > 0 else 2.0
@@ -69,7 +69,7 @@ def gain_and_phase(l: int, kappa: float, square: float, rule: Any) -> tuple[floa
 
 @lru_cache(maxsize=2)
 def kernels(dtype: str) -> Kernels:
-    """Make those of one precision: numbers that are not rounded to it would be computed in float64."""
+    """Compile the kernels of one precision, because constants of another would cause float64 arithmetic (cached)."""
     real = np.float32 if dtype == "float32" else np.float64
     zero, circle = real(0), real(2 * np.pi)
 
@@ -88,13 +88,13 @@ def kernels(dtype: str) -> Kernels:
 
     @cuda.jit(device=True)
     def times(fr: Any, fi: Any, g: Any, h: Any) -> tuple[Any, Any]:
-        """Product of a factor and two lateral ones."""
+        """Return the product of a complex factor and two lateral factors."""
         r, i = g.real * h.real - g.imag * h.imag, g.real * h.imag + g.imag * h.real
         return fr * r - fi * i, fr * i + fi * r
 
     @cuda.jit
     def combine(values: Any, matrix: Any, result: Any) -> None:
-        """Set result[r, f] = Σ weights[e]·values[columns[e], f]: onto the lateral grid, or from it to sensors."""
+        """Compute a sparse matrix product: result[r, f] = Σ weights[e]·values[columns[e], f]."""
         x, y = cuda.grid(2)
         across, down = cuda.gridsize(2)
         for r in range(y, result.shape[0], down):
@@ -108,7 +108,7 @@ def kernels(dtype: str) -> Kernels:
 
     @cuda.jit
     def decimate(lines: Any, matrix: Any, result: Any) -> None:
-        """Set result[m, n] = Σ taps[n, t]·lines[m, starts[n] + t]."""
+        """Resample A-lines: result[m, n] = Σ taps[n, t]·lines[m, starts[n] + t]."""
         x, y = cuda.grid(2)
         across, down = cuda.gridsize(2)
         for m in range(y, result.shape[0], down):
@@ -168,7 +168,7 @@ def kernels(dtype: str) -> Kernels:
 
     @cuda.jit
     def weigh(modes: Any, orbits: Any, rule: Any) -> None:
-        """Transpose of the factors, in place: modes over depth of l and −l together, times their conjugates."""
+        """Multiply modes over depth in place by the conjugate factors, adding those of l and −l (adjoint)."""
         x, y = cuda.grid(2)
         across, down = cuda.gridsize(2)
         width = len(orbits.squares_y)
@@ -199,7 +199,7 @@ def kernels(dtype: str) -> Kernels:
 
     @cuda.jit
     def to_time(modes: Any, orbits: Any, rule: Any, result: Any) -> None:
-        """Transpose of the interpolation: each frequency takes from all l whose stencils reach it."""
+        """Spread modes over depth to time frequencies: the adjoint of the interpolation at κ."""
         x, y = cuda.grid(2)
         across, down = cuda.gridsize(2)
         width, reach = len(orbits.squares_y), rule.taps.shape[0]

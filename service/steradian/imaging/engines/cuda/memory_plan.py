@@ -18,7 +18,7 @@ MAX_FREE_FRACTION = 0.9
 
 @dataclass(frozen=True, slots=True)
 class MemoryPlan:
-    """Bytes, and sizes of pieces. Where there are pieces, modes and images are on the host.
+    """Bytes of device memory and chunk sizes; with several chunks, modes and images stay on the host.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class MemoryPlan:
 
 
 def plan_memory(tables: TransformTables, axes: tuple[Axis, Axis], found: Frequencies, limit: int) -> MemoryPlan:
-    """Divide the work into as few pieces as ``limit`` bytes of a device allow.
+    """Divide the work into as few chunks as ``limit`` bytes of device memory allow.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def plan_memory(tables: TransformTables, axes: tuple[Axis, Axis], found: Frequen
 
 
 def _entries(tables: TransformTables) -> int:
-    """Points of the grid that a sensor is spread onto."""
+    """Return the number of grid points onto which a sensor is spread."""
     sensors = tables.lateral.sensors
     if isinstance(sensors, Stencils):
         return int(sensors.tx.shape[1] * sensors.ty.shape[1])

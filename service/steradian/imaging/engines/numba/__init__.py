@@ -1,1 +1,1 @@
-"""Compiled CPU engine: batches of 16 signals, three passes over one buffer (ADR 4)."""
+"""Compiled CPU engine (Numba): batches of 16 signals, three passes over one buffer (ADR 4)."""

@@ -1,4 +1,4 @@
-"""Constants shared by kernels and callers."""
+"""Constants shared by the CPU kernels and their callers."""
 
 from steradian.imaging.transforms.windows import MAX_TAPS
 

@@ -1,4 +1,4 @@
-"""Time to depth for 16 lateral modes at once, and the transpose of that (compiled).
+"""Compiled time-to-depth transform of 16 lateral modes at once, and its adjoint.
 
 Per mode: window and transform over time, interpolation at κ (paper, NER-NUFFT, equation 5), the factor of
 :class:`steradian.imaging.transforms.time_to_depth.KappaMap`, inverse transform over depth; all within the processor's
@@ -44,7 +44,7 @@ class DepthChunk(NamedTuple):
 
 @jit_inline
 def _load_columns(side: AxisTransform, block: int, x: Any, xo: int, tmp: Any) -> None:
-    """Scatter n values of 16 columns, times window and factor, to their cells; 0 to the others."""
+    """Load n values of 16 columns into the FFT's cells, times window and factor; other cells are 0."""
     rows, imaginary, count, length = side.real[block], side.imaginary[block], side.number, side.transform.size
     multiplied = side.window.size > 0
     one, nothing = broadcast16(x.dtype.type(1.0)), broadcast16(x.dtype.type(0.0))
@@ -102,13 +102,13 @@ def _store_columns(x: Any, xo: int, side: AxisTransform, block: int, tmp: Any) -
 
 @jit_inline
 def _count_in_band(square: float, band: float) -> int:
-    """Count the l with κ < band."""
+    """Return the number of values of l with κ < band."""
     return int(np.ceil(np.sqrt(band * band - square))) if square < band * band else 0
 
 
 @jit_inline
 def _stencils(square: float, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
-    """First grid points, taps and factors of some values of l.
+    """Compute first grid points, taps and factors for a chunk of values of l.
 
     The factor's real and minus imaginary part are left in ``gain`` and ``phase``.
     """
@@ -156,10 +156,10 @@ def _stencils(square: float, part: DepthChunk, rule: KappaMap, space: DepthWorks
 
 
 def _build_gather_scatter(load: Any, splat: Any) -> tuple[Any, Any]:
-    """Gather, and spread, for groups of as many modes as ``load`` takes lanes."""
+    """Return the gather and spread kernels for groups of as many modes as ``load`` reads lanes."""
 
     def gather(x: Any, h: Any, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
-        """H(±l) of a group from X(±κ)."""
+        """Interpolate depth frequencies H(±l) of a group of modes from the time spectrum X(±κ)."""
         index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
         width, both, zero = rule.polynomials.shape[0], rule.both, splat(x.dtype.type(0.0))
         for n in range(part.number):
@@ -188,7 +188,7 @@ def _build_gather_scatter(load: Any, splat: Any) -> tuple[Any, Any]:
                 store(h, o + 16, bi)
 
     def spread(h: Any, x: Any, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
-        """X(±κ) of a group take H(l) and H(−l), both of them."""
+        """Add H(l) and H(−l) of a group of modes to the time spectrum X(±κ): adjoint of gather."""
         index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
         width = rule.polynomials.shape[0]
         for n in range(part.number):
@@ -223,7 +223,7 @@ _gather1, _spread1 = _build_gather_scatter(load1, splat1)
 def to_depth(
     first: int, last: int, time: AxisTransform, depth: AxisTransform, rule: KappaMap, space: DepthWorkspace, flag: Any
 ) -> None:
-    """Blocks ``first`` … ``last`` of 16 columns from time to depth."""
+    """Transform blocks ``first`` … ``last`` of 16 columns from time to depth."""
     a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
     length, size = time.transform.size, depth.transform.size
     xo, lanes = np.int64(CELL_PADDING * 32), 16 // squares.shape[1]
@@ -274,7 +274,7 @@ def to_depth(
 def to_time(
     first: int, last: int, time: AxisTransform, depth: AxisTransform, rule: KappaMap, space: DepthWorkspace, flag: Any
 ) -> None:
-    """Blocks ``first`` … ``last`` of 16 columns from depth to time: the transpose, for waves that go both ways."""
+    """Transform blocks ``first`` … ``last`` of 16 columns from depth to time: the adjoint, for waves both ways."""
     a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
     length, size = time.transform.size, depth.transform.size
     xo, lanes = np.int64(CELL_PADDING * 32), 16 // squares.shape[1]

@@ -1,4 +1,4 @@
-"""The engine that reconstructions use: its memory, and the six steps in pieces on threads."""
+"""Default CPU engine: its memory, and the six transform steps in chunks on threads."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ WorkFunction = Callable[[int, Any, NDArray[np.uint8]], None]
 
 
 class NumbaEngine:
-    """An :class:`~steradian.imaging.engines.Engine` of compiled kernels. Modes are rows of one flat array.
+    """:class:`~steradian.imaging.engines.Engine` of compiled CPU kernels; modes are rows of one flat array.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class NumbaEngine:
         sensors: NDArray[Any] | None = None,
         onto: Any = None,
     ) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`; traces of float32, float64, int16 or int32."""
+        """Return the lateral modes of traces (NUFFT type 1); traces of float32, float64, int16 or int32."""
         target = self._empty(self.room.source_size) if onto is None else onto
         chosen = self._sensors if sensors is None else subset(self._sensors, sensors)
         with np.errstate(over="ignore"):  # such traces are refused
@@ -105,7 +105,7 @@ class NumbaEngine:
         return target
 
     def to_depth(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the modes over depth, by interpolation of the time spectrum at κ."""
         from steradian.imaging.engines.numba.depth import to_depth
 
         target = modes
@@ -115,7 +115,7 @@ class NumbaEngine:
         return target
 
     def to_image(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the image of modes over depth, by inverse FFT and, if requested, upsampling."""
         from steradian.imaging.engines.numba.image import compact_rows, to_image
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
@@ -138,7 +138,7 @@ class NumbaEngine:
         return image[: lines * depths].reshape(shape)
 
     def lateral_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`."""
+        """Return the traces of lateral modes (NUFFT type 2)."""
         from steradian.imaging.engines.numba.type2 import type2
 
         s, samples = self._sensors, self.tables.time.samples
@@ -159,7 +159,7 @@ class NumbaEngine:
         return traces
 
     def to_depth_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only."""
+        """Return the modes over time of modes over depth; only for the forward model's tables."""
         from steradian.imaging.engines.numba.depth import to_time
 
         self._model()
@@ -167,7 +167,7 @@ class NumbaEngine:
         return modes
 
     def to_image_adjoint(self, image: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """See :class:`steradian.imaging.engines.Engine`; of the model's tables only, upsampled images neither."""
+        """Return the modes over depth of an image; only for the forward model's tables, not upsampled."""
         self._model()
         modes = self._empty(self.room.source_size)
         columns = image.reshape(-1, self.tables.depths)
@@ -270,7 +270,7 @@ class NumbaEngine:
         return Workspace(*(aligned_empty(size * 32, self.tables.dtype) for size in sizes))
 
     def _empty(self, count: int) -> RealArray:
-        """Make room whose pages are there already, brought in by each thread for itself.
+        """Allocate an array whose memory pages are first touched by the threads in parallel.
 
         A step's batches reach all over it: its first ones would all wait for the same pages.
         """

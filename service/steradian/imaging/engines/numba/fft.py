@@ -1,4 +1,4 @@
-"""Vectorised Fourier transforms of 16 signals at once (compiled).
+"""Vectorised FFTs of 16 signals at once (compiled).
 
 A *cell* is 32 numbers: 16 real parts, then 16 imaginary parts. A transform of n cells is n consecutive cells; all 16
 signals are transformed together, so that every operation is on whole vectors whatever the size. Stockham's self-sorting
@@ -18,7 +18,7 @@ from steradian.imaging.engines.numba.simd import broadcast16, load16, store
 
 
 class Pass(NamedTuple):
-    """One pass: offsets of real and imaginary parts, ``radix``, n_pass/radix, stride, and where its tables begin."""
+    """One FFT pass: offsets of real and imaginary parts, ``radix``, n_pass/radix, stride, and table offset."""
 
     re: int
     im: int
@@ -202,7 +202,7 @@ def _pass8(x: Any, xo: int, y: Any, yo: int, at: Pass, tw: Any) -> None:
 
 @jit_inline
 def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -> None:
-    """Odd radix r: pairs n, r−n share their products, so r²/4 complex products a transform."""
+    """Butterfly of odd radix r: pairs n, r−n share their products, so r²/4 complex products a transform."""
     re, im, r, m, s, to, co = at
     tw, cs = t.twiddles, t.generic
     h = r // 2
@@ -251,7 +251,7 @@ def _generic(x: Any, xo: int, y: Any, yo: int, at: Pass, t: Factors, tmp: Any) -
 
 @jit_inline
 def fft(a: Any, ao: int, b: Any, bo: int, inverse: int, t: Factors, tmp: Any) -> int:
-    """Transform cells at ``a[ao:]`` with ``b[bo:]`` as the other buffer; 0 if the result is in a, 1 if in b.
+    """Compute an FFT of cells at ``a[ao:]`` with buffer ``b[bo:]``; return 0 if the result is in a, 1 if in b.
 
     Call it with variables of type int64: Numba compiles another version for every literal number.
     """

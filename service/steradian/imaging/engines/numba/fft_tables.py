@@ -17,7 +17,7 @@ GENERIC_BLOCK = 2  # outputs a generic pass computes at once; the last block is 
 
 @dataclass(frozen=True, slots=True)
 class FftTables:
-    """Tables of one forward transform of ``size`` points.
+    """Twiddle factors and passes of one forward FFT of ``size`` points.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ class FftTables:
 
     @property
     def kernel_args(self) -> Factors:
-        """The same for the kernels."""
+        """FFT tables as argument tuple of the kernels."""
         return Factors(self.size, self.radices, self.twiddles, self.twiddle_starts, self.generic, self.generic_starts)
 
 
 def factorise(size: int) -> list[int]:
-    """Radices of the passes for ``size`` points: primes above 5 first, then 8, 4, 5, 3 and 2."""
+    """Return the radices of the FFT passes for ``size`` points: primes above 5 first, then 8, 4, 5, 3 and 2."""
     rest, primes = size, []
     divisor = 7
     small = size
@@ -79,7 +79,7 @@ def factorise(size: int) -> list[int]:
 
 
 def table_bytes(size: int) -> int:
-    """Bytes of the tables for ``size`` points while they are made, in float64: few, but for large primes."""
+    """Return the peak bytes of the FFT tables for ``size`` points during construction in float64."""
     numbers, length = 0, size
     for radix in factorise(size) if size > 1 else []:
         numbers += 2 * (length // radix) * (radix - 1)
@@ -90,7 +90,7 @@ def table_bytes(size: int) -> int:
 
 @lru_cache(maxsize=64)
 def transform(size: int, dtype: str) -> FftTables:
-    """Tables for ``size`` points in float32 or float64 (cached)."""
+    """Return the FFT tables for ``size`` points in float32 or float64 (cached)."""
     twiddles: list[NDArray[np.float64]] = []
     generic: list[NDArray[np.float64]] = []
     twiddle_starts, generic_starts, scratch = [], [], 0

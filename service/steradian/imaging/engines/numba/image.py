@@ -30,7 +30,7 @@ def _halve(a: Any, i: int, j: int) -> None:
 
 @jit
 def to_image(source: Any, batch: Batch, plane: ImagePlane, image: Any, depth: int, space: Workspace, flag: Any) -> None:
-    """Image points of this batch's depths that the plane shows; its grid may be finer than the modes: it interpolates.
+    """Compute the visible image points of a batch of depths, by FFT; a finer image grid interpolates.
 
     ``image`` is flat [x][y][z], its lines ``depth`` values apart, a multiple of 16.
     """
@@ -86,7 +86,7 @@ def to_image(source: Any, batch: Batch, plane: ImagePlane, image: Any, depth: in
 
 @jit
 def compact_rows(image: Any, lines: int, apart: int, depths: int) -> None:
-    """Compact rows of ``depths`` values that begin ``apart`` values from each other."""
+    """Move rows of ``depths`` values with stride ``apart`` together, in place."""
     for line in range(1, lines):
         for n in range(0, depths, 16):  # what is written beyond a line's end lies before the next one's beginning
             store(image, line * depths + n, load16(image, line * apart + n))

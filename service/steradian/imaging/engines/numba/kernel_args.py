@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 
 class Batch(NamedTuple):
-    """``number`` ≤ 32 samples (or depths) from ``start``, of rows that begin ``stride`` numbers apart.
+    """Batch of ``number`` ≤ 32 samples (or depths) from ``start``, of rows with a stride of ``stride`` numbers.
 
     Results are written ``past`` the caches, where they are too many for these.
     """
@@ -18,7 +18,7 @@ class Batch(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """A transform of ``size`` cells (:mod:`.factors`)."""
+    """FFT tables of ``size`` cells as kernel arguments."""
 
     size: int
     radices: Any
@@ -29,7 +29,7 @@ class Factors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Arguments of the spreading kernels: traces to the grid [line x][cell y].
+    """Sensors as arguments of the spreading kernels: traces to the grid [line x][cell y].
 
     If ``separable``, packed trace m adds to cells first[m] … of the lines following its bin, bins being given by
     ``starts``, with taps wx[m]·wy[m] (an even number of these). Else entry e of a line adds wy[e, 0] times trace
@@ -47,7 +47,7 @@ class Sensors(NamedTuple):
 
 
 class StoredModes(NamedTuple):
-    """Modes that are kept of a lateral grid: mode (i, k) is column c = k·len(xs) + i, rows 2c (real) and 2c + 1.
+    """Stored modes of a lateral grid: mode (i, k) is column c = k·len(xs) + i, rows 2c (real) and 2c + 1.
 
     ``xs``, ``ys``: index in the grid of each mode along x (all) and y (the half that is not negative);
     ``xs_opposite``, ``ys_opposite`` of the mode of the opposite sign. Of even numbers of modes the one at N/2 is read
@@ -66,7 +66,7 @@ class StoredModes(NamedTuple):
 
 
 class ImagePlane(NamedTuple):
-    """Transforms along x and y, and the points of the image: ``shown`` rows from ``first``, along x and y."""
+    """FFTs along x and y, and the image's points: ``shown`` rows from ``first``, along x and y."""
 
     modes_x: int
     modes_y: int
@@ -79,7 +79,7 @@ class ImagePlane(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Lines of cells that a thread has for the lateral transforms."""
+    """Scratch lines of a thread for the lateral FFTs."""
 
     packed: Any
     a: Any
@@ -91,7 +91,7 @@ class Workspace(NamedTuple):
 
 
 class AxisTransform(NamedTuple):
-    """Time or depth of all modes: ``number`` numbers n of a row go to cell n − ``centre`` of a transform, and back.
+    """FFT over time or depth of all modes: ``number`` numbers n of a row map to cell n − ``centre``.
 
     Lane i of block b is at ``real[b, i]`` and ``imaginary[b, i]`` of ``values``. ``window`` (number,) multiplies the
     numbers, and ``factors[b]`` the modes: a + ib becomes (f0·a + f1·b) + i(f2·a + f3·b), 16 lanes each. Where both are
@@ -109,7 +109,7 @@ class AxisTransform(NamedTuple):
 
 
 class KappaMap(NamedTuple):
-    """κ of each depth frequency, and its interpolation (:class:`steradian.imaging.transforms.time_to_depth.KappaMap`).
+    """Interpolation of depth frequencies at κ (:class:`steradian.imaging.transforms.time_to_depth.KappaMap`).
 
     ``squares`` (B, groups) is |j|² of each group of lanes; ``edges`` tells of pairs of lanes of which the even one is
     read at −N/2 for κ > 0 and the odd one at +N/2 for κ < 0. ``sine`` and ``cosine`` are their power series.
@@ -130,7 +130,7 @@ class KappaMap(NamedTuple):
 
 
 class DepthWorkspace(NamedTuple):
-    """Workspace of a thread for the transform from time to depth: two FFTs, and stencils of PIECE values of l."""
+    """Scratch arrays of a thread for the time-to-depth transform: two FFTs, and stencils of PIECE values of l."""
 
     a: Any
     b: Any

@@ -1,4 +1,4 @@
-"""Convert sensors and modes to the layout of the kernels."""
+"""Conversion of sensors and modes to the layout of the CPU kernels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Ints = NDArray[np.int64]
 
 
 def sensors_of(lateral: LateralTransform, dtype: str) -> Sensors:
-    """Sort sensors by the lines of the grid that they meet first."""
+    """Return the kernels' sensor table, sorted by each sensor's first grid line."""
     s, lines = lateral.sensors, np.arange(lateral.grid[0] + 1)
     if isinstance(s, GridEntries):
         return _entries(s, lateral.scale, lines, dtype)
@@ -45,7 +45,7 @@ def _entries(s: GridEntries, scale: NDArray[np.float64], lines: Ints, dtype: str
 
 
 def image_points_as_sensors(tables: TransformTables) -> Sensors:
-    """Points of the image as sensors on the grid of the modes."""
+    """Return the image's points as sensors on the grid of the modes."""
     (x, nx), (y, ny) = tables.visible_region
     lines, cells = (v.ravel() for v in np.meshgrid(np.arange(x, x + nx), np.arange(y, y + ny), indexing="ij"))
     count = nx * ny
@@ -54,7 +54,7 @@ def image_points_as_sensors(tables: TransformTables) -> Sensors:
 
 
 def subset(sensors: Sensors, some: Ints) -> Sensors:
-    """Take some of the sensors alone: for traces given one a row in the order of ``some`` (each once)."""
+    """Return the kernels' table of selected sensors, whose traces are in the order of ``some`` (each once)."""
     row = np.full(len(sensors.scale), -1, np.int64)
     row[some] = np.arange(len(some))
     rows = row[sensors.order] if sensors.separable else row[sensors.sensors]
@@ -72,7 +72,7 @@ def subset(sensors: Sensors, some: Ints) -> Sensors:
 
 
 def stored_modes(lateral: LateralTransform, *, edges: bool) -> StoredModes:
-    """Modes that are kept: those asked for, or, where the grid is coarser, all of its own.
+    """Return the table of stored modes: the requested ones, or all of the grid if the grid is coarser.
 
     With ``edges`` the ones at +N/2 are kept beside those at −N/2 where they differ.
     """
@@ -95,12 +95,12 @@ def stored_modes(lateral: LateralTransform, *, edges: bool) -> StoredModes:
 
 
 def all_stored(modes: tuple[int, int]) -> StoredModes:
-    """Modes of a grid that has as many points."""
+    """Return the table of all modes of a grid with as many points."""
     return stored_modes(LateralTransform(modes, modes, NO_SENSORS, np.empty(0)), edges=False)
 
 
 def row_count(stored: StoredModes) -> int:
-    """Rows of storage: real and imaginary part of each mode, those at +N/2 included."""
+    """Return the rows of storage: real and imaginary part of each mode, those at +N/2 included."""
     return 2 * (len(stored.xs) * len(stored.ys) + int(np.count_nonzero(stored.edge_rows >= 0)))
 
 

@@ -1,4 +1,4 @@
-"""Reading the table of a response inside the kernels (compiled)."""
+"""Bilinear lookup of the response table inside the CPU kernels (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory plan of the CPU engine: strides, sharing and bounds."""
+"""Memory plan of the CPU engine: row strides, buffer sharing and size bounds."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COLUMN_BYTES, _SAMPLE_BYTES = 290, 900  # of tables while they are made, for a 
 
 @dataclass(frozen=True, slots=True)
 class MemoryPlan:
-    """Rows of modes in one flat array; a spare row at the end is of lanes not in use.
+    """Layout of the modes as rows of one flat array, with a spare row for unused lanes.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ class MemoryPlan:
 
     @property
     def source_size(self) -> int:
-        """Numbers of the modes over time."""
+        """Number of elements of the modes over time."""
         return (self.source_rows + 1) * self.source_stride
 
     @property
     def target_size(self) -> int:
-        """Numbers of the modes over depth."""
+        """Number of elements of the modes over depth."""
         return (self.target_rows + 1) * self.target_stride
 
 
 def aligned_empty(count: int, dtype: str) -> RealArray:
-    """Make room for ``count`` numbers that begins on a line of the caches: no vector then lies on two of them."""
+    """Allocate ``count`` elements aligned to a cache line, so that no SIMD vector crosses two lines."""
     item = np.dtype(dtype).itemsize
     numbers = np.empty(count + CACHE_LINE_BYTES // item, dtype)
     first = -numbers.ctypes.data % CACHE_LINE_BYTES // item
@@ -68,12 +68,12 @@ def aligned_empty(count: int, dtype: str) -> RealArray:
 
 
 def round_up_to_vector(count: int) -> int:
-    """Numbers of a row that has room for ``count``: whole vectors of 16, each on lines of the caches of its own."""
+    """Return ``count`` rounded up to a multiple of 16, the length of a row of whole SIMD vectors."""
     return -(-count // 16) * 16
 
 
 def plan_memory(tables: TransformTables, stored: StoredModes, threads: int) -> MemoryPlan:
-    """Lay out memory."""
+    """Return the memory layout, number of threads and memory bound of the CPU engine."""
     samples, depths, (nx, ny) = tables.time.samples, tables.depths, tables.lateral.modes
     item = np.dtype(tables.dtype).itemsize
     out_rows = prod(tables.geometry.shape[:-1])
@@ -101,7 +101,7 @@ def plan_memory(tables: TransformTables, stored: StoredModes, threads: int) -> M
 
 
 def min_bytes(g: ReconstructionGeometry, dtype: str) -> int:
-    """Lower bound of the memory of tables and a run, computed before any large allocation."""
+    """Return a lower bound of the memory of tables and a run, before any large allocation."""
     nx, ny = (1, *g.padded_modes)[-2:]
     columns = nx * (ny // 2 + 1)
     tables = columns * _COLUMN_BYTES + g.samples * _SAMPLE_BYTES
@@ -112,7 +112,7 @@ def min_bytes(g: ReconstructionGeometry, dtype: str) -> int:
 
 
 def scratch_elements(tables: TransformTables, stored: StoredModes) -> int:
-    """Numbers that a thread needs besides, at most."""
+    """Return an upper bound of the elements of scratch memory of a thread."""
     (nx, ny), (ix, iy) = tables.lateral.grid, tables.image_modes
     line, half = max(nx, ny + CELL_PADDING), len(stored.ys)
     packed = len(tables.lateral.scale)

@@ -1,4 +1,4 @@
-"""Block order of lateral modes for the time-to-depth step."""
+"""Grouping of lateral modes into SIMD blocks for the time-to-depth step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class ModeBlocks:
-    """Tables of :mod:`.depth`; B blocks.
+    """Tables of B blocks of 16 modes for the time-to-depth kernels (:mod:`.depth`).
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class ModeBlocks:
 
 
 def group_modes(tables: TransformTables, stored: StoredModes) -> ModeBlocks:
-    """Group the modes."""
+    """Group lateral modes of equal |j| into blocks of 16 SIMD lanes."""
     lateral, scales, modes = tables.lateral, tables.rule.scales, tables.lateral.modes
     half = modes[1] // 2 + 1
     i, k = (v.ravel() for v in np.meshgrid(np.arange(modes[0]), np.arange(half), indexing="ij"))
@@ -103,7 +103,7 @@ def group_modes(tables: TransformTables, stored: StoredModes) -> ModeBlocks:
 
 
 def _folded(lateral: LateralTransform, jx: Ints, jy: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """Row of each mode in the coarser grid's stored half, and whether it is the mode itself, not its conjugate."""
+    """Return each mode's row in the coarser grid's stored half, and whether it is the mode or its conjugate."""
     nx, ny = lateral.grid
     a, b = jx % nx, jy % ny
     straight = b <= ny // 2

@@ -1,4 +1,4 @@
-"""Pack two real batches into one complex transform and separate them by Hermitian symmetry.
+"""FFT of two real batches as one complex transform, separated by Hermitian symmetry.
 
 Rows of modes are filled up to a multiple of 16 numbers, so that all of a batch is whole vectors. The filling has to be
 of real data as well (zeros, or depths that nobody asked for): else it would mix with the other half of its batch. Whole
@@ -15,7 +15,7 @@ from steradian.imaging.engines.numba.simd import broadcast16, load16, store, str
 
 
 class CellIndex(NamedTuple):
-    """Cells ``index[i]`` of ``values``, counted from number ``start``."""
+    """Index of FFT cells: ``index[i]`` of ``values``, counted from number ``start``."""
 
     values: Any
     start: int
@@ -24,7 +24,7 @@ class CellIndex(NamedTuple):
 
 @jit_inline
 def split_real_pair(here: CellIndex, opposite: CellIndex, row: Any, batch: Batch, at: int, add: bool) -> None:
-    """Write, or add, Â and B̂ of some modes from C there and at the opposite modes; the factor 2 is left in.
+    """Store or add the spectra Â and B̂ of two real signals, separated from C = Â + iB̂, without the factor ½.
 
     The first mode's real parts of this batch are at ``row[at:]``, the imaginary ones a row further, the next mode's two
     rows further.
@@ -50,7 +50,7 @@ def split_real_pair(here: CellIndex, opposite: CellIndex, row: Any, batch: Batch
 
 @jit_inline
 def merge_real_pair(source: Any, at: int, batch: Batch, modes: int, p: Any, q: Any, size: int, edges: bool) -> None:
-    """C = Â + iB̂ of one line of modes, from ``source[at:]``, into p and of the opposite modes into q, ``size`` cells.
+    """Combine two spectra to C = Â + iB̂ for one line of modes, from ``source[at:]`` into p and (−j) into q.
 
     What is at N/2 counts as 0 without ``edges``.
     """

@@ -1,4 +1,4 @@
-"""Vectors of 16, 4, 2 and 1 lanes inside Numba functions.
+"""SIMD vectors of 16, 4, 2 and 1 lanes inside Numba functions.
 
 LLVM does not vectorise a butterfly whose eight streams may overlap, and Numba has no ``restrict``. So the kernels of
 this package load, combine and store whole vectors themselves. A vector maps to whatever registers the machine has.
@@ -23,7 +23,7 @@ _FAST = ("contract", "nsz", "nnan", "ninf", "arcp")
 
 
 class Vector(types.Type):
-    """A value of ``lanes`` numbers of one floating type."""
+    """Numba type of a SIMD vector of ``lanes`` floating-point numbers."""
 
     def __init__(self, dtype: types.Type, lanes: int) -> None:
         self.dtype, self.lanes = dtype, lanes
@@ -32,7 +32,7 @@ class Vector(types.Type):
 
 @register_model(Vector)
 class VectorModel(models.PrimitiveModel):
-    """Lowered to an LLVM vector."""
+    """Numba data model of a SIMD vector: an LLVM vector."""
 
     def __init__(self, manager: Any, frontend: Any) -> None:
         element = manager.lookup(frontend.dtype).get_value_type()
@@ -95,7 +95,7 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
 
 
 def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> Any:
-    """Non-temporal store: bypass the caches, so that lines are not read first and useful data stay cached.
+    """Store a vector non-temporally: bypass the caches, so that useful data stay cached.
 
     Where the place is not on a line's boundary, or not ``past``, it is a plain store. Others see it after
     :func:`store_fence`.
@@ -120,7 +120,7 @@ def _stream(typingctx: Any, array: Any, index: Any, vector: Any, past: Any) -> A
 
 
 def _settle(typingctx: Any) -> Any:
-    """Memory fence after non-temporal stores."""
+    """Execute a memory fence after non-temporal stores."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         builder.fence("seq_cst")
@@ -164,7 +164,7 @@ def _row(builder: Any, rows: Any, context: Any, rows_type: Any, i: int, at: Any)
 
 
 def _shuffled(builder: Any, rows: list[Any]) -> list[Any]:
-    """Four rounds of interleaving transpose 16 vectors of 16."""
+    """Transpose 16 vectors of 16 by four rounds of interleaving."""
     word = ir.VectorType(ir.IntType(32), 16)
     low = ir.Constant(word, [x for i in range(8) for x in (i, 16 + i)])
     high = ir.Constant(word, [x for i in range(8, 16) for x in (i, 16 + i)])
@@ -175,7 +175,7 @@ def _shuffled(builder: Any, rows: list[Any]) -> list[Any]:
 
 
 def _collect(typingctx: Any, source: Any, rows: Any, at: Any, target: Any, offset: Any) -> Any:
-    """Make 16 numbers from each of 16 places ``source[rows[i] + at:]`` lanes i of cells ``target[offset + 32 n:]``."""
+    """Load 16 numbers from each of 16 rows ``source[rows[i] + at:]`` into lanes i of ``target[offset + 32 n:]``."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.VectorType(context.get_value_type(source.dtype), 16)
@@ -194,7 +194,7 @@ def _collect(typingctx: Any, source: Any, rows: Any, at: Any, target: Any, offse
 
 
 def _distribute(typingctx: Any, source: Any, offset: Any, target: Any, rows: Any, at: Any) -> Any:
-    """Take lane i of 16 cells ``source[offset + 32 n:]`` to ``target[rows[i] + at:]``."""
+    """Store lane i of 16 cells ``source[offset + 32 n:]`` to row ``target[rows[i] + at:]``."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.VectorType(context.get_value_type(source.dtype), 16)

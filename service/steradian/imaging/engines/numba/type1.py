@@ -1,4 +1,4 @@
-"""Sensor traces to lateral modes (NUFFT type 1), 32 samples at a time.
+"""Compiled NUFFT type 1: sensor traces to lateral modes, 32 samples at a time.
 
 The batch is two vectors of 16 samples, taken as real and imaginary part of one complex lateral grid; the transforms of
 the two are separated by symmetry afterwards. So the grid [x][y][cell] is real data in both parts, every spread is an
@@ -23,7 +23,7 @@ from steradian.imaging.engines.numba.simd import broadcast16, load16, store, sto
 def pack(
     traces: Any, samples: int, sensors: Sensors, batch: Batch, packed: Any, bits: Any, mask: int, most: int
 ) -> bool:
-    """Copy up to 32 samples of each trace, in the sensors' order and scaled; False if one is too large or no number.
+    """Copy up to 32 scaled samples of each trace in the sensors' order; False if one is too large or not finite.
 
     ``traces`` is flat, ``samples`` a row; ``bits`` is ``packed`` seen as integers, ``mask`` the exponent's bits, which
     are all set in numbers that are not finite, and ``most`` the exponent that is too large for sums of many.
@@ -47,7 +47,7 @@ def pack(
 
 @jit_inline
 def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny: int) -> bool:
-    """Add all sensors whose stencil meets grid line ``line``; False if there is none."""
+    """Add the sensors whose stencil contains grid line ``line`` to that line; False if there is none."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
     ax, ay = wx.shape[1], wy.shape[1]
     hit = False
@@ -100,7 +100,7 @@ def type1(
     space: Workspace,
     flag: Any,
 ) -> None:
-    """Spread, transform along y and x, and store or accumulate the modes' samples of this batch."""
+    """Spread traces to the grid, FFT along y and x, and store or accumulate the modes' samples of this batch."""
     row, work, middle, tmp = space.a, space.b, space.middle, space.tmp
     nx, ny = plane.x.size, plane.y.size
     pitch = nx | 1  # lines that are a multiple of a page apart would share a few places of the caches

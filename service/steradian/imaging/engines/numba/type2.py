@@ -1,4 +1,4 @@
-"""Lateral modes to sensor traces, one batch of 32 time samples at a time (compiled).
+"""Compiled NUFFT type 2: lateral modes to sensor traces, 32 time samples at a time.
 
 The transpose of :mod:`.type1`: inverse transforms onto the oversampled grid, line by line, and an interpolation at the
 sensors (paper, NED-NUFFT, equation 6, read from right to left). Again two vectors of 16 samples are one complex grid.
@@ -51,7 +51,7 @@ def _read_on_grid_row(row: Any, line: int, packed: Any, sensors: Sensors) -> Non
 def type2(
     source: Any, batch: Batch, plane: ImagePlane, sensors: Sensors, traces: Any, space: Workspace, flag: Any
 ) -> None:
-    """Write this batch's samples of every sensor into ``traces`` (M, N_t). Modes at N/2 count as 0."""
+    """Compute a batch of samples of every sensor from the modes, into ``traces`` (M, N_t); modes at N/2 count as 0."""
     packed, a, b, c, d, middle, tmp = space
     nx, ny, modes_x = plane.x.size, plane.y.size, plane.modes_x
     half, pitch = (plane.modes_y + 1) // 2, nx | 1  # without N/2; see type1

@@ -1,4 +1,4 @@
-"""Alembic's entry: runs the migrations on the connection that :meth:`Database.migrate` hands over."""
+"""Alembic's environment script: runs the migrations on the connection of :meth:`Database.migrate`."""
 
 from __future__ import annotations
 
