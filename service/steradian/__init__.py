@@ -122,9 +122,9 @@ def __dir__() -> list[str]:
 
 
 def _load_displays() -> None:
-    """Import the modules that display and plot objects, which register with :mod:`steradian.drawing.display`."""
-    import steradian.masks.figures
-    import steradian.plans.figures
+    """Import the modules that register implementations with :mod:`steradian.drawing.display_dispatch`."""
+    import steradian.masks.plots
+    import steradian.plans.plots
     import steradian.reconstructions.display  # noqa: F401
 
 

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from fabry_perot.host.silence import LOOK, QUIET, TOLD_AFTER, SilenceLog
+from fabry_perot.host.silence_log import LOOK, QUIET, TOLD_AFTER, SilenceLog
 
 SECOND = 1_000_000
 

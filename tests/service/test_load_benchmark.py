@@ -10,9 +10,9 @@ from scipy.stats import linregress
 
 from steradian.benchmarks.load import load
 from steradian.benchmarks.load_report import BEGIN, END, write_page
-from steradian.benchmarks.memory import MemorySampler, _growth
 from steradian.benchmarks.mixed_load import WEIGHTS
 from steradian.benchmarks.service import running_service
+from steradian.benchmarks.service_memory import MemorySampler, _growth
 from steradian.core.settings import Settings
 
 

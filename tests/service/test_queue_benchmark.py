@@ -3,7 +3,7 @@
 import pytest
 
 from steradian.benchmarks.queue import latency, load
-from steradian.benchmarks.throughput import KINDS, throughput
+from steradian.benchmarks.service_overhead import KINDS, throughput
 from steradian.core.settings import Settings
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]

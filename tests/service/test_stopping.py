@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from steradian.core.stop_signals import SignalSafeEvent
+from steradian.core.signal_safe_event import SignalSafeEvent
 
 
 def test_it_is_set_once_and_waits_no_longer():

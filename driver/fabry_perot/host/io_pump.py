@@ -23,7 +23,7 @@ from fabry_perot.errors import (
 )
 from fabry_perot.host import Host
 from fabry_perot.host.greeting import new_nonce
-from fabry_perot.host.silence import SilenceLog
+from fabry_perot.host.silence_log import SilenceLog
 from fabry_perot.host.traffic import Mark
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState, HoldCause

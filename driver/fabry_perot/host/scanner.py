@@ -23,8 +23,8 @@ from fabry_perot.errors import (
 )
 from fabry_perot.host import HostTiming, RecoveryPolicy, ScanRecovery, ScanReport, WirePlan
 from fabry_perot.host.aline import ALine, ALineBatch
-from fabry_perot.host.controls import ScannerControls
 from fabry_perot.host.io_pump import stream_end_reason
+from fabry_perot.host.scanner_controls import ScannerControls
 from fabry_perot.host.session import POLL_STEP, Session
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.constants import Operation

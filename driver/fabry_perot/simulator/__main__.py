@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fabry_perot.simulator.commands import Commands
+from fabry_perot.simulator.fault_commands import Commands
 from fabry_perot.simulator.options import Options, parse
-from fabry_perot.simulator.power import PoweredDevice
+from fabry_perot.simulator.power_cycle import PoweredDevice
 from fabry_perot.simulator.server import Server, open_endpoint
 
 

@@ -112,7 +112,7 @@ def parse(arguments: Sequence[str] | None = None) -> tuple[Options, bool]:
     parser = argparse.ArgumentParser(
         prog="python -m fabry_perot.simulator",
         description="A simulated Fabry-Perot scanner. Prints one JSON line with its URL when ready. With "
-        "--exit-with-stdin it takes JSON commands on standard input, see fabry_perot.simulator.commands.",
+        "--exit-with-stdin it takes JSON commands on standard input, see fabry_perot.simulator.fault_commands.",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--pty", nargs="?", const="", metavar="LINK", help="pseudo-terminal, linked at LINK")

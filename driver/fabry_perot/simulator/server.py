@@ -14,7 +14,7 @@ from fabry_perot.device.tcp import TcpEndpoint
 from fabry_perot.simulator.faults import BitFlips, FilterChain, FrameLoss
 from fabry_perot.simulator.options import Options
 from fabry_perot.simulator.pacing import BaudRateLimiter
-from fabry_perot.simulator.power import PoweredDevice
+from fabry_perot.simulator.power_cycle import PoweredDevice
 
 MAX_LAG = 0.02
 """Device time may fall behind the scaled clock by so many real seconds before the clock is held back."""

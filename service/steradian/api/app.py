@@ -10,7 +10,7 @@ from starlette.types import ASGIApp
 
 from steradian._version import __version__
 from steradian.api.errors import handlers as problems
-from steradian.api.errors import pages as problem_pages
+from steradian.api.errors import problem_pages as problem_pages
 from steradian.api.http.urls import Prefixed, address
 from steradian.api.middleware.authentication import AuthenticationMiddleware
 from steradian.api.middleware.base import (
@@ -21,10 +21,10 @@ from steradian.api.middleware.base import (
     RejectNulMiddleware,
     RequestIdMiddleware,
 )
+from steradian.api.middleware.cache_validators import CacheValidatorLoader
 from steradian.api.middleware.cors import Cors
 from steradian.api.middleware.metrics import Metrics
 from steradian.api.middleware.response_cache import CoalescingCacheMiddleware
-from steradian.api.middleware.validators import CacheValidatorLoader
 from steradian.api.openapi import postprocess as contract
 from steradian.api.openapi import swagger_page as documentation
 from steradian.api.routers import (

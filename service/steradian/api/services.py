@@ -15,12 +15,12 @@ from sqlalchemy.orm import Session
 
 from steradian.api.background.batcher import BatchLoader
 from steradian.api.background.delta_tracker import RowDeltaTracker
-from steradian.api.background.emergency_stop import EmergencyStopController
 from steradian.api.background.fault_clearing import FaultDesk
 from steradian.api.background.peers import PeerRegistry
 from steradian.api.background.process_pool import ProcessPool
 from steradian.api.background.refresher import PeriodicRefresher
 from steradian.api.background.retention import apply_retention
+from steradian.api.background.stop_controller import EmergencyStopController
 from steradian.api.background.stop_relay import EmergencyStopRelay
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
@@ -38,10 +38,10 @@ from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, advisory_xact_lock, metadata_url
 from steradian.storage.db.tables import JobRow
-from steradian.storage.maintenance.record_ages import Ages
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
+from steradian.storage.maintenance.clock_trust import Ages
 from steradian.storage.repositories.deletion import DeletionService, InUse, remove_files
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore

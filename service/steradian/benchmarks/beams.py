@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.hardware_time import simulated_scan_seconds
 from steradian.benchmarks.report_pages import replace_between_markers
+from steradian.benchmarks.simulated_scan_time import simulated_scan_seconds
 from steradian.core.progress import Progress
 from steradian.imaging import Acquisition, ImageGrid, Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning

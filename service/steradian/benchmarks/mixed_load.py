@@ -15,8 +15,8 @@ from typing import Any
 
 from steradian.benchmarks.event_listeners import compare, open_listeners
 from steradian.benchmarks.http_client import Connection
-from steradian.benchmarks.memory import MemorySampler
 from steradian.benchmarks.service import RunningService, api_process, processor_seconds, wait_for_reconstruction
+from steradian.benchmarks.service_memory import MemorySampler
 
 Row = dict[str, Any]
 V1 = "/api/v1"

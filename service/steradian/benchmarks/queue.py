@@ -14,15 +14,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from steradian.benchmarks.clock_job import TURN, milliseconds
+from steradian.benchmarks.progress_latency_job import TURN, milliseconds
 from steradian.benchmarks.service import RunningService, make_scan, running_service
-from steradian.benchmarks.throughput import throughput
+from steradian.benchmarks.service_overhead import throughput
 from steradian.core.exceptions import SteradianError
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
 from steradian.jobs.model import JobStatus
 
-CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.clock_job")
+CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.progress_latency_job")
 WORKER = f"""
 from steradian.core.settings import Settings
 from steradian.jobs.worker.main import run_worker

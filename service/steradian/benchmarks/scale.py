@@ -28,7 +28,7 @@ from steradian.benchmarks.service import (
     running_service,
     running_worker,
 )
-from steradian.benchmarks.throughput import run_through_service
+from steradian.benchmarks.service_overhead import run_through_service
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
 from steradian.storage.db.database import Database, metadata_url

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.benchmarks.baselines import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
+from steradian.benchmarks.machine_limits import Machine, Timing, fft_pair_baselines, lower_bound, machine_limits, timed
 from steradian.benchmarks.speed_cases import INTERVAL, SPEED, Case, speed_cases
 from steradian.core.progress import Progress
 from steradian.imaging import (

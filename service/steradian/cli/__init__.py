@@ -23,4 +23,4 @@ def main() -> None:
 
 def _exit_on_interrupt(*_: object) -> None:
     os.write(2, b"error: stopped\n")
-    os._exit(130)  # steradian.core.stop_signals.STOPPED; nothing is read before Ctrl-C is heard
+    os._exit(130)  # steradian.core.signal_safe_event.STOPPED; nothing is read before Ctrl-C is heard

@@ -12,13 +12,13 @@ from steradian._version import __version__
 from steradian.cli import (
     backup,
     benchmark,
-    benchmark_look,
+    benchmark_inspection,
     benchmark_scale,
     check,
     demo,
     export,
+    inspect_alines,
     key,
-    look,
     mask,
     measure,
     plan,
@@ -91,7 +91,7 @@ app.add_typer(mask.app, name="mask")
 app.command("plan")(plan.plan)
 app.add_typer(scan.app, name="scan")
 app.add_typer(scanner.app, name="scanner")
-app.command("look")(look.look)
+app.command("look")(inspect_alines.look)
 app.command("reconstruct")(reconstruct.reconstruct)
 app.command("what-if")(what_if.what_if)
 app.command("sound-speed")(sound_speed.sound_speed)
@@ -99,7 +99,7 @@ app.command("measure")(measure.measure)
 app.command("import")(importing.import_)
 app.command("export")(export.export)
 benchmark.app.command("scale")(benchmark_scale.scale)
-benchmark.app.command("look")(benchmark_look.look)
+benchmark.app.command("look")(benchmark_inspection.look)
 benchmark.app.command("sound-speed")(sound_speed_benchmark.sound_speeds)
 app.add_typer(benchmark.app, name="benchmark")
 app.command("demo")(demo.demo)

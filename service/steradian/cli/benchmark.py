@@ -127,7 +127,7 @@ def tuning(
     'expected s' is the preview's, 'simulated s' by the simulated hardware's clock, 'faster' over a snake tuned anew at
     every point.
     """
-    from steradian.benchmarks import tuning as measured
+    from steradian.benchmarks import visit_orders as measured
 
     with progress_bar() as progress:
         rows = measured.tuning(progress=progress)

@@ -31,7 +31,7 @@ def open_existing_database(data: Path | None, *, reads: bool = False) -> tuple[S
     from steradian.core.settings import Settings
     from steradian.storage.data_dir.layout import DataDirectory
     from steradian.storage.db.database import Database, known_revisions, metadata_url
-    from steradian.storage.maintenance import binding as folders
+    from steradian.storage.maintenance import folder_binding as folders
     from steradian.storage.maintenance.permissions import can_write
 
     settings = Settings.create(data=folder_of(data))

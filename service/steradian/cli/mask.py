@@ -300,7 +300,7 @@ def _save_and_show(mask: Mask, output: Path, plot: Path | None, points: str = ""
 
 def _save_plot(mask: Mask, plot: Path | None) -> None:
     if plot is not None:
-        from steradian.masks.figures import draw_mask
+        from steradian.masks.plots import draw_mask
 
         draw_mask(mask, plot)
 

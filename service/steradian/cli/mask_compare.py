@@ -102,7 +102,7 @@ def compare(
             progress=progress,
         )
     if plot is not None:
-        from steradian.comparisons.figures import draw_comparison
+        from steradian.comparisons.plots import draw_comparison
 
         draw_comparison(found, plot)
     if as_json:

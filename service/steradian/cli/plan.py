@@ -148,7 +148,7 @@ def plan(
     output.parent.mkdir(parents=True, exist_ok=True)
     cost = preview(made, free_bytes=shutil.disk_usage(output.parent).free, resolution=resolution)
     if plot is not None:
-        from steradian.plans.figures import draw_plan
+        from steradian.plans.plots import draw_plan
 
         draw_plan(made, plot, cost)
     _show(made, cost)

@@ -17,7 +17,7 @@ from steradian.cli.console import (
     quantity_option,
     speed,
 )
-from steradian.cli.frames import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
+from steradian.cli.frame_options import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
 from steradian.cli.import_ import DescriptionOption, parse_description
 from steradian.cli.report import show_report
 from steradian.core.exceptions import InvalidInput

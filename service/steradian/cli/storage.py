@@ -114,7 +114,7 @@ def move(
     start the service with STERADIAN_STORE, or without.
     """
     from steradian.core.exceptions import InvalidInput
-    from steradian.runtime.archive.migrate import move_to_folder, move_to_store
+    from steradian.runtime.archive.transfer import move_to_folder, move_to_store
     from steradian.runtime.singleton_locks import hold_database_lock
     from steradian.storage.data_dir.layout import DataDirectory
 

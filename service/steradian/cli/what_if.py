@@ -17,7 +17,7 @@ from steradian.cli.console import (
     show_notes,
     speed,
 )
-from steradian.cli.frames import AverageOption, FrameOption, WavelengthOption
+from steradian.cli.frame_options import AverageOption, FrameOption, WavelengthOption
 from steradian.plans.files import read_json
 
 

@@ -33,7 +33,7 @@ def worker(
 
     from steradian.core.logging_config import configure_logging
     from steradian.core.settings import PREFIX, Settings
-    from steradian.core.stop_signals import SignalSafeEvent
+    from steradian.core.signal_safe_event import SignalSafeEvent
     from steradian.runtime import supervisor
     from steradian.storage.data_dir.layout import UMASK
 

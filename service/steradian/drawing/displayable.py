@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from steradian.core.validation import Value
-from steradian.drawing import display
+from steradian.drawing import display_dispatch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,7 @@ class DisplayableValue(Value):
         axes
             A matplotlib plot to draw into; None: a new one. :meth:`save` draws a whole page.
         """
-        return display.plot(self, axes)
+        return display_dispatch.plot(self, axes)
 
     def save(self, path: str | Path) -> None:
         """Write the value or its summary figure into a file; the suffix determines the format.
@@ -56,4 +56,4 @@ class DisplayableValue(Value):
         InvalidInput
             When the ending is another one.
         """
-        display.save(self, Path(path))
+        display_dispatch.save(self, Path(path))

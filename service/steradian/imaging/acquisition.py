@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import SAMPLES, SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, as_finite_float
+from steradian.core.quantity_ranges import SAMPLES, SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, as_finite_float
 from steradian.imaging.validation import Sensors
 
 

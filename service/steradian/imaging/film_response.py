@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import GAIN
+from steradian.core.quantity_ranges import GAIN
 
 ComplexArray = NDArray[np.complex128]
 RealTable = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import TOLERANCE
+from steradian.core.quantity_ranges import TOLERANCE
 from steradian.imaging.film_response import MAX_GAIN, InverseFilter
 from steradian.imaging.options import check_correction
 

@@ -28,7 +28,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.units import PADDING, TOLERANCE
+from steradian.core.quantity_ranges import PADDING, TOLERANCE
 from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory

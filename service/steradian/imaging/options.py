@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH, MODES, PADDING, TOLERANCE, UPSAMPLING, as_finite_float
+from steradian.core.quantity_ranges import LENGTH, MODES, PADDING, TOLERANCE, UPSAMPLING, as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.film_response import InverseFilter
 from steradian.imaging.transforms.windows import Shape, Window

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.units import as_finite_float
+from steradian.core.quantity_ranges import as_finite_float
 from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH, THREADS, as_finite_float
+from steradian.core.quantity_ranges import LENGTH, THREADS, as_finite_float
 from steradian.imaging.compute import thread_pool as workers
 
 Floats: TypeAlias = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing import display
+from steradian.drawing import display_dispatch
 
 if TYPE_CHECKING:
     import xarray
@@ -165,7 +165,7 @@ class Volume:
         return [(name, self.coordinates(name)) for name in self.names]
 
     def _repr_html_(self) -> str:
-        return display.to_html(self)
+        return display_dispatch.to_html(self)
 
     def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
         """Plot the maximum-intensity projection along one axis; a 2-D image as it is.
@@ -182,7 +182,7 @@ class Volume:
         InvalidInput
             If the image has no such axis.
         """
-        return display.plot(self, axes, axis=axis)
+        return display_dispatch.plot(self, axes, axis=axis)
 
     def to_xarray(self) -> xarray.DataArray:
         """Return the image as xarray DataArray: dimensions x, y and z, or x and z, coordinates in metres.
@@ -222,4 +222,4 @@ class Volume:
         Conflict
             When there is a folder of that name.
         """
-        display.save(self, Path(path))
+        display_dispatch.save(self, Path(path))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, TypeAlia
 from pydantic import ConfigDict, Field, StringConstraints, model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH, SOUND_SPEED
+from steradian.core.quantity_ranges import LENGTH, SOUND_SPEED
 from steradian.core.validation import Value, quantity_field
 from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.jobs.request_versions import stored

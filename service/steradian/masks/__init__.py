@@ -11,11 +11,11 @@ from steradian.masks.by_count import Counted, mask_by_count, nearest_square, wit
 from steradian.masks.combined import Combined, PointOfInterest, combined_mask
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
+from steradian.masks.explicit_points import Points, custom_mask
 from steradian.masks.grid import Grid, grid_mask
 from steradian.masks.hexagonal import Hexagonal, hexagonal_interval, hexagonal_mask
 from steradian.masks.io import read_mask, write_mask
 from steradian.masks.mask import Mask
-from steradian.masks.points import Points, custom_mask
 from steradian.masks.random_masks import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask

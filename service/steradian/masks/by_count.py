@@ -9,7 +9,7 @@ from math import floor, sqrt
 from typing import Literal, TypeAlias, get_args
 
 from steradian.core.exceptions import InvalidInput
-from steradian.masks.base import MAX_POINTS, check_offset
+from steradian.masks.arrangement_base import MAX_POINTS, check_offset
 from steradian.masks.equi_steradian import equi_steradian_mask
 from steradian.masks.grid import grid_mask
 from steradian.masks.hexagonal import hexagonal_mask

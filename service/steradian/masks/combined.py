@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.equi_steradian import EquiSteradian, EquiSteradianPattern

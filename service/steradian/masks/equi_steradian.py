@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.base import check_offset
+from steradian.masks.arrangement_base import check_offset
+from steradian.masks.cap_slices import Slices, convenient_below, convenient_slices
 from steradian.masks.mask import Mask
 from steradian.masks.scanner_grid import ScannerGrid
-from steradian.masks.slices import Slices, convenient_below, convenient_slices
 from steradian.masks.solid_angle_solver import equalise_solid_angles, unit_angle
 from steradian.masks.weights import Weighting, expand_outline, weights_for
 

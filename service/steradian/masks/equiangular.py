@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.base import check_offset
+from steradian.masks.arrangement_base import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.weights import Weighting, expand_outline, weights_for

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
-from steradian.masks.base import ArrangementBase
+from steradian.masks.arrangement_base import ArrangementBase
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 

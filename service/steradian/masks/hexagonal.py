@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.base import COUNT_FIELD, ArrangementBase, closeness_key, count_along_side, require_exactly_one
+from steradian.masks.arrangement_base import (
+    COUNT_FIELD,
+    ArrangementBase,
+    closeness_key,
+    count_along_side,
+    require_exactly_one,
+)
 from steradian.masks.mask import Mask
 from steradian.masks.weights import Weighting, weights_for
 

@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.core.validation import to_invalid_input
+from steradian.masks.explicit_points import area_of_weights, custom_mask
 from steradian.masks.mask import Mask
-from steradian.masks.points import area_of_weights, custom_mask
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 Points = tuple[NDArray[np.float64], NDArray[np.float64] | None, float | None]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, computed_field, model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import FloatArray, content_hash, quantity_field
 from steradian.drawing.displayable import DisplayableValue
 from steradian.imaging.geometry import polygons as outlines

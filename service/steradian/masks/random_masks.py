@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
-from steradian.masks.base import (
+from steradian.masks.arrangement_base import (
     COUNT_FIELD,
     MAX_POINTS,
     ArrangementBase,

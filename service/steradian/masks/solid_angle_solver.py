@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.masks.slices import Slices
+from steradian.masks.cap_slices import Slices
 
 OVERHANG = 0.25
 """Part of the last slice that lies beyond the rim.
@@ -48,7 +48,7 @@ def equalise_solid_angles(slices: Slices, rim: float) -> Slices:
     Parameters
     ----------
     slices
-        As cut by :func:`steradian.masks.slices.slice_cap`.
+        As cut by :func:`steradian.masks.cap_slices.slice_cap`.
     rim
         Polar angle of the cap's rim in radians.
 

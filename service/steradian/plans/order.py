@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask
-from steradian.plans.curves import boustrophedon, hilbert
+from steradian.plans.curve_orders import boustrophedon, hilbert
 from steradian.plans.progressive import progressive
 
 

@@ -101,8 +101,8 @@ def preview(
 
     Notes
     -----
-    What a point waits for is in :class:`~steradian.plans.timing.MotionTiming`. Tuning the excitation laser between
-    frames, and the way back to the first point, are not counted.
+    :class:`~steradian.plans.motion_timing.MotionTiming` has the time of each point. Tuning the excitation laser
+    between frames, and the way back to the first point, are not counted.
     """
     alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
     points, shots = plan.path, alines // plan.beam_count

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plans.curves import hilbert
+from steradian.plans.curve_orders import hilbert
 from steradian.plans.local_search import distance, exact, length, or_opt, reverse, reverse_segment, two_opt
 
 NEIGHBOURS = 8

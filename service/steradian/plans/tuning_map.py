@@ -13,7 +13,7 @@ from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.masks import Mask
 from steradian.plans.files import read_json
-from steradian.plans.text_map import is_text_matrix, read_text_map
+from steradian.plans.text_tuning_map import is_text_matrix, read_text_map
 
 SAME_PLACE = 1e-6
 """Points this close in metres to a place that was measured have its wavelength; a focus is some ten times wider."""
@@ -52,7 +52,7 @@ class TuningMap(Value):
         ----------
         path
             ``.npz`` of ``fabry-perot tune``, ``.csv`` with the columns x_mm, y_mm, wavelength_nm, ``.json``, or a text
-            matrix of wavelengths in nm (:mod:`steradian.plans.text_map`).
+            matrix of wavelengths in nm (:mod:`steradian.plans.text_tuning_map`).
         pitch
             Distance of such a matrix's columns and rows in m.
 

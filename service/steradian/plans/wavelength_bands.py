@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plans.curves import hilbert
+from steradian.plans.curve_orders import hilbert
 from steradian.plans.fringe import Fringe
-from steradian.plans.timing import MotionTiming
+from steradian.plans.motion_timing import MotionTiming
 
 CELLS = 64
 """Optima are put into cells of a 64th of the widest band before bands are chosen; limits hold for each point."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.progress import CancelCheck, Progress
-from steradian.quality.likeness import Likeness, Neighbourhood, compare
+from steradian.quality.neighbour_correlation import Likeness, Neighbourhood, compare
 
 NEIGHBOURS: Final = 6
 ALIKE: Final = 0.35

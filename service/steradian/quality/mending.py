@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import Cancelled
 from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine
-from steradian.quality.likeness import Neighbourhood
+from steradian.quality.neighbour_correlation import Neighbourhood
 
 BLOCK: Final = 128
 """Shifted A-lines measured together, each with its neighbours."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import NEIGHBOURS, BadLine, find_bad_lines
-from steradian.quality.likeness import Neighbourhood
+from steradian.quality.neighbour_correlation import Neighbourhood
 from steradian.quality.saturation import flat_ends, is_saturated
 
 CHUNK: Final = 4096

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from steradian.drawing import display
+from steradian.drawing import display_dispatch
 from steradian.drawing.mpl_figure import colour_bar, style_axes
 from steradian.drawing.notebook import WIDTH, html_card, resolve_axes
 from steradian.imaging import Display, Volume
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-@display.to_html.register(Volume)
+@display_dispatch.to_html.register(Volume)
 def render_html(volume: Volume) -> str:
     """Return an HTML summary of a volume with its projection along z, for a notebook."""
     axis: Axis = "z" if volume.dimensions == 3 else "y"
     return html_card(repr(volume), lambda path: draw_mip(volume, axis, path, Display(size=WIDTH)))
 
 
-@display.plot.register(Volume)
+@display_dispatch.plot.register(Volume)
 def plot_volume(volume: Volume, axes: Axes | None = None, axis: Axis = "z") -> Axes:
     """Plot a projection of a volume with matplotlib; implements :meth:`steradian.Volume.plot`."""
     if volume.dimensions == 2:
@@ -56,7 +56,7 @@ def plot_volume(volume: Volume, axes: Axes | None = None, axis: Axis = "z") -> A
     return axes
 
 
-@display.save.register(Volume)
+@display_dispatch.save.register(Volume)
 def save_volume(volume: Volume, path: Path) -> None:
     """Write a volume in the format of the file name's ending; implements :meth:`steradian.Volume.save`."""
     wanted = format_of(path)

@@ -7,12 +7,12 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
+from steradian.core.quantity_ranges import LENGTH, MODES, PADDING, SOUND_SPEED, TOLERANCE, UPSAMPLING
 from steradian.core.schema_descriptions import Explained
-from steradian.core.units import LENGTH, MODES, PADDING, SOUND_SPEED, TOLERANCE, UPSAMPLING
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.iterative_options import IterativeOptions
 from steradian.imaging.signal.conditioning import Conditioning, Display
-from steradian.reconstructions.film_correction import Film
+from steradian.reconstructions.film_response_choice import Film
 from steradian.reconstructions.shot_normalisation import ShotTreatment
 
 LARGE = 1_000_000_000

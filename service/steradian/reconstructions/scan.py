@@ -18,7 +18,7 @@ from steradian.masks import Mask
 from steradian.plans import ScanPlan
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
-from steradian.reconstructions.plan_reader import StoredPlan, read_stored_plan
+from steradian.reconstructions.scan_plan_reader import StoredPlan, read_stored_plan
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.opening import open_recording

@@ -22,15 +22,15 @@ from steradian.core.exceptions import DiskFull, FaultLatched, ScanFailed, ScanIn
 from steradian.core.exit_with_parent import exit_when_stdin_closes
 from steradian.core.logging_config import bind_request_id, configure_logging
 from steradian.core.settings import Settings
-from steradian.core.stop_signals import SignalSafeEvent
+from steradian.core.signal_safe_event import SignalSafeEvent
 from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.scanner_port import ScannerConnection
+from steradian.scans.acquisition.clear_fault_executor import FaultClerk
 from steradian.scans.acquisition.continuation import create_from_partial
 from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.database_control import POLL, DatabaseControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
-from steradian.scans.acquisition.fault_clerk import FaultClerk
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.settings import Settings
 from steradian.jobs.registry import resource_of
-from steradian.reconstructions.plan_reader import read_stored_plan
+from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, result_name, scan_name
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url

@@ -16,9 +16,9 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput, NotFound, SteradianError
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, advisory_xact_lock
 from steradian.storage.db.tables import ApiKeyRow, TicketRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 PREFIX = "sk"
 TICKET_SECONDS = 30.0

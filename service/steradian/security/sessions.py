@@ -17,9 +17,9 @@ from typing import Final
 from sqlalchemy import delete, select
 
 from steradian.security.keys import KeyStore, Principal, Unauthorized
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import SessionRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 LIFETIME: Final = timedelta(hours=12)
 """For how long a session lasts; a key that ends earlier ends it, too."""

@@ -19,7 +19,7 @@ from tempfile import NamedTemporaryFile
 from typing import Final
 
 from steradian.security.keys import Principal, Unauthorized
-from steradian.storage.db.clock import Clock, utc_now
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 LIFETIME: Final = timedelta(days=7)
 """How long a ticket is valid; a page that is open and signed in gets new ones."""

@@ -7,7 +7,7 @@ from steradian.core.settings import Settings
 from steradian.storage.blobs.object_store import FACT_KEY, S3BlobStore
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.maintenance import binding as folder
+from steradian.storage.maintenance import folder_binding as folder
 
 
 def bind_deployment(settings: Settings, database: Database) -> None:

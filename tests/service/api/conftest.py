@@ -5,7 +5,7 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.scans.acquisition.fault_clerk import FaultClerk
+from steradian.scans.acquisition.clear_fault_executor import FaultClerk
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.data_dir.fault_requests import Clearing

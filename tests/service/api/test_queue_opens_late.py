@@ -6,7 +6,7 @@ import pytest
 from steradian.core.settings import Settings
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.maintenance.binding import bind_folder
+from steradian.storage.maintenance.folder_binding import bind_folder
 from support.waiting import until
 
 from .conftest import api_of

@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from steradian.jobs.queue.matching import Capabilities, WorkerRegistration
-from steradian.storage.db.clock import utc_now
+from steradian.storage.db.timestamps_and_ids import utc_now
 
 from .conftest import api_of, make_scan
 

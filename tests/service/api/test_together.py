@@ -8,8 +8,8 @@ import httpx
 import pytest
 
 from steradian.api.background.batcher import BatchLoader
+from steradian.api.middleware.cache_validators import CacheValidatorLoader, validator_key
 from steradian.api.middleware.response_cache import MAX_BYTES, MAX_ENTRY_BYTES, CoalescingCacheMiddleware
-from steradian.api.middleware.validators import CacheValidatorLoader, validator_key
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.repositories.validators import ValidatorKey

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.tuning import BEGIN, END, optimal_wavelengths, tables, write_page
+from steradian.benchmarks.visit_orders import BEGIN, END, optimal_wavelengths, tables, write_page
 from steradian.masks import equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, preview
 

@@ -9,14 +9,14 @@ import pytest
 from matplotlib.text import Text
 
 from steradian.comparisons import compare_masks, phantom
-from steradian.comparisons.figures import comparison_figure
+from steradian.comparisons.plots import comparison_figure
 from steradian.drawing.raster import PlotArea, apply_colour_map, render_page
 from steradian.drawing.ticks import Axis
 from steradian.imaging import Display, Volume, VoxelAxes
 from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask, mask_by_count
-from steradian.masks.figures import mask_figure
+from steradian.masks.plots import mask_figure
 from steradian.plans import ScanPlan, VisitOrder
-from steradian.plans.figures import plan_figure
+from steradian.plans.plots import plan_figure
 from steradian.reconstructions.volumes.images import draw_depth_coded, draw_mip
 
 SIZES = (240, 720, 1500)

@@ -23,10 +23,10 @@ from steradian.drawing.plot_spec import (
 from steradian.drawing.raster import render_page
 from steradian.drawing.ticks import Axis, LogAxis, NamedRows
 from steradian.masks import equi_steradian_mask, equiangular_mask
-from steradian.masks.figures import draw_mask, mask_figure
 from steradian.masks.limited_view import limited_view
+from steradian.masks.plots import draw_mask, mask_figure
 from steradian.plans import ScanPlan
-from steradian.plans.figures import draw_plan, plan_figure
+from steradian.plans.plots import draw_plan, plan_figure
 
 RED = (255, 0, 0)
 

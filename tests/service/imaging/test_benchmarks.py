@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from steradian.benchmarks import accuracy, speed
-from steradian.benchmarks.baselines import fft_pair_baselines
+from steradian.benchmarks.machine_limits import fft_pair_baselines
 from steradian.benchmarks.speed import limit_violations
 from steradian.benchmarks.speed_cases import speed_cases
 from steradian.benchmarks.speed_report import BEGIN, END, table, write_page

@@ -13,7 +13,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging import ElasticFilm, InverseFilter, MeasuredFilm
 from steradian.imaging.film_response import tabulate
 from steradian.masks.film_attenuation import attenuation_db
-from steradian.reconstructions.film_correction import Film, SimulatedFilmResponse
+from steradian.reconstructions.film_response_choice import Film, SimulatedFilmResponse
 from support.flat import flat_reconstruct
 
 SPEED, INTERVAL, SIDE, DEPTH = 1500.0, 10e-9, 6.4e-3, 1.4e-3

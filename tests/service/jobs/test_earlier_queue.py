@@ -12,7 +12,7 @@ from dbos import DBOS, DBOSClient
 
 from steradian.core.settings import Settings
 from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
-from steradian.storage.db.sqlite_compat import with_subseconds
+from steradian.storage.db.sqlite_subseconds import with_subseconds
 from steradian.storage.states import ReconstructionState, is_terminal
 from support.waiting import until
 

@@ -14,7 +14,7 @@ from steradian.core.settings import Settings
 from steradian.jobs.queue.dbos import migrate_queue
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
-from steradian.storage.maintenance.binding import bind_folder
+from steradian.storage.maintenance.folder_binding import bind_folder
 from steradian.storage.states import ReconstructionState
 from support.waiting import until
 

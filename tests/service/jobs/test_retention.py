@@ -15,7 +15,7 @@ from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import EventRow
-from steradian.storage.maintenance.record_ages import HELD, Ages
+from steradian.storage.maintenance.clock_trust import HELD, Ages
 from steradian.storage.states import ReconstructionState
 
 

@@ -16,7 +16,7 @@ from steradian.masks import (
     poisson_disc_mask,
     with_point_of_interest,
 )
-from steradian.masks.slices import slice_cap
+from steradian.masks.cap_slices import slice_cap
 
 APERTURE, DEPTH = 13.56e-3, 3.6e-3
 RIM = float(np.arctan(APERTURE / 2 / DEPTH))

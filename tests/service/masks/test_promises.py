@@ -7,10 +7,10 @@ import pytest
 
 from steradian import InvalidInput, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask
-from steradian.masks.figures import draw_mask
 from steradian.masks.film_attenuation import attenuation_db
 from steradian.masks.limited_view import limited_view, visible_fraction
 from steradian.masks.metrics import density_map, evaluate_mask
+from steradian.masks.plots import draw_mask
 from steradian.masks.point_spread import point_spread
 from steradian.masks.weights import resolve_outline
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steradian.masks.slices import convenient_below, convenient_slices, slice_cap
+from steradian.masks.cap_slices import convenient_below, convenient_slices, slice_cap
 
 
 @settings(max_examples=30, deadline=None)

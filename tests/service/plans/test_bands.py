@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
-from steradian.benchmarks.tuning import optimal_wavelengths, simulated_seconds
+from steradian.benchmarks.visit_orders import optimal_wavelengths, simulated_seconds
 from steradian.plans import Fringe, Link, Tuning, VisitOrder, preview
 from steradian.plans.files import read_json, write_json
 from steradian.plans.wavelength_bands import hold_wavelength, partition_bands

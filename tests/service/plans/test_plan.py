@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
 from steradian.plans import Link, Motion, Tuning, VisitOrder, path_length, preview
-from steradian.plans.figures import draw_plan
+from steradian.plans.plots import draw_plan
 
 
 @pytest.fixture(scope="module")

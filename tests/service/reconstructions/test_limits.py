@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import MODES
+from steradian.core.quantity_ranges import MODES
 from steradian.imaging import Acquisition, ElasticFilm, ImageGrid, InverseFilter, Iterative, Nufft
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.parameters import ReconstructionParameters, default_modes

@@ -7,7 +7,7 @@ import pytest
 import steradian
 from fabry_perot.simulator import launch
 from steradian import ScanPlan, grid_mask
-from steradian.reconstructions.film_correction import Film
+from steradian.reconstructions.film_response_choice import Film
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.scans.acquisition.run import run_scan

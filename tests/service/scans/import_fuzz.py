@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import foreign
 
 from steradian.core.exceptions import DamagedFile, SteradianError
-from steradian.reconstructions.plan_reader import read_stored_plan
+from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan
 from steradian.scans.importing.sandbox import import_in_sandbox

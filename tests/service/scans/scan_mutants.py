@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steradian.scans.acquisition import session
-from steradian.scans.file import rows
+from steradian.scans.file import aline_metadata
 from steradian.scans.file import writer as store
 
 
@@ -38,12 +38,12 @@ def remembers_what_was_not_written():
 
 def checksum_of_samples_only():
     """The row's checksum proves its samples and nothing of its columns."""
-    rows.row_checksums = store.row_checksums = lambda version, samples, packed: np.asarray(samples, np.uint32)
+    aline_metadata.row_checksums = store.row_checksums = lambda version, samples, packed: np.asarray(samples, np.uint32)
 
 
 def lists_what_nothing_proves():
     """The check takes checksums of samples for proofs of rows."""
-    rows.ShotTable.checksums_cover_columns = True
+    aline_metadata.ShotTable.checksums_cover_columns = True
 
 
 MUTANTS = {

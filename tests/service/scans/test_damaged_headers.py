@@ -5,7 +5,7 @@ import pytest
 
 from steradian.core.exceptions import DamagedFile
 from steradian.imaging import Volume, VoxelAxes
-from steradian.reconstructions.plan_reader import read_stored_plan
+from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.reconstructions.volumes.file import read_projection, read_volume, write_volume
 from steradian.reconstructions.volumes.reader import VolumeReader
 from steradian.scans.file.read import list_frames, read_scan

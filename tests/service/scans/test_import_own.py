@@ -14,7 +14,7 @@ from earlier import as_version_1
 
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.reconstructions.plan_reader import read_stored_plan
+from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.scans.file import schema
 from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.program import ScanProgram

@@ -8,7 +8,7 @@ from sqlalchemy import event
 
 from steradian.core.exceptions import InvalidInput
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.maintenance.binding import bind_folder, check_binding
+from steradian.storage.maintenance.folder_binding import bind_folder, check_binding
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from sqlalchemy import delete
 from steradian.core.exceptions import NotFound
 from steradian.core.settings import Settings
 from steradian.runtime.acquisition import Acquisition, ScannerConnection
-from steradian.runtime.archive.migrate import move_to_store
 from steradian.runtime.archive.scan_uploader import ScanUploader
+from steradian.runtime.archive.transfer import move_to_store
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.summary import count_alines
 from steradian.storage.blobs.interface import scan_name

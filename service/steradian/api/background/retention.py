@@ -17,10 +17,10 @@ from steradian.storage.blobs.interface import BlobStore, upload_name
 from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.capacity.quota import importing_job_id
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.clock import Clock
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScanRow
-from steradian.storage.maintenance.record_ages import EARLIEST, Ages, redate, tell_redated
+from steradian.storage.db.timestamps_and_ids import Clock
+from steradian.storage.maintenance.clock_trust import EARLIEST, Ages, redate, tell_redated
 from steradian.storage.repositories.deletion import DeletionService, waiting_import
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore

@@ -16,7 +16,7 @@ from steradian.api.schemas.reports import PreviewView
 from steradian.api.schemas.resources import MaskPreviewView
 from steradian.core.exceptions import InvalidInput
 from steradian.core.json_encoding import nan_to_none
-from steradian.core.units import SOUND_SPEED
+from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.core.validation import Value, quantity_field
 from steradian.masks import Arrangement, Mask
 from steradian.storage.repositories.plans import plan_cost_document

@@ -14,7 +14,7 @@ from steradian.api.params.dependencies import ServicesDep
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput
 from steradian.runtime.heartbeat import is_alive
-from steradian.storage.maintenance.binding import check_binding
+from steradian.storage.maintenance.folder_binding import check_binding
 from steradian.storage.maintenance.permissions import unwritable_part
 
 router = APIRouter(tags=["health"])

@@ -161,13 +161,13 @@ def _mask_metrics(arrangement: Arrangement) -> bytes:
 
 def _picture(arrangement: Arrangement) -> bytes:
     from steradian.drawing.raster import render_page
-    from steradian.masks.figures import mask_figure
+    from steradian.masks.plots import mask_figure
 
     return render_page(mask_figure(arrangement.build(), with_point_spread=False)).png()
 
 
 def _draw(mask: Mask, path: Path) -> None:
-    from steradian.masks.figures import draw_mask  # the API's own process draws nothing
+    from steradian.masks.plots import draw_mask  # the API's own process draws nothing
 
     draw_mask(mask, path, with_point_spread=False)
 

@@ -180,6 +180,6 @@ def _build(mask: Mask, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, A
 
 def _picture(mask: Mask, wanted: PlanRequest) -> bytes:
     from steradian.drawing.raster import render_page
-    from steradian.plans.figures import plan_figure
+    from steradian.plans.plots import plan_figure
 
     return render_page(plan_figure(wanted.plan(mask))).png()

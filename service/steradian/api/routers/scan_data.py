@@ -38,10 +38,10 @@ from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
 from steradian.core.json_encoding import nan_to_none, to_jsonable
 from steradian.scans.file import schema
+from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.corruption import HDF5_ERRORS
 from steradian.scans.file.latest import latest_row
 from steradian.scans.file.locking import open_for_reading
-from steradian.scans.file.rows import ShotTable
 from steradian.storage.blobs.interface import scan_name
 
 _FLAGS: Final = {"saturated": 1, "mistuned": 2, "misfired": 4, "partial": 8}

@@ -26,7 +26,7 @@ from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.core.validation import Value
 from steradian.jobs.requests import Identifier, check_described
 from steradian.storage.blobs.interface import upload_name
-from steradian.storage.db.clock import new_id
+from steradian.storage.db.timestamps_and_ids import new_id
 from steradian.storage.repositories import deletion
 
 router = APIRouter(prefix=f"{V1}/uploads", tags=["jobs"], route_class=AuthorizedRoute)

@@ -22,8 +22,8 @@ from steradian.api.use_cases.admission import (
 from steradian.jobs.queue.ledger import to_status
 from steradian.jobs.requests import JobRequestBase, ReconstructionRequest, WorkRequest, to_job_request
 from steradian.security.keys import Principal
-from steradian.storage.db.clock import new_id
 from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import new_id
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 from steradian.storage.repositories.references import lock_references
 

@@ -13,7 +13,7 @@ from steradian.benchmarks.paper.pictures import figure, save
 from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, SectionResult
 from steradian.imaging import Acquisition, ImageGrid, InverseFilter, Nufft, reconstruct
 from steradian.masks import equi_steradian_mask
-from steradian.reconstructions.film_correction import SimulatedFilmResponse
+from steradian.reconstructions.film_response_choice import SimulatedFilmResponse
 from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
 

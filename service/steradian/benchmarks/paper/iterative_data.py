@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian import phantoms, quality
-from steradian.benchmarks.baselines import timed
+from steradian.benchmarks.machine_limits import timed
 from steradian.benchmarks.paper.pictures import figure, save, show
 from steradian.benchmarks.paper.sections import SectionContext, SectionResult
 from steradian.core.exceptions import InvalidInput

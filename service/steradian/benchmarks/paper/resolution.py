@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from steradian.benchmarks.paper.markdown import number, percent, picture, table, with_error
-from steradian.benchmarks.paper.resolution_data import KWAVE, SAMPLES, SHORT, measure
+from steradian.benchmarks.paper.resolution_measurements import KWAVE, SAMPLES, SHORT, measure
 from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
 
 PAPER: dict[str, Any] = {

@@ -14,7 +14,7 @@ from annotated_types import Ge, Gt, Interval
 from numpy.typing import ArrayLike, NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import TIME_ZERO
+from steradian.core.quantity_ranges import TIME_ZERO
 from steradian.drawing.style import ColourMap
 from steradian.imaging.volume import RealArray, Volume
 

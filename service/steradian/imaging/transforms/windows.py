@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.units import QuantityRange, as_finite_float
+from steradian.core.quantity_ranges import QuantityRange, as_finite_float
 from steradian.imaging.validation import check_choice, check_integer
 
 Shape: TypeAlias = Literal["semicircle", "kaiser-bessel"]

@@ -30,9 +30,9 @@ from steradian.jobs.queue.fair_queueing import queue_priority
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, dedicated_scanner, present_workers
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.clock import utc_now
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScannerRow
+from steradian.storage.db.timestamps_and_ids import utc_now
 from steradian.storage.repositories.scanners import PRESENT
 from steradian.storage.states import ReconstructionState, is_terminal
 

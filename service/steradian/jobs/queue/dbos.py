@@ -18,7 +18,7 @@ from steradian.jobs.queue.fair_queueing import renumber_waiting
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.advisory_locks import TIMEOUTS
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.db.sqlite_compat import with_subseconds
+from steradian.storage.db.sqlite_subseconds import with_subseconds
 from steradian.storage.deployment_binding import bind_deployment
 
 APPLICATION: Final = "steradian"

@@ -23,9 +23,9 @@ from steradian.core.settings import Settings
 from steradian.core.system_resources import total_memory
 from steradian.jobs.model import Requirements, requirements_of
 from steradian.jobs.registry import LIVE_KINDS
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScannerRow, ScanRow, WorkerRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.scanners import PRESENT
 from steradian.storage.states import ReconstructionState
 

@@ -246,7 +246,7 @@ def export(work: JobContext, job: requests.ExportRequest) -> dict[str, Any]:
 @handles(requests.ImportRequest)
 def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str, Any]:
     """Run an import job: convert an uploaded file to a scan file and register the scan in the database."""
-    from steradian.reconstructions.plan_reader import read_stored_plan
+    from steradian.reconstructions.scan_plan_reader import read_stored_plan
     from steradian.scans.importing.sandbox import import_in_sandbox
     from steradian.scans.importing.staging import stage_upload
     from steradian.storage.repositories.imports import register_import

@@ -19,7 +19,7 @@ from sqlalchemy.orm.exc import StaleDataError
 from steradian.core.exceptions import NotFound, StaleFence, StoreUnavailable
 from steradian.core.logging_config import request_id, request_id_suffix
 from steradian.core.settings import Settings
-from steradian.core.stop_signals import SignalSafeEvent
+from steradian.core.signal_safe_event import SignalSafeEvent
 from steradian.jobs.model import Crashed, Failed, Outcome, Requeued, Succeeded
 from steradian.jobs.queue.ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES

@@ -27,9 +27,9 @@ from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision import Revision, quality_of
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.coverage import largest_gap
 from steradian.reconstructions.pipeline.resolve import modes_of, request_field_names, resolve_setup
 from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json
+from steradian.reconstructions.pipeline.sensor_gaps import largest_gap
 from steradian.reconstructions.shot_normalisation import normalise_new_shots
 from steradian.reconstructions.volumes.file import write_projections
 from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth

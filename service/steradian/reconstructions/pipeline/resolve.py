@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import SOUND_SPEED
+from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.imaging import (
     AcquisitionGeometry,
     Compute,

@@ -15,7 +15,7 @@ from steradian.imaging.signal.bandwidth import signal_band
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.phantoms.round import cylinder, gaussian_cylinder, gaussian_sphere, sphere
 from steradian.quality.width import Width
-from steradian.reconstructions.film_correction import Film
+from steradian.reconstructions.film_response_choice import Film
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import extent_of, sound_speed_of
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.units import SOUND_SPEED
+from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import (
     begins_at,
@@ -35,8 +35,8 @@ from steradian.reconstructions.pipeline.resolve import (
 from steradian.reconstructions.pipeline.run import write_json
 from steradian.reconstructions.shot_normalisation import normalise_shots
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
-from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views
+from steradian.reconstructions.studies.sound_speed_misfit import MOST_STEPS, SpeedFit
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 

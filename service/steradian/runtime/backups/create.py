@@ -34,10 +34,10 @@ from steradian.runtime.backups.manifest import (
     hash_file,
     regular_files,
 )
+from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.corruption import HDF5_ERRORS
 from steradian.scans.file.create import is_disk_full_error
 from steradian.scans.file.locking import open_for_reading
-from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.verify import verify_scan_file
 from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory

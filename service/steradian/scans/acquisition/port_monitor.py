@@ -20,7 +20,7 @@ import fabry_perot
 from fabry_perot.host import HostTiming
 from steradian.scans.acquisition.port_lending import Lent, Port
 from steradian.scans.acquisition.scanner_status import described, status_of
-from steradian.scans.acquisition.status_recorder import StatusNotes
+from steradian.scans.acquisition.scanner_status_recorder import StatusNotes
 from steradian.storage.data_dir.scanner_status import ScannerStatus, StatusBlock, wording
 
 WRITE: Final = 0.1

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile
-from steradian.masks.lattice import imported_modes
+from steradian.masks.lattice_pitch import imported_modes
 from steradian.scans.file import schema
+from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
 from steradian.scans.file.corruption import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.origin import notes_of, read_origin
 from steradian.scans.file.program import ScanProgram
-from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.sensitivity import sensitivity_of
 from steradian.scans.frames import Frame, frame_number
 from steradian.scans.recording import Recording, ShotMetadata

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans import Fringe
-from steradian.scans.file.rows import ShotTable
+from steradian.scans.file.aline_metadata import ShotTable
 
 MIN_SENSITIVITY = 0.1
 """A plan gives up no more than nine tenths; what is far beside its best wavelength is noise, and is not blown up."""

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.core.units import SOUND_SPEED
+from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.scans.importing.axes import parse_axes
 from steradian.scans.importing.geometry import MOST_POINTS

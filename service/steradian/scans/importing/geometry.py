@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 from steradian.masks import Mask, custom_mask
-from steradian.masks.lattice import FILLED, lattice_modes
-from steradian.masks.points import area_of_weights
+from steradian.masks.explicit_points import area_of_weights
+from steradian.masks.lattice_pitch import FILLED, lattice_modes
 from steradian.scans.file.coordinate_frame import centre_of
 from steradian.scans.importing.remarks import remark
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.units import SOUND_SPEED
+from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.plans import ScanPlan
 from steradian.scans.importing import scan_files
 from steradian.scans.importing.detect import is_scan_file, open_recording_source

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.units import TIME_ZERO
+from steradian.core.quantity_ranges import TIME_ZERO
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
+from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.columns import ATTRIBUTE_BY_COLUMN
 from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.origin import MOST_CHARACTERS, SOURCE, parse_origin
-from steradian.scans.file.rows import ShotTable
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.plan_reader import read_plan

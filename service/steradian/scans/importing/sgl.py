@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
-from steradian.core.units import LENGTH, SAMPLING_INTERVAL
+from steradian.core.quantity_ranges import LENGTH, SAMPLING_INTERVAL
 from steradian.scans.file.origin import printable
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import SAMPLING_INTERVAL, TIME_ZERO
+from steradian.core.quantity_ranges import SAMPLING_INTERVAL, TIME_ZERO
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import SensorPlacement, fit_sensor_plane
 from steradian.scans.importing.noticing import noticed

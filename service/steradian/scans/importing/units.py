@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.scans.importing.description import LENGTHS, TIMES, Description
 
 

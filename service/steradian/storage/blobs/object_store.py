@@ -26,9 +26,9 @@ from steradian.storage.blobs.interface import BlobInfo, BlobStore, FolderBlobSto
 from steradian.storage.blobs.s3 import TIMEOUT, S3Bucket
 from steradian.storage.blobs.staleness import is_stale, last_write_started
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, advisory_xact_lock
 from steradian.storage.db.tables import FactRow, ObjectRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 ORPHAN_GRACE: Final = timedelta(days=1)
 """Age from which an object without a row is nobody's; much more than lies between an object and its row."""

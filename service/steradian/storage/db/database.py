@@ -19,7 +19,7 @@ from steradian.core.settings import Settings
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.sqlite_urls import file_uri
 from steradian.storage.db.advisory_locks import TIMEOUTS
-from steradian.storage.db.sqlite_compat import add_subseconds
+from steradian.storage.db.sqlite_subseconds import add_subseconds
 from steradian.storage.db.tables import FactRow
 
 MIGRATIONS = Path(__file__).parent / "migrations"

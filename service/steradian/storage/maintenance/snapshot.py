@@ -15,7 +15,7 @@ from steradian.core.exceptions import Conflict
 from steradian.storage.data_dir.sqlite_urls import file_uri, sqlite_url
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import Base, FactRow, SessionRow, TicketRow
-from steradian.storage.maintenance.binding import FACT_KEY
+from steradian.storage.maintenance.folder_binding import FACT_KEY
 
 BATCH_ROWS: Final = 1000
 """Rows that are held in memory."""

@@ -17,9 +17,9 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import Conflict, NotFound
 from steradian.storage.blobs.interface import BlobStore, result_name, scan_name, upload_name
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, RemovalRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import DELETION_ORDER, Resource, jobs, lock_dependents
 from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal

@@ -11,9 +11,9 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import IdempotencyRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 LIFETIME = timedelta(hours=24)
 

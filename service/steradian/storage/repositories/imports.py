@@ -8,9 +8,9 @@ from sqlalchemy import select
 
 from steradian.core.logging_config import request_id
 from steradian.plans import ScanPlan
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository

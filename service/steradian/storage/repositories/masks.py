@@ -10,10 +10,10 @@ from sqlalchemy.orm import undefer
 
 from steradian.core.exceptions import NotFound
 from steradian.masks import Mask
-from steradian.masks.lattice import imported_modes
-from steradian.storage.db.clock import Clock, utc_now
+from steradian.masks.lattice_pitch import imported_modes
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import MaskRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.base import Repository
 
 

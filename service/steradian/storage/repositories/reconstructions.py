@@ -7,8 +7,8 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from steradian.storage.db.clock import new_id
 from steradian.storage.db.tables import BatchRow, ReconstructionRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import new_id
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import lock_row

@@ -12,9 +12,9 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import NotFound
 from steradian.core.settings import DEFAULT_SCANNER_ID
 from steradian.storage.data_dir.scanner_status import ScannerStatus, wording
-from steradian.storage.db.clock import Clock, utc_now
 from steradian.storage.db.database import Database, advisory_xact_lock
 from steradian.storage.db.tables import ScannerRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.deletion import InUse
 from steradian.storage.repositories.event_log import append_event

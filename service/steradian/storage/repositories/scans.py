@@ -11,9 +11,9 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict
 from steradian.core.logging_config import bind_request_id, request_id
-from steradian.storage.db.clock import Clock, new_id, utc_now
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock, new_id, utc_now
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import lock_row

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.core.units import GAIN
+from steradian.core.quantity_ranges import GAIN
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.film_response import ElasticFilm, InverseFilter
 from steradian.masks.film_attenuation import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.units import LENGTH
+from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.imaging.validation import MAX_AREA_RATIO

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing import display
+from steradian.drawing import display_dispatch
 from steradian.drawing.plot_spec import (
     Bars,
     ColouredPath,
@@ -35,7 +35,7 @@ WIDTH, SHAPE = 1320, 0.55
 """Width of the page in pixels, and its height over it."""
 
 
-@display.plot.register(ScanPlan)
+@display_dispatch.plot.register(ScanPlan)
 def _plot_plan(plan: ScanPlan, axes: Axes | None = None) -> Axes:
     from steradian.drawing.mpl_renderer import draw_into_axes
     from steradian.drawing.notebook import resolve_axes
@@ -45,7 +45,7 @@ def _plot_plan(plan: ScanPlan, axes: Axes | None = None) -> Axes:
     return axes
 
 
-@display.save.register(ScanPlan)
+@display_dispatch.save.register(ScanPlan)
 def _save_plan(plan: ScanPlan, path: Path) -> None:
     from steradian.drawing.mpl_figure import PICTURES
 

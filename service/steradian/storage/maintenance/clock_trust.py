@@ -15,9 +15,9 @@ from typing import Final
 from sqlalchemy import or_, select, update
 from sqlalchemy.orm import Session
 
-from steradian.storage.db.clock import Clock
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import EventRow, JobRow, ScanRow
+from steradian.storage.db.timestamps_and_ids import Clock
 
 EARLIEST: Final = datetime(2025, 1, 1, tzinfo=UTC)
 """There was no Steradian before: what is dated earlier was dated by a wrong clock."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steradian.drawing import display
+from steradian.drawing import display_dispatch
 from steradian.drawing.plot_spec import (
     Annotation,
     Colours,
@@ -74,7 +74,7 @@ def mask_figure(
     return Page(mask.title, columns, (1, 1), width, SHAPE)
 
 
-@display.plot.register(Mask)
+@display_dispatch.plot.register(Mask)
 def _plot_mask(mask: Mask, axes: Axes | None = None) -> Axes:
     from steradian.drawing.mpl_renderer import draw_into_axes
     from steradian.drawing.notebook import resolve_axes
@@ -84,7 +84,7 @@ def _plot_mask(mask: Mask, axes: Axes | None = None) -> Axes:
     return axes
 
 
-@display.save.register(Mask)
+@display_dispatch.save.register(Mask)
 def _save_mask(mask: Mask, path: Path) -> None:
     from steradian.drawing.mpl_figure import PICTURES
 
