@@ -81,8 +81,8 @@ def test_flags_are_counted_by_kind_and_the_newest_a_line_is_drawn_with_its_units
     until(lambda: page.evaluate("window.texts.has('frequency (MHz)') && window.texts.has('level (dB)')"))
 
 
-def follow(service, scan, modes=16):
-    body = {"scan_id": scan, "follow": True, "interval": 0.5, "parameters": {"modes": modes}}
+def follow(service, scan, modes=16, **parameters):
+    body = {"scan_id": scan, "follow": True, "interval": 0.5, "parameters": {"modes": modes, **parameters}}
     return service.http.post("/reconstructions", json=body).raise_for_status().json()["id"]
 
 
@@ -106,7 +106,7 @@ def test_scan_page_requests_each_image_revision_once(service, open_page):
 def test_the_final_image_begins_below_the_near_field(service, open_page):
     """As on the volume's page: what the sensors' own noise brightens is not seen."""
     scan = begin(service)
-    live = follow(service, scan, modes=64)  # coarser images of many sensors may have no near field
+    live = follow(service, scan, display={"near_field": 0.5e-3})  # stated: by itself it depends on when the scan ends
     page = open_page(service, "/scans")
     asked = []
     page.on("request", lambda one: asked.append(parse_qs(urlsplit(one.url).query)) if "/mip?" in one.url else None)

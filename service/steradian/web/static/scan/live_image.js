@@ -152,7 +152,10 @@ export class LiveImage {
   /** Show the state of the final image after the end of the scan. */
   showOutcome() {
     this.outcome.hidden = this.final || this.running || !this.reconstruction;
-    if (this.outcome.hidden) return;
+    if (this.outcome.hidden) {
+      replace(this.outcome);
+      return;
+    }
     const { id, state } = this.reconstruction;
     const isFailed = ["failed", "cancelled"].includes(state);
     this.outcome.classList.toggle("fault", isFailed);
