@@ -1,4 +1,4 @@
-"""Start-up check that an API key exists where one is required."""
+"""Start-up check that an API key exists where one is required; creates the first admin key in a key file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Section on resolution: the paper's Table 1 and its star, from the measurements of :mod:`.resolution_data`."""
+"""Section on resolution: the paper's Table 1 and its star, from the measurements of :mod:`.resolution_measurements`."""
 
 from __future__ import annotations
 
