@@ -35,7 +35,7 @@ class RealClock:
 
 
 class VirtualClock:
-    """Clock for tests, whose time changes only through :meth:`advance`.
+    """Clock for tests; its time changes only through :meth:`advance`.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Request:
 
 @dataclass(frozen=True)
 class StreamedResponse:
-    """HTTP response whose body is read as a stream."""
+    """HTTP response with a body that is read as a stream."""
 
     response: httpx.Response
     pieces: AsyncIterator[bytes]
@@ -114,7 +114,7 @@ class Transport(ABC):
 
     @abstractmethod
     def stream(self, request: Request) -> AbstractAsyncContextManager[StreamedResponse]:
-        """Send a request and yield the response, whose body is not read yet; raises :class:`httpx.TransportError`."""
+        """Send a request and yield the response before its body is read; raises :class:`httpx.TransportError`."""
 
     @abstractmethod
     async def sleep(self, seconds: float) -> None:
@@ -122,7 +122,7 @@ class Transport(ABC):
 
     @abstractmethod
     async def call(self, function: Callable[[], T]) -> T:
-        """Run a slow function, such as reading a file, without blocking other tasks."""
+        """Run a slow function, for example reading a file, without blocking other tasks."""
 
     @abstractmethod
     async def close(self) -> None:
@@ -141,7 +141,7 @@ class Transport(ABC):
 
 
 class SyncTransport(Transport):
-    """Blocking HTTP transport, whose coroutines never suspend."""
+    """Blocking HTTP transport with coroutines that never suspend."""
 
     blocks = True
 
@@ -156,7 +156,7 @@ class SyncTransport(Transport):
 
     @asynccontextmanager
     async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
-        """Send a request and yield the response, whose body is not read yet."""
+        """Send a request and yield the response before its body is read."""
         with self._http.stream(**self._options(request)) as response:
 
             async def pieces() -> AsyncGenerator[bytes, None]:
@@ -194,7 +194,7 @@ class AsyncTransport(Transport):
 
     @asynccontextmanager
     async def stream(self, request: Request) -> AsyncGenerator[StreamedResponse, None]:
-        """Send a request and yield the response, whose body is not read yet."""
+        """Send a request and yield the response before its body is read."""
         async with self._http.stream(**self._options(request)) as response:
             yield StreamedResponse(response, response.aiter_bytes())
 

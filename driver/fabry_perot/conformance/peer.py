@@ -318,7 +318,7 @@ class ConformanceHost:
         return [frame for frame in self.frames if frame.type == kind]
 
     def expect(self, condition: object, what: str) -> None:
-        """Raise :class:`Failed` unless ``condition`` holds; ``what`` is the requirement of the protocol document."""
+        """Raise :class:`Failed` unless ``condition`` holds, with a message that names the requirement."""
         if not condition:
             raise Failed(f"expected: {what}")
 

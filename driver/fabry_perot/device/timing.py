@@ -30,7 +30,7 @@ class DeviceTiming:
     shutter: int = 50_000
 
     def scaled(self, rate: float) -> DeviceTiming:
-        """Return the time limits for a device whose clock runs ``rate`` times as fast as its host's.
+        """Return the time limits for a device with a clock that runs ``rate`` times as fast as its host's.
 
         The limits stand for delays of host and line, which a faster simulated clock does not make any shorter.
         """

@@ -54,7 +54,7 @@ class RequestTracker:
         self._number = 0
 
     def start(self, operation: Operation, body: dict[str, Any], now: int) -> PendingRequest:
-        """Register a request, whose payload :meth:`due_payloads` returns."""
+        """Register a request; :meth:`due_payloads` returns its payload."""
         self._number = self._number % 0xFFFF + 1
         payload = REQUEST_HEAD.pack(self._number, operation) + (pack_body(body) if body else b"")
         call = PendingRequest(self._number, operation, payload, now, self._traffic.mark(now))

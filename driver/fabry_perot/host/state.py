@@ -224,7 +224,7 @@ class HostBody:
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=True, start=start))
 
     def upload_again(self, plan: WirePlan, now: int) -> PendingRequest:
-        """Upload to a rebooted device the points whose A-lines were not received."""
+        """Upload to a rebooted device the points without a received A-line."""
         start = self.assembly.complete if self.assembly else 0
         self.uploader = Uploader(plan, self.payload, self.timing.upload_period, start)
         return self.call(Operation.PLAN_NEW, now, **plan.request(purge=False, start=start))

@@ -33,7 +33,7 @@ class Simulator:
         self._process, self.url, self.pid = process, url, pid
 
     def send_command(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Send a control command, such as a fault, and return the answer (:mod:`fabry_perot.simulator.fault_commands`).
+        """Send a control command, e.g. a fault, and return the answer (:mod:`fabry_perot.simulator.fault_commands`).
 
         Raises
         ------

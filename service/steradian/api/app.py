@@ -73,7 +73,7 @@ class Application(FastAPI):
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """Create the FastAPI application for a data directory whose database is migrated.
+    """Create the FastAPI application for a data directory with a migrated database.
 
     The framework's documentation page is disabled, because it loads scripts from other hosts; ``/docs`` replaces it.
     """

@@ -24,7 +24,7 @@ Quantity: TypeAlias = Callable[[str | float], float]
 
 
 def _parser(kind: str, unit: str) -> Quantity:
-    """Create the typer parser of a quantity with a unit, such as ``1.5mm``; help shows the quantity's name."""
+    """Create the typer parser of a quantity with a unit, for example ``1.5mm``; help shows the quantity's name."""
 
     def parse(value: str | float) -> float:
         match = re.fullmatch(rf"\s*([-+0-9.eE]+)\s*(?:([nuµμmckM]?){unit})?\s*", str(value))

@@ -28,7 +28,7 @@ WEIGHT_CHANGE_THRESHOLD = 0.05
 
 
 class IncrementalReconstruction:
-    """Incremental reconstruction by a plan whose A-lines arrive one after another.
+    """Incremental reconstruction by a plan with A-lines that arrive one after another.
 
     Weights fitted to the sensors so far: each stands for its own area h of the whole plan; the area of a missing one is
     divided, in proportion to h, among those of its 8 nearest sensors of the plan that are measured; and none stands for

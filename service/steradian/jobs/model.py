@@ -174,14 +174,14 @@ class Failed:
 
 @dataclass(frozen=True)
 class Crashed:
-    """Outcome of a job whose process ended without reporting a result: killed, out of memory or crashed."""
+    """Outcome of a job after its process ended without reporting a result: killed, out of memory or crashed."""
 
     message: str
 
 
 @dataclass(frozen=True)
 class Requeued:
-    """Outcome of a job whose environment failed: the job is queued again, and the attempt does not count."""
+    """Outcome of a job after a failure of its environment: the job is queued again, and the attempt does not count."""
 
     message: str
 

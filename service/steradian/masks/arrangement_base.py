@@ -18,7 +18,7 @@ POINT_OF_INTEREST_FIELDS = {"depth", "offset"}
 
 
 class ArrangementBase(Value):
-    """Base class of mask arrangements whose points do not depend on the point of interest."""
+    """Base class of mask arrangements with points that do not depend on the point of interest."""
 
     aperture: float = quantity_field("m", "Side X of the square aperture", **LENGTH.limits)
     depth: float | None = quantity_field(

@@ -1,4 +1,4 @@
-"""Masks of explicit points, such as those of another program."""
+"""Masks of explicit points, for example those of another program."""
 
 from __future__ import annotations
 

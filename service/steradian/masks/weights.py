@@ -40,7 +40,7 @@ def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np
 
 
 def expand_outline(outline: Outline, positions: NDArray[np.float64]) -> Outline:
-    """Extend an outline to nearby points, such as those moved onto a scanner's grid."""
+    """Extend an outline to nearby points, for example those moved onto a scanner's grid."""
     if outline.shape[1] == 2 and outlines.contains(outline, positions).all():
         return outline
     return outlines.convex_hull(np.concatenate([outline, positions]))

@@ -17,7 +17,7 @@ NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
 
 
 class Fringe(Value):
-    r"""Fringe of the FP sensor: reflected level over wavelength, whose steepest point is the optimum bias.
+    r"""Fringe of the FP sensor: reflected level over wavelength; the steepest point is the optimum bias.
 
     A Lorentzian, :math:`1 - V/(1 + u^2)` with :math:`u = 2(λ - λ_0)/w`, is what a high finesse makes of the Airy
     function :math:`1 - V/(1 + F \sin^2(π(λ - λ_0)/λ_\mathrm{FSR}))`, which a free spectral range asks for.

@@ -99,7 +99,7 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
 
     @dual_method
     async def volume(self, reconstruction_id: str, slice: str | None = None) -> Volume:
-        """Return the volume with its axes; ``slice`` in NumPy's syntax, such as ``"10:20,::2,5"``."""
+        """Return the volume with its axes; ``slice`` in NumPy's syntax, for example ``"10:20,::2,5"``."""
         report = (await self._session.request_model(Reconstruction, self._read, {"id": reconstruction_id})).report
         identifiers, params, headers = {"id": reconstruction_id}, {"slice": slice}, {"Accept": RAW}
         answer = await self._session.send_with_retries(routes.READ_VOLUME, identifiers, params=params, headers=headers)

@@ -94,7 +94,7 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def shots(self, scan_id: str, points: str | None = None, *, since: str | None = None) -> Shots:
-        """Return the metadata of each shot; ``points`` in NumPy's syntax, such as ``"0:100"``.
+        """Return the metadata of each shot; ``points`` in NumPy's syntax, for example ``"0:100"``.
 
         With ``since``, the ``next`` of an earlier answer, only of those that have changed after it.
         """
@@ -108,7 +108,7 @@ class Scans(AwaitableResource[Mode, Scan]):
 
     @dual_method
     async def alines(self, scan_id: str, slice: str | None = None) -> Array:
-        """Return A-lines (points, samples) in digitiser counts; ``slice`` in NumPy's syntax, such as ``"0:10,::2"``."""
+        """Return A-lines (points, samples) in digitiser counts; ``slice`` in NumPy's syntax, e.g. ``"0:10,::2"``."""
         params, headers = {"slice": slice}, {"Accept": RAW}
         answer = await self._session.send_with_retries(
             routes.READ_ALINES, {"id": scan_id}, params=params, headers=headers

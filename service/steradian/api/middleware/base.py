@@ -219,7 +219,7 @@ class BodySizeLimitMiddleware:
         return self._uploads if _UPLOAD.fullmatch(path) else self._lists if path in LISTS else self._json
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Reject a request whose body is too large; pass other requests on."""
+        """Reject a request with too large a body; pass other requests on."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

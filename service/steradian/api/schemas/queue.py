@@ -13,7 +13,7 @@ from steradian.jobs.queue.estimates import QueueEstimate
 
 
 class RequirementsView(BaseModel):
-    """Requirements of a job on its worker, such as memory and GPU."""
+    """Requirements of a job on its worker: memory, cores and GPU."""
 
     memory: int = Field(description="Bytes; of a volume whose size is known, what its values alone take")
     cores: int = Field(description="Threads that the worker's jobs may use")

@@ -100,7 +100,7 @@ def _film() -> SectionResult:
 
 
 class MiscalibratedFilm:
-    """Simulated film response whose assumed bandwidth is wrong by 20 %."""
+    """Simulated film response with an assumed bandwidth that is wrong by 20 %."""
 
     def evaluate(
         self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float

@@ -25,7 +25,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def with_error(value: float | None, error: float | None, digits: int = 1) -> str:
-    """Format a value and its spread, such as 33.4 ± 8.0."""
+    """Format a value and its spread, for example 33.4 ± 8.0."""
     return f"{number(value, digits)} ± {number(error, digits)}"
 
 
@@ -35,7 +35,7 @@ def percent(share: float | None, digits: int = 0) -> str:
 
 
 def spread(values: Sequence[float], digits: int = 3) -> str:
-    """Format the range of several runs, such as 0.951–0.962."""
+    """Format the range of several runs, for example 0.951–0.962."""
     low, high = number(min(values), digits), number(max(values), digits)
     return low if low == high else f"{low}–{high}"
 

@@ -139,7 +139,7 @@ def semicircle(width: int, oversampling: float) -> Window:
 
 @lru_cache(maxsize=256)
 def narrowest_window(shape: Shape, tolerance: float, oversampling: float) -> Window | None:
-    """Return the narrowest window of a shape whose 1-D error is below ``tolerance``; None if there is none.
+    """Return the narrowest window of a shape with a 1-D error below ``tolerance``; None if there is none.
 
     With little oversampling and twenty taps there is none below 1e-11.
     """

@@ -106,7 +106,7 @@ class JobLedger(Repository[JobRow]):
         return session.scalar(select(JobRow.id).where(JobRow.id == row.id, WAITS_FOR_SCAN)) is not None
 
     def unfinished(self) -> list[JobRow]:
-        """Return all unfinished jobs, oldest first, except live jobs whose scan is still queued."""
+        """Return all unfinished jobs, oldest first, except live jobs of queued scans."""
         waits = (JobRow.state == _R.QUEUED) & WAITS_FOR_SCAN
         query = select(JobRow).where(JobRow.state.in_(_UNFINISHED), ~waits).order_by(JobRow.sequence)
         with self.database.read() as session:

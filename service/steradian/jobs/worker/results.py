@@ -54,7 +54,7 @@ class ResultUploader:
         return Succeeded(report, lambda session: self._arrays.commit(session, *stored))
 
     def upload_leftovers(self, ledger: JobLedger, data: DataDirectory) -> None:
-        """Upload the logs of ended jobs whose folders are left on this host, and remove the folders.
+        """Upload the logs of ended jobs from folders left on this host, and remove the folders.
 
         Results of earlier times, before there was a store, stay: they are nowhere else.
         """

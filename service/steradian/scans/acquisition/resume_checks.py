@@ -74,7 +74,7 @@ class Check:
     agrees: bool
 
     def __str__(self) -> str:
-        """Return the comparison as text, such as "the scanner was A and is B"."""
+        """Return the comparison as text, for example "the scanner was A and is B"."""
         allowed = f" (allowed: {self.allowed})" if self.allowed else ""
         return f"{self.what} was {self.then} and is {self.now}{allowed}"
 

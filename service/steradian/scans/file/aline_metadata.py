@@ -68,7 +68,7 @@ class ShotTable:
 
     @property
     def stored(self) -> NDArray[np.bool_]:
-        """Boolean array (n,): rows whose status is stored."""
+        """Boolean array (n,): rows with the status *stored*."""
         stored: NDArray[np.bool_] = self.columns["status"] == schema.STORED
         return stored
 

@@ -20,7 +20,7 @@ ALLOWED = 'time and point (or sensor), or time and x, y, once each; frame may be
 
 
 def parse_axes(text: str) -> tuple[str, ...]:
-    """Parse a list of axis names such as "frame, x, y, time".
+    """Parse a list of axis names, for example "frame, x, y, time".
 
     Raises
     ------

@@ -110,7 +110,7 @@ def _held(path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
 
 
 def _require_sizes(path: Path, structures: list[str], held: list[str]) -> None:
-    """Raise an error for structures whose inflated size is too large, because SciPy does not report it."""
+    """Raise an error for structures with too large an inflated size, because SciPy does not report it."""
     sizes = _element_sizes(path)
     if len(sizes) != len(held):
         raise DamagedFile(f"{path.name} has {len(sizes)} elements for {len(held)} variables")

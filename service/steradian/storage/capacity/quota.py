@@ -89,7 +89,7 @@ class DiskQuota:
 
 @dataclass(frozen=True)
 class BytesWritten:
-    """Measured output of unfinished work: bytes per running job, and scans whose file exists."""
+    """Measured output of unfinished work: bytes per running job, and scans with a file."""
 
     jobs: Mapping[str, int]
     scans: frozenset[str]
@@ -193,7 +193,7 @@ def reserved_bytes(
 
 
 def bytes_written(session: Session, data: DataDirectory) -> BytesWritten:
-    """Measure the bytes that running jobs have written, and find unfinished scans whose file exists."""
+    """Measure the bytes that running jobs have written, and find unfinished scans with a file."""
     jobs = select(JobRow.id, JobRow.kind, JobRow.state).where(JobRow.ended.is_(None), JobRow.promised > 0)
     sizes = {}
     for job_id, kind, state in session.execute(jobs):

@@ -49,7 +49,7 @@ class Database:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Yield a session whose changes are committed at the end of the block, or rolled back on an exception."""
+        """Yield a session with changes that are committed at the end of the block, or rolled back on an exception."""
         with self._writers.begin() as session:
             yield session
 

@@ -228,7 +228,7 @@ class WorkerRow(Base):
 
 
 class RemovalRow(Base):
-    """Table of deleted resources whose files are not yet removed."""
+    """Table of deleted resources with files that are not yet removed."""
 
     __tablename__ = "removals"
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)

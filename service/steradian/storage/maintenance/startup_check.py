@@ -70,7 +70,7 @@ def rows_of(settings: Settings, query: Select[Any]) -> Sequence[Row[Any]]:
 
 
 def pending_removals(settings: Settings) -> set[str]:
-    """Return the identifiers of deleted resources whose files are not yet removed."""
+    """Return the identifiers of deleted resources with files that are not yet removed."""
     return {row.resource_id for row in rows_of(settings, select(RemovalRow.resource_id))}
 
 

@@ -126,14 +126,14 @@ class ScanRepository(Repository[ScanRow]):
             return list(session.scalars(query.order_by(ScanRow.sequence)))
 
     def to_settle(self) -> list[ScanRow]:
-        """Return the scanner's interrupted scans whose desired state is stopped or aborted."""
+        """Return the scanner's interrupted scans with the desired state stopped or aborted."""
         wishes = (DesiredScanState.STOPPED, DesiredScanState.ABORTED)
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), ScanRow.desired_state.in_(wishes))
         with self.database.read() as session:
             return list(session.scalars(query))
 
     def to_resume(self) -> ScanRow | None:
-        """Return the scanner's oldest interrupted scan whose desired state is running."""
+        """Return the scanner's oldest interrupted scan with the desired state running."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
         query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
         with self.database.read() as session:
@@ -204,7 +204,7 @@ class ScanRepository(Repository[ScanRow]):
         return row
 
     def report_condition(self, identifier: str, stage: str, why: str, who: str = "acquisition") -> None:
-        """Store a condition of a scan as its stage, such as a full disk, and append an event; the state stays."""
+        """Store a condition of a scan as its stage (for example a full disk), and append an event; the state stays."""
         with self.database.write() as session:
             row = self._find(session, identifier, lock=True)
             row.stage = stage[:120]

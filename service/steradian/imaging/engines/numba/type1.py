@@ -47,7 +47,7 @@ def pack(
 
 @jit_inline
 def _spread_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int, ny: int) -> bool:
-    """Add the sensors whose stencil contains grid line ``line`` to that line; False if there is none."""
+    """Add the sensors with grid line ``line`` in their stencil to that line; False if there is none."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
     ax, ay = wx.shape[1], wy.shape[1]
     hit = False

@@ -19,7 +19,7 @@ from steradian.imaging.engines.numba.simd import broadcast16, load16, store
 
 @jit_inline
 def _interpolate_row(row: Any, line: int, packed: Any, sensors: Sensors, nx: int) -> None:
-    """Add the contribution of grid line ``line`` to the sensors whose stencil contains it."""
+    """Add the contribution of grid line ``line`` to the sensors with this line in their stencil."""
     starts, first, wx, wy = sensors.starts, sensors.first, sensors.wx, sensors.wy
     ax, ay = wx.shape[1], wy.shape[1]
     for t in range(ax):
