@@ -38,8 +38,8 @@ def to_html(value: object) -> str:
 
 
 def _implementation(function: Any, value: object) -> Callable[..., Any]:
-    while display_loaders:
-        display_loaders.pop()()
+    for load in display_loaders:  # kept, because another thread may be in the middle of the imports
+        load()
     found: Callable[..., Any] = function.dispatch(type(value))
     if found is function.dispatch(object):
         raise TypeError(f"a {type(value).__name__} has no implementation of {function.__name__}")
