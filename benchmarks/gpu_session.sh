@@ -102,7 +102,7 @@ for name in ("numpy", "scipy", "numba", "numba-cuda", "cupy-cuda13x", "cupy-cuda
         print(name, version(name))
     except PackageNotFoundError:
         pass
-from steradian.imaging.engines.cuda.backend import device
+from steradian.imaging.engines.cuda.array_backend import device
 backend = device()
 print("device:", backend.name, backend.free(), "bytes free")
 '

@@ -19,7 +19,7 @@ from playwright.sync_api import sync_playwright
 
 from fabry_perot.simulator import launch
 from steradian.benchmarks.service import running_service
-from steradian.benchmarks.stop import _cpu_load, _read_simulator, _release, _start, _until
+from steradian.benchmarks.stop_latency import _cpu_load, _read_simulator, _release, _start, _until
 from steradian.core.settings import Settings
 
 ARGUMENTS = "--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()

@@ -5,7 +5,7 @@ The *device* is the scanner's firmware side (:mod:`fabry_perot.device`), the *dr
 by :mod:`fabry_perot.hardware`; :func:`serve` makes a computer that has it a device.
 """
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.device.serve import serve
 from fabry_perot.errors import (
     DeviceError,
@@ -28,13 +28,13 @@ from fabry_perot.errors import (
 from fabry_perot.hardware import ComposedInstrument, Instrument, InstrumentError
 from fabry_perot.host import RecoveryPolicy, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
-from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.asyncio_scanner import AsyncScanner, connect_async
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.discovery import DiscoveredPort, connect, discover
+from fabry_perot.host.emergency_stop import emergency_stop, port_status
 from fabry_perot.host.monitor import Monitor
+from fabry_perot.host.query_results import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.scanner import Scanner
-from fabry_perot.host.stopping import emergency_stop, port_status
 from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [
@@ -76,7 +76,7 @@ __all__ = [
     "connect_async",
     "discover",
     "emergency_stop",
-    "faults",
+    "fault_codes",
     "port_status",
     "serve",
 ]

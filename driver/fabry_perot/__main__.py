@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fabry_perot import conformance, connect, discover, emergency_stop, faults
+from fabry_perot import conformance, connect, discover, emergency_stop, fault_codes
 from fabry_perot.errors import PlanInvalid, RequestRejected, ScannerError
 from fabry_perot.host import npy_scan_file
 from fabry_perot.host.scanner import Scanner
@@ -219,7 +219,7 @@ def _fault(scanner: Scanner) -> tuple[str, str]:
     if scanner.state not in ("fault", "estop"):
         return "", ""
     code = scanner.status.fault if scanner.state == "fault" else 0
-    return faults.by_code(code).name, faults.advice(code)
+    return fault_codes.by_code(code).name, fault_codes.advice(code)
 
 
 def _path_with_size(path: Path) -> str:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 
 
 class ScannerError(Exception):
@@ -162,7 +162,7 @@ class DeviceFault(DeviceError):
     Parameters
     ----------
     fault
-        The fault's code, as in STATUS (:mod:`fabry_perot.faults`).
+        The fault's code, as in STATUS (:mod:`fabry_perot.fault_codes`).
     port
         The scanner's port, for the command in the message.
     text
@@ -173,7 +173,7 @@ class DeviceFault(DeviceError):
 
     def __init__(self, fault: int, port: str = "PORT", text: str = "") -> None:
         self.fault, self.port, self.text = fault, port, text
-        super().__init__(faults.advice(fault, port) + (f" (scanner: {text})" if text else ""))
+        super().__init__(fault_codes.advice(fault, port) + (f" (scanner: {text})" if text else ""))
 
     def __reduce__(self) -> tuple[type[DeviceFault], tuple[int, str, str]]:
         return type(self), (self.fault, self.port, self.text)
@@ -187,14 +187,14 @@ class FaultStands(DeviceError):
     fault
         The fault's code, as in STATUS; 0 for the latched emergency stop.
     cause
-        The cause that stands, as a clause (:func:`fabry_perot.faults.standing`).
+        The cause that stands, as a clause (:func:`fabry_perot.fault_codes.standing`).
     """
 
     code = "fault-stands"
 
     def __init__(self, fault: int, cause: str) -> None:
         self.fault, self.cause = fault, cause
-        known = faults.by_code(fault)
+        known = fault_codes.by_code(fault)
         super().__init__(f"{cause}, so the fault {known.name} was not cleared; {known.remedy} first")
 
     def __reduce__(self) -> tuple[type[FaultStands], tuple[int, str]]:

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from driver_bench import Bench
 
-from fabry_perot.simulator import faults as line_faults
+from fabry_perot.simulator import line_faults as line_faults
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from fabry_perot.device import Device
 from fabry_perot.errors import RequestRejected, ResponseTimeout
 from fabry_perot.hardware.instrument import InstrumentError, PlanSampling, PointRecord
 from fabry_perot.host import Host, WirePlan
-from fabry_perot.simulator.faults import Filter, FilterChain
+from fabry_perot.simulator.line_faults import Filter, FilterChain
 from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import POINT
 from fabry_perot.wire.states import DeviceState

@@ -9,14 +9,14 @@ import driver_scenarios as tests
 import pytest
 
 from fabry_perot.device import Device
-from fabry_perot.device import state as device_body
+from fabry_perot.device import device_state as device_body
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.plan_buffer import PlanBuffer
 from fabry_perot.device.ring_buffer import ALineRingBuffer
 from fabry_perot.host.aborts import Aborts
+from fabry_perot.host.auto_recovery import ScanRecovery
 from fabry_perot.host.host import Host
 from fabry_perot.host.reassembly import AlineReassembler
-from fabry_perot.host.recovery import ScanRecovery
 from fabry_perot.host.uploader import Uploader
 from fabry_perot.wire import framing
 from fabry_perot.wire.framing import CRC, HEADER, Frame

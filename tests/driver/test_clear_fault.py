@@ -13,7 +13,7 @@ from driver_bench import Bench
 from driver_holders import report
 
 import fabry_perot
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.host import HostTiming
 from fabry_perot.host.monitoring_transport import format_frame
 from fabry_perot.simulator import launch
@@ -68,7 +68,7 @@ def interrupted(scanner, simulator, lines):
 def test_an_interlock_that_opened_is_named_with_its_remedy_and_the_command_that_clears_it(simulator):
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
         error = interrupted(scanner, simulator, [])
-        assert error.fault == faults.INTERLOCK_OPENED.code
+        assert error.fault == fault_codes.INTERLOCK_OPENED.code
         for words in ("the interlock was opened", "close the enclosure", f"fabry-perot clear-fault {simulator.url}"):
             assert words in str(error)
         assert not re.search(r"fault \d", str(error))
@@ -144,11 +144,11 @@ def test_clearing_nothing_or_without_a_name_is_refused(simulator):
 
 
 def test_every_fault_code_has_a_name_of_its_own_a_title_and_a_remedy():
-    known = [faults.by_code(code) for code in faults.CODES]
+    known = [fault_codes.by_code(code) for code in fault_codes.CODES]
     assert len({fault.name for fault in known}) == len(known)
     assert all(fault.title and fault.remedy and re.fullmatch(r"[a-z0-9-]+", fault.name) for fault in known)
-    assert [fault.code for fault in known] == list(faults.CODES)
-    assert "excitation laser" in faults.by_code(7).title
+    assert [fault.code for fault in known] == list(fault_codes.CODES)
+    assert "excitation laser" in fault_codes.by_code(7).title
 
 
 def test_errors_of_faults_survive_their_way_to_another_process():

@@ -13,7 +13,7 @@ from driver_line import VirtualLine, outcomes
 from driver_mutants import MUTANTS
 
 from fabry_perot.conformance import SCENARIOS, ConformanceHost, as_junit, run
-from fabry_perot.device import operations
+from fabry_perot.device import request_handlers
 from fabry_perot.errors import PlanInvalid
 from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Operation, Result
@@ -151,7 +151,7 @@ def test_conformance_junit_failure_contains_expected_behaviour(monkeypatch):
 
 def test_conformance_incomplete_response_fails_only_its_scenario(monkeypatch):
     """ARM without a token is the device's failing; the scenarios behind it are tried all the same."""
-    monkeypatch.setitem(operations._TABLE, Operation.ARM, lambda device, body: (Result.OK, {}))
+    monkeypatch.setitem(request_handlers._TABLE, Operation.ARM, lambda device, body: (Result.OK, {}))
     found = outcomes("arm_token", "plan_gaps", "hello_nonce")
     assert "token" in found["arm_token"]
     assert (found["plan_gaps"], found["hello_nonce"]) == ("", "")

@@ -12,7 +12,7 @@ import pytest
 from driver_holders import FAST, program, report, scan_of
 
 import fabry_perot
-from fabry_perot.host import port_holders, ports
+from fabry_perot.host import port_holders, port_identity
 from fabry_perot.simulator import launch
 from support.waiting import until
 
@@ -30,9 +30,9 @@ def sockets_of(url):
 
 
 def test_port_names_are_equal_for_a_link_and_its_target(simulator):
-    assert set(ports.aliases(simulator.url)) & set(ports.aliases(os.path.realpath(simulator.url)))
-    assert ports.aliases("socket://LOCALHOST:4001") == ports.aliases("socket://127.0.0.1:4001")
-    assert ports.aliases("socket://127.0.0.1:4001") != ports.aliases("socket://127.0.0.1:4002")
+    assert set(port_identity.aliases(simulator.url)) & set(port_identity.aliases(os.path.realpath(simulator.url)))
+    assert port_identity.aliases("socket://LOCALHOST:4001") == port_identity.aliases("socket://127.0.0.1:4001")
+    assert port_identity.aliases("socket://127.0.0.1:4001") != port_identity.aliases("socket://127.0.0.1:4002")
 
 
 def test_a_holder_found_by_the_target_of_a_link_answers_with_its_state(simulator):
@@ -141,7 +141,7 @@ def test_a_monitor_gives_its_port_to_a_program_that_connects_and_takes_it_back(s
 
 ASKER = """
     import os, sys
-    from fabry_perot.host.stopping import ask_to_yield
+    from fabry_perot.host.emergency_stop import ask_to_yield
     os.setgid(65534)
     os.setgroups([])
     os.setuid(65534)
@@ -175,10 +175,12 @@ def test_a_holder_is_found_under_the_number_that_its_port_has_after_it_was_unplu
 def test_control_socket_rejects_requests_for_reused_port_number():
     with launch(speed=5) as simulator, fabry_perot.connect(simulator.url) as scanner:
         (listener,) = sockets_of(simulator.url)
-        number = [name for name in ports.aliases(simulator.url) if name.startswith("device")]
+        number = [name for name in port_identity.aliases(simulator.url) if name.startswith("device")]
         simulator.send_command("unplug", seconds=1000)
         until(lambda: not os.path.exists(simulator.url))
         for do in ("stop", "status", "yield"):
             assert "another port" in port_holders.ask(listener, 60.0, do=do, port=number).body["error"]
         assert scanner._session.stopped_by == ""
-        assert "error" not in port_holders.ask(listener, 60.0, do="status", port=ports.aliases(simulator.url)).body
+        assert (
+            "error" not in port_holders.ask(listener, 60.0, do="status", port=port_identity.aliases(simulator.url)).body
+        )

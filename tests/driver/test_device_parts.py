@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fabry_perot.device.lease import LaserLease
-from fabry_perot.device.operations import execute
 from fabry_perot.device.plan_buffer import PlanBuffer
 from fabry_perot.device.reply_cache import ReplyCache
+from fabry_perot.device.request_handlers import execute
 from fabry_perot.device.ring_buffer import ALineRingBuffer
 from fabry_perot.device.transmit_queue import MAX_QUEUED, TransmitQueue
 from fabry_perot.wire.constants import Operation, Result, Type

@@ -8,7 +8,7 @@ import pytest
 from driver_lines import same, seven_bits, with_crlf, without_flow_control
 
 from fabry_perot.host.diagnosis import Trouble, classify, explain, other_version
-from fabry_perot.host.greeting import new_nonce
+from fabry_perot.host.handshake import new_nonce
 from fabry_perot.wire.constants import PROTOCOL, Type
 from fabry_perot.wire.framing import Frame, encode_frame
 from fabry_perot.wire.messages import Hello, HelloAck, Status, pack

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 
 from fabry_perot.errors import ScannerError
-from fabry_perot.simulator import faults
+from fabry_perot.simulator import line_faults
 from fabry_perot.wire.constants import AbortLevel, Type
 
 WAYS = st.sampled_from(["up", "down"])
@@ -25,7 +25,7 @@ class ScanMachine(RuleBasedStateMachine):
         self.world = World(ring=ring, max_payload=payload)
         self.world.begin()
 
-    def put(self, way: str, item: faults.Filter) -> None:
+    def put(self, way: str, item: line_faults.Filter) -> None:
         getattr(self.world, way).filters.append(item)
 
     @rule(milliseconds=st.integers(1, 400))
@@ -34,33 +34,33 @@ class ScanMachine(RuleBasedStateMachine):
 
     @rule(way=WAYS, seed=SEEDS, rate=st.sampled_from([1e-5, 1e-4, 1e-3]))
     def bit_flips(self, way: str, seed: int, rate: float) -> None:
-        self.put(way, faults.BitFlips(seed, rate))
+        self.put(way, line_faults.BitFlips(seed, rate))
 
     @rule(way=WAYS, seed=SEEDS)
     def bytes_dropped_inserted_doubled(self, way: str, seed: int) -> None:
-        self.put(way, faults.ByteFaults(seed, 300))
+        self.put(way, line_faults.ByteFaults(seed, 300))
 
     @rule(way=WAYS, seed=SEEDS)
     def pieces_doubled_or_overtaken(self, way: str, seed: int) -> None:
-        self.put(way, faults.ChunkFaults(seed, 4))
+        self.put(way, line_faults.ChunkFaults(seed, 4))
 
     @rule(way=WAYS, milliseconds=SPAN)
     def stall_then_release(self, way: str, milliseconds: int) -> None:
         now = self.world.clock.now()
-        self.put(way, faults.Delay(now, now + 1000 * milliseconds))
+        self.put(way, line_faults.Delay(now, now + 1000 * milliseconds))
 
     @rule(way=WAYS, milliseconds=SPAN)
     def one_way_cut(self, way: str, milliseconds: int) -> None:
         now = self.world.clock.now()
-        self.put(way, faults.DropAll(now, now + 1000 * milliseconds))
+        self.put(way, line_faults.DropAll(now, now + 1000 * milliseconds))
 
     @rule(way=WAYS)
     def slow_reader(self, way: str) -> None:
-        self.put(way, faults.SlowReader(20_000))
+        self.put(way, line_faults.SlowReader(20_000))
 
     @rule(way=WAYS, kind=FRAMES, nth=st.integers(0, 3))
     def nth_frame_of_a_type_lost(self, way: str, kind: Type, nth: int) -> None:
-        self.put(way, faults.FramesOfType(kind, lambda count: count == nth))
+        self.put(way, line_faults.FramesOfType(kind, lambda count: count == nth))
 
     @rule(milliseconds=SPAN)
     def unplugged_and_plugged_in(self, milliseconds: int) -> None:
@@ -91,7 +91,7 @@ class ScanMachine(RuleBasedStateMachine):
     @rule(share=st.floats(0.1, 1.0))
     def earlier_bytes_are_replayed(self, share: float) -> None:
         data = self.world.recorder.data
-        self.put("up", faults.Replay(data[: int(share * len(data))], self.world.clock.now()))
+        self.put("up", line_faults.Replay(data[: int(share * len(data))], self.world.clock.now()))
 
     @rule(level=st.sampled_from([AbortLevel.PAUSE, AbortLevel.LASER_OFF, AbortLevel.EMERGENCY_STOP]))
     def somebody_aborts(self, level: AbortLevel) -> None:

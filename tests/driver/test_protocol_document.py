@@ -10,8 +10,8 @@ import pytest
 from driver_reference import rice
 
 from fabry_perot.device import DeviceTiming
-from fabry_perot.device.handlers import MIN_PAYLOAD
-from fabry_perot.device.operations import MAX_STEPS
+from fabry_perot.device.message_handlers import MIN_PAYLOAD
+from fabry_perot.device.request_handlers import MAX_STEPS
 from fabry_perot.errors import FrameError
 from fabry_perot.host import HostTiming, RecoveryPolicy
 from fabry_perot.wire.constants import MAX_GROUP, MAX_MISSING, Operation, Result, Type

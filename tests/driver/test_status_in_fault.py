@@ -10,7 +10,7 @@ import pytest
 from driver_bench import Bench
 
 import fabry_perot
-from fabry_perot.device.operations import LONGEST_TEXT
+from fabry_perot.device.request_handlers import LONGEST_TEXT
 from fabry_perot.errors import DeviceFault
 from fabry_perot.hardware import InstrumentError
 from fabry_perot.simulator import launch

@@ -9,7 +9,7 @@ import cbor2
 import pytest
 from driver_bench import Bench
 
-from fabry_perot.device.operations import execute
+from fabry_perot.device.request_handlers import execute
 from fabry_perot.host import Host
 from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame

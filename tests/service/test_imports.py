@@ -12,9 +12,9 @@ import steradian
 BY_NAME = {
     "__init__.py",  # public names, loaded when first used
     "benchmarks/paper/sections.py",  # the chosen sections of the paper
-    "imaging/engines/cuda/backend.py",  # modules of CuPy and numba-cuda
+    "imaging/engines/cuda/array_backend.py",  # modules of CuPy and numba-cuda
     "reconstructions/exporting/__init__.py",  # the writer of a format
-    "reconstructions/exporting/libraries.py",  # optional libraries
+    "reconstructions/exporting/optional_imports.py",  # optional libraries
 }
 
 

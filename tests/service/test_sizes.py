@@ -20,7 +20,7 @@ LONGER = {
     "steradian/api/errors/catalog",
     "steradian/cli/mask",
     "steradian/imaging/engines/numba/depth",
-    "steradian/jobs/queue/ledger",
+    "steradian/jobs/queue/job_ledger",
     "steradian/reconstructions/live/follow",
     "steradian/scans/importing/untrusted",
     "steradian/scans/acquisition/session",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from steradian.benchmarks.stop import stop
+from steradian.benchmarks.stop_latency import stop
 
 
 @pytest.mark.soak

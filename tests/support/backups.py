@@ -8,8 +8,8 @@ import numpy as np
 from sqlalchemy import select
 
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.plans import ScanPlan
 from steradian.runtime.backups import create_backup, restore
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
@@ -19,7 +19,7 @@ from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.tables import Base
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.alines import Aline
 from support.kept import Kept
 

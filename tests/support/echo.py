@@ -2,8 +2,8 @@
 
 from functools import cached_property
 
-from steradian.jobs.model import JobRequest
-from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.job import JobRequest
+from steradian.jobs.queue.queue_client import JobQueue
 
 
 class EchoQueue:

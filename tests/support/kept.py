@@ -5,8 +5,8 @@ import threading
 import h5py
 
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.fsck import check_consistency
@@ -17,7 +17,7 @@ from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 
 class Kept:

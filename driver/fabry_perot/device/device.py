@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from fabry_perot.device.handlers import HANDLERS
-from fabry_perot.device.state import DeviceBody
+from fabry_perot.device.device_state import DeviceBody
+from fabry_perot.device.message_handlers import HANDLERS
 from fabry_perot.errors import FrameError
 from fabry_perot.hardware.instrument import InstrumentError
 from fabry_perot.wire.constants import Result, Type
@@ -14,7 +14,7 @@ _SESSIONLESS = frozenset({Type.HELLO, Type.ABORT})
 
 
 class Device(DeviceBody):
-    """Firmware of a Fabry–Pérot scanner; parameters as of :class:`~fabry_perot.device.state.DeviceBody`.
+    """Firmware of a Fabry–Pérot scanner; parameters as of :class:`~fabry_perot.device.device_state.DeviceBody`.
 
     Call :meth:`receive` with bytes as they come, :meth:`poll` when :meth:`next_deadline` says so, and
     :meth:`next_frames` to get the bytes to send. Nothing here waits, reads a clock or touches hardware other than the

@@ -17,9 +17,9 @@ from typing import Any, ParamSpec, Self, TypeVar
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
-from fabry_perot.host.answers import FaultCleared
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.discovery import connect
+from fabry_perot.host.query_results import FaultCleared
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.tuning import TuningCurve, TuningMap
 from fabry_perot.wire.messages import Status

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from fabry_perot.host import port_holders
-from fabry_perot.host.answers import PortStatus, StopAnswer, as_map
-from fabry_perot.host.ports import aliases, may_open, own_name, program_of
+from fabry_perot.host.port_identity import aliases, may_open, own_name, program_of
+from fabry_perot.host.query_results import PortStatus, StopAnswer, as_map
 
 log = logging.getLogger(__name__)
 _READING = 1.0

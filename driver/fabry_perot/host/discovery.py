@@ -11,11 +11,11 @@ from serial.tools import list_ports
 from fabry_perot.errors import PortBusy, PortForbidden, ProtocolMismatch, ResponseTimeout, ScannerError
 from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import HostTiming, RecoveryPolicy
+from fabry_perot.host.emergency_stop import after_yield
 from fabry_perot.host.in_process import LocalTransport
 from fabry_perot.host.monitoring_transport import MonitoringTransport
-from fabry_perot.host.ports import holder_of, opened_by
+from fabry_perot.host.port_identity import holder_of, opened_by
 from fabry_perot.host.scanner import Scanner
-from fabry_perot.host.stopping import after_yield
 from fabry_perot.host.transport import Transport, open_transport
 from fabry_perot.wire.framing import has_native_cobs
 

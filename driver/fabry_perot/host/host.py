@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from fabry_perot.errors import FrameError
-from fabry_perot.host.handlers import HANDLERS
-from fabry_perot.host.phase import HostState
-from fabry_perot.host.state import HostBody
+from fabry_perot.host.host_state import HostBody
+from fabry_perot.host.link_states import HostState
+from fabry_perot.host.message_handlers import HANDLERS
 from fabry_perot.wire.constants import Type
 from fabry_perot.wire.framing import Frame
 
@@ -16,7 +16,7 @@ PROMPT_INTERVAL = 1000
 
 
 class Host(HostBody):
-    """Host side of the protocol; parameters as of :class:`~fabry_perot.host.state.HostBody`.
+    """Host side of the protocol; parameters as of :class:`~fabry_perot.host.host_state.HostBody`.
 
     Call :meth:`receive` with bytes as they come, :meth:`tick` every few ms, and send what :meth:`take_output` returns.
     Only whoever consumes the data may call :meth:`renew` and :meth:`acknowledge`: the laser's lease hangs on them.

@@ -7,7 +7,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.clock import Clock
 from fabry_perot.errors import (
     DeviceFault,
@@ -22,7 +22,7 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import Host
-from fabry_perot.host.greeting import new_nonce
+from fabry_perot.host.handshake import new_nonce
 from fabry_perot.host.silence_log import SilenceLog
 from fabry_perot.host.traffic import Mark
 from fabry_perot.host.transport import Transport
@@ -183,7 +183,7 @@ def stream_end_reason(host: Host, now: int, patience: int, port: str = "PORT") -
     if host.device_state is DeviceState.FAULT:
         return DeviceFault(status.fault, port)
     if host.device_state is DeviceState.ESTOP:
-        return EmergencyStopped(faults.advice(0, port))
+        return EmergencyStopped(fault_codes.advice(0, port))
     if host.device_state in (DeviceState.SAFE_HOLD, DeviceState.READY, DeviceState.LINKED):
         if status.cause in (HoldCause.LEASE, HoldCause.SESSION):
             return LeaseExpired("the laser lease lapsed: the laser is off, plan and data are kept")

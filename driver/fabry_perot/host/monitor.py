@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.errors import FaultStands, PortBusy, RequestRejected, ResponseTimeout
-from fabry_perot.host.answers import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
-from fabry_perot.host.passive import Passive
-from fabry_perot.host.stopping import emergency_stop
-from fabry_perot.host.watching import Watching
+from fabry_perot.host.emergency_stop import emergency_stop
+from fabry_perot.host.monitor_thread import Watching
+from fabry_perot.host.passive_listener import Passive
+from fabry_perot.host.query_results import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
 from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import LATCHED_STATES, DeviceState
@@ -159,7 +159,7 @@ class Monitor(Watching):
             raise FaultStands(fault, standing(status)) if standing(status) else request.error
         if status.state in LATCHED_STATES:
             raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
-        return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), DeviceState(status.state).name.lower())
+        return FaultCleared(fault_codes.by_code(fault), by, datetime.now(UTC), DeviceState(status.state).name.lower())
 
     def port_status(self) -> PortStatus | None:
         """Return the device's last STATUS, in reply to another program's query."""

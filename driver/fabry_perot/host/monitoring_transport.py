@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.errors import FrameError
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.constants import Operation, Result, Type
@@ -129,7 +129,7 @@ def _fields(frame: Frame) -> dict[str, Any]:
         kind = _MESSAGES[frame.type]
         message: dict[str, Any] = unpack(kind, payload, tail=True)._asdict()
         if frame.type == Type.FAULT:
-            message["name"] = faults.by_code(message["code"]).name
+            message["name"] = fault_codes.by_code(message["code"]).name
         rest = len(payload) - LAYOUT[kind].size
         return message | ({"more_bytes": rest} if rest else {})
     if frame.type in _NUMBERS:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.errors import (
     DeviceFault,
     EmergencyStopped,
@@ -19,8 +19,8 @@ from fabry_perot.errors import (
     ScannerError,
 )
 from fabry_perot.host import RecoveryPolicy, ScanRecovery
-from fabry_perot.host.answers import FaultCleared, StopAnswer, standing
 from fabry_perot.host.capabilities import Capabilities
+from fabry_perot.host.query_results import FaultCleared, StopAnswer, standing
 from fabry_perot.host.session import Session
 from fabry_perot.host.tuning import TuningCurve, TuningMap
 from fabry_perot.wire.constants import AbortLevel, Operation
@@ -112,7 +112,7 @@ class ScannerControls:
         status = self._next_status()
         if self._session.stopped_by and status.state not in LATCHED_STATES:
             self._session.stopped_by = ""
-            return FaultCleared(faults.EMERGENCY_STOP, by, datetime.now(UTC), self.state)
+            return FaultCleared(fault_codes.EMERGENCY_STOP, by, datetime.now(UTC), self.state)
         if status.state not in LATCHED_STATES:
             raise RequestRejected(Operation.CLEAR_FAULT.name, "nothing is latched", DeviceState(status.state).name)
         fault = status.fault if status.state == DeviceState.FAULT else 0
@@ -123,7 +123,7 @@ class ScannerControls:
         if status.state in LATCHED_STATES:
             raise FaultStands(status.fault, standing(status) or "the device reported it again at once")
         self._session.stopped_by = ""
-        return FaultCleared(faults.by_code(fault), by, datetime.now(UTC), self.state)
+        return FaultCleared(fault_codes.by_code(fault), by, datetime.now(UTC), self.state)
 
     def _next_status(self) -> Status:
         """Wait for a new STATUS and return it."""
@@ -146,7 +146,7 @@ class ScannerControls:
         if self._host.device_state is DeviceState.FAULT:
             raise DeviceFault(self._host.fault, port)
         if self._host.device_state is DeviceState.ESTOP:
-            raise EmergencyStopped(faults.advice(0, port))
+            raise EmergencyStopped(fault_codes.advice(0, port))
 
     def abort(self, level: str = "laser-off") -> None:
         """Abort at once: ``"pause"``, ``"laser-off"`` or ``"emergency-stop"`` (latched); works in every state."""

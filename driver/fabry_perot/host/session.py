@@ -9,11 +9,11 @@ from typing import Any
 from fabry_perot.clock import Clock, RealClock
 from fabry_perot.errors import LinkLost, ResponseTimeout, ScanAborted
 from fabry_perot.host import Host, HostTiming
-from fabry_perot.host.answers import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.control_server import ControlServer
-from fabry_perot.host.greeting import new_nonce
+from fabry_perot.host.handshake import new_nonce
 from fabry_perot.host.io_pump import IoPump
-from fabry_perot.host.phase import HostState
+from fabry_perot.host.link_states import HostState
+from fabry_perot.host.query_results import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.constants import AbortLevel, Operation
 

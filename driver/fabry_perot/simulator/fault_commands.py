@@ -26,7 +26,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from fabry_perot.simulator.faults import BitFlips, Delay, DropAll, FrameLoss
+from fabry_perot.simulator.line_faults import BitFlips, Delay, DropAll, FrameLoss
 from fabry_perot.simulator.server import Server
 
 

@@ -11,9 +11,9 @@ from typing import Protocol
 from fabry_perot.clock import ScaledClock
 from fabry_perot.device.endpoints import CHUNK, Endpoint
 from fabry_perot.device.tcp import TcpEndpoint
-from fabry_perot.simulator.faults import BitFlips, FilterChain, FrameLoss
+from fabry_perot.simulator.baud_rate_limiter import BaudRateLimiter
+from fabry_perot.simulator.line_faults import BitFlips, FilterChain, FrameLoss
 from fabry_perot.simulator.options import Options
-from fabry_perot.simulator.pacing import BaudRateLimiter
 from fabry_perot.simulator.power_cycle import PoweredDevice
 
 MAX_LAG = 0.02

@@ -21,10 +21,10 @@ from steradian.api.middleware.base import (
     RejectNulMiddleware,
     RequestIdMiddleware,
 )
-from steradian.api.middleware.cache_validators import CacheValidatorLoader
 from steradian.api.middleware.cors import Cors
 from steradian.api.middleware.metrics import Metrics
 from steradian.api.middleware.response_cache import CoalescingCacheMiddleware
+from steradian.api.middleware.validator_loader import CacheValidatorLoader
 from steradian.api.openapi import postprocess as contract
 from steradian.api.openapi import swagger_page as documentation
 from steradian.api.routers import (

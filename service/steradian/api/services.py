@@ -16,16 +16,16 @@ from sqlalchemy.orm import Session
 from steradian.api.background.batcher import BatchLoader
 from steradian.api.background.delta_tracker import RowDeltaTracker
 from steradian.api.background.fault_clearing import FaultDesk
+from steradian.api.background.local_emergency_stop import EmergencyStopController
 from steradian.api.background.peers import PeerRegistry
+from steradian.api.background.periodic_refresh import PeriodicRefresher
 from steradian.api.background.process_pool import ProcessPool
-from steradian.api.background.refresher import PeriodicRefresher
 from steradian.api.background.retention import apply_retention
-from steradian.api.background.stop_controller import EmergencyStopController
 from steradian.api.background.stop_relay import EmergencyStopRelay
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest, JobStatus, QueueUnavailable
+from steradian.jobs.job import JobRequest, JobStatus, QueueUnavailable
 from steradian.jobs.queue.estimates import QueueEstimate, forecast
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import dedicated_scanner, require_satisfiable
 from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
@@ -50,10 +50,10 @@ from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import is_terminal
+from steradian.storage.state_machines import is_terminal
 
 if TYPE_CHECKING:
-    from steradian.jobs.queue.client import JobQueue
+    from steradian.jobs.queue.queue_client import JobQueue
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
@@ -266,7 +266,7 @@ class ServiceContainer:
 
     def _open_queue(self) -> None:
         """Open the queue, with retries; until then readiness reports it as closed."""
-        from steradian.jobs.queue.client import JobQueue
+        from steradian.jobs.queue.queue_client import JobQueue
 
         while not self._over.is_set():
             try:

@@ -19,7 +19,7 @@ from steradian.core.progress import Progress
 from steradian.imaging import Acquisition, ImageGrid, Volume, reconstruct
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.masks import Mask, equi_steradian_mask, multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import Link, ScanPlan, VisitOrder, preview
 
 APERTURE, DEPTH, POINTS = 13.56e-3, 3.6e-3, 1600

@@ -22,7 +22,7 @@ from steradian.imaging import (
     direct_spectrum,
     spectrum_of,
 )
-from steradian.imaging.engines.cuda.backend import Backend, device
+from steradian.imaging.engines.cuda.array_backend import Backend, device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
@@ -245,7 +245,7 @@ def _stages(backend: Backend, modes: int, samples: int, count: int, repeats: int
 def _fit(quick: bool) -> Row:
     """Reconstruct the paper's yarn by iterative soft thresholding on CPU or GPU; return time and correlation."""
     from steradian import phantoms, quality
-    from steradian.benchmarks.paper.iterative_data import SMALL, Scenario
+    from steradian.benchmarks.paper.iterative_measurements import SMALL, Scenario
     from steradian.imaging import reconstruct
 
     scene = SMALL if quick else Scenario()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.benchmarks.speed_cases import INTERVAL, SPEED, YARN
-from steradian.imaging.engines.cuda.backend import Backend
+from steradian.imaging.engines.cuda.array_backend import Backend
 
 Median = Callable[[Backend, Callable[[], object], int], float]
 Sensors = tuple[NDArray[np.float64], NDArray[np.float64] | None]

@@ -20,7 +20,7 @@ from steradian.benchmarks.service_overhead import throughput
 from steradian.core.exceptions import SteradianError
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobStatus
+from steradian.jobs.job import JobStatus
 
 CLOCK = (sys.executable, "-P", "-m", "steradian.benchmarks.progress_latency_job")
 WORKER = f"""
@@ -60,8 +60,8 @@ def queue(
 
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:
     """Measure how long a job waits for an idle worker, and the age of progress reports when readable."""
-    from steradian.jobs.model import JobRequest
-    from steradian.jobs.queue.client import JobQueue
+    from steradian.jobs.job import JobRequest
+    from steradian.jobs.queue.queue_client import JobQueue
 
     client = JobQueue(settings)
     starts: list[float] = []

@@ -17,7 +17,7 @@ NAMES = {
     "steradian.api.background.process_pool": "api's workshop",
     "steradian.api": "api",
     "steradian.runtime.acquisition": "acquisition",
-    "steradian.runtime.worker": "worker",
+    "steradian.runtime.worker_entry": "worker",
     "steradian.jobs.worker.child": "jobs' process",
     "fabry_perot.simulator": "simulator",
 }

@@ -11,8 +11,8 @@ import numpy as np
 from steradian import phantoms
 from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
-from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
+from steradian.reconstructions.studies.sound_speed_search import find_sound_speed
 
 SIDES, OBJECTS = (4e-3, 6e-3, 8e-3, 10e-3, 14e-3), ("points", "vessels", "smooth")
 NOISES, DELAYS = (20.0, 30.0), (0.0, 0.6e-6)

@@ -13,7 +13,7 @@ from steradian.cli import (
     backup,
     benchmark,
     benchmark_inspection,
-    benchmark_scale,
+    benchmark_nodes,
     check,
     demo,
     export,
@@ -98,7 +98,7 @@ app.command("sound-speed")(sound_speed.sound_speed)
 app.command("measure")(measure.measure)
 app.command("import")(importing.import_)
 app.command("export")(export.export)
-benchmark.app.command("scale")(benchmark_scale.scale)
+benchmark.app.command("scale")(benchmark_nodes.scale)
 benchmark.app.command("look")(benchmark_inspection.look)
 benchmark.app.command("sound-speed")(sound_speed_benchmark.sound_speeds)
 app.add_typer(benchmark.app, name="benchmark")

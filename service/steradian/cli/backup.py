@@ -10,7 +10,7 @@ import typer
 
 from steradian.cli.check import show_findings
 from steradian.cli.console import finish_with_summary, print_stderr, progress_bar
-from steradian.cli.data_folder import Data, open_existing_database
+from steradian.cli.open_data_folder import Data, open_existing_database
 
 
 def backup(

@@ -157,7 +157,7 @@ def beams(
 @app.command()
 def link(json_file: JsonFile = None) -> None:
     """Time the scanner's link: A-lines decoded per second beside the raw rate, and stored durably under full load."""
-    from steradian.benchmarks.link import link as measure
+    from steradian.benchmarks.link_throughput import link as measure
 
     with progress_bar() as progress:
         rows = measure(progress=progress)
@@ -190,7 +190,7 @@ def stop(
     'last shot' is from the request to the laser's last shot, by the simulated scanner's own clock, and 'limit' what
     that must not exceed; 'answer' is from the request to the answer, 'confirmed' how often it held the scanner's word.
     """
-    from steradian.benchmarks.stop import stop as measure
+    from steradian.benchmarks.stop_latency import stop as measure
 
     with progress_bar() as progress:
         rows = measure(presses=presses, progress=progress)

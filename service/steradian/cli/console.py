@@ -55,7 +55,7 @@ def plot_option(help: str) -> Any:
 
 def _checked_picture(path: Path | None) -> Path | None:
     if path is not None:
-        from steradian.drawing.mpl_figure import check_suffix
+        from steradian.drawing.mpl_style import check_suffix
 
         check_suffix(path, "plot")
     return path

@@ -21,7 +21,7 @@ from steradian.plans import ScanPlan, preview
 
 if TYPE_CHECKING:
     from steradian.imaging import Volume
-    from steradian.jobs.queue.client import JobQueue
+    from steradian.jobs.queue.queue_client import JobQueue
     from steradian.scans.acquisition.run import ScanSummary
     from steradian.storage.data_dir.layout import DataDirectory
 
@@ -119,7 +119,7 @@ def _scan(plan: ScanPlan, data: DataDirectory, scan_id: str, speed: float) -> Sc
 def _queue(data: DataDirectory) -> Iterator[JobQueue]:
     """Yield the job queue, with a worker process that starts up during the scan."""
     from steradian.core.settings import Settings
-    from steradian.jobs.queue.client import JobQueue
+    from steradian.jobs.queue.queue_client import JobQueue
     from steradian.runtime.supervisor import running_worker
 
     settings = Settings.create(data=data.root)
@@ -129,9 +129,9 @@ def _queue(data: DataDirectory) -> Iterator[JobQueue]:
 
 def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
     """Reconstruct the scan as a queued job, then move scan file and results to the output folder."""
-    from steradian.jobs.queue.client import new_job_id
+    from steradian.jobs.queue.queue_client import new_job_id
     from steradian.jobs.requests import ReconstructionRequest, to_job_request
-    from steradian.storage.states import ReconstructionState
+    from steradian.storage.state_machines import ReconstructionState
 
     request = ReconstructionRequest.create(scan_id=scan_id, parameters={"modes": MODES, "depth_range": DEPTHS})
     with progress_bar() as progress:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steradian.cli.console import console, print_stderr
-from steradian.cli.data_folder import Data, folder_of, open_existing_database
+from steradian.cli.open_data_folder import Data, folder_of, open_existing_database
 
 if TYPE_CHECKING:
     from steradian.security.keys import KeyStore

@@ -21,7 +21,7 @@ from steradian.cli.console import (
 )
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask, multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import (
     Fringe,
     Link,

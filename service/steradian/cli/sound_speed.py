@@ -30,7 +30,7 @@ def sound_speed(
     average: AverageOption = False,
 ) -> None:
     """Estimate the speed of sound, its standard error and its dependence on a delay; draw sharpness against speed."""
-    from steradian.reconstructions.studies.sound_speed import scan_sound_speed
+    from steradian.reconstructions.studies.sound_speed_search import scan_sound_speed
     from steradian.scans.frames import FrameChoice
 
     choice = FrameChoice(frame, wavelength, average)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steradian.cli.console import console, human_size, print_stderr, progress_bar, show_figures
-from steradian.cli.data_folder import Data, open_existing_database
+from steradian.cli.open_data_folder import Data, open_existing_database
 
 if TYPE_CHECKING:
     from steradian.core.settings import Settings

@@ -9,7 +9,7 @@ import numpy as np
 
 from steradian.comparisons.comparison import REGIONS, Comparison, Region
 from steradian.comparisons.simulation import Method
-from steradian.drawing.mpl_figure import colour_bar, page, save, set_title, style_axes
+from steradian.drawing.mpl_style import colour_bar, page, save, set_title, style_axes
 from steradian.drawing.style import ACCENT, BACKGROUND, FOREGROUND, PLAIN, PRESSURE, TICK
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steradian.drawing import mpl_figure as pages
-from steradian.drawing.mpl_figure import colour_bar, points, set_title, style_axes
+from steradian.drawing import mpl_style as pages
+from steradian.drawing.mpl_style import colour_bar, points, set_title, style_axes
 from steradian.drawing.plot_spec import (
     Annotation,
     Bars,
@@ -24,7 +24,7 @@ from steradian.drawing.plot_spec import (
     Scatter,
     VerticalLine,
 )
-from steradian.drawing.raster import render_page
+from steradian.drawing.raster_renderer import render_page
 from steradian.drawing.style import FOREGROUND, GAP, TICK
 from steradian.drawing.ticks import Axis, LogAxis
 

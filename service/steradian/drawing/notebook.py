@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from steradian.drawing.mpl_figure import page, save
+from steradian.drawing.mpl_style import page, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

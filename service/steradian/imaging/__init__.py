@@ -6,6 +6,7 @@ An :class:`Acquisition` (A-lines (M, N_t), sensors (M, 2), timing), an :class:`I
 
 from steradian.imaging._reconstruct import Method, reconstruct
 from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
+from steradian.imaging.brute_force_reference import direct_spectrum, spectrum_of
 from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter, MeasuredFilm
 from steradian.imaging.geometry.sensor_areas import voronoi_weights
 from steradian.imaging.iterative_options import Iterative, IterativeOptions
@@ -20,7 +21,6 @@ from steradian.imaging.options import (
     Nufft,
 )
 from steradian.imaging.plan import ReconstructionPlan
-from steradian.imaging.reference import direct_spectrum, spectrum_of
 from steradian.imaging.signal.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.transforms.windows import Window, kaiser_bessel
 from steradian.imaging.volume import ReconstructionInfo, Volume, VoxelAxes

@@ -41,7 +41,7 @@ from steradian.imaging.film_response import FilmResponse
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
 from steradian.imaging.options import Compute, ImageGrid, check_max_frequency, check_window
-from steradian.imaging.tables import forward_tables
+from steradian.imaging.transform_tables import forward_tables
 from steradian.imaging.transforms.grid_sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import RealArray

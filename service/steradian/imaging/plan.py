@@ -20,7 +20,7 @@ from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
 from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, require_direct
-from steradian.imaging.tables import inverse_tables
+from steradian.imaging.transform_tables import inverse_tables
 from steradian.imaging.volume import ReconstructionInfo, Volume
 
 

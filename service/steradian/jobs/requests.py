@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, StringConstraints, model_validator
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH, SOUND_SPEED
 from steradian.core.validation import Value, quantity_field
-from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
+from steradian.jobs.job import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
 from steradian.jobs.request_versions import stored
 from steradian.reconstructions.exporting import FORMATS as VOLUME_FORMATS
 from steradian.reconstructions.parameters import ReconstructionParameters

@@ -6,9 +6,8 @@ from typing import Annotated, Final, TypeAlias, get_args
 
 from pydantic import Field
 
-from steradian.masks.beams import multi_beam_mask
 from steradian.masks.by_count import Counted, mask_by_count, nearest_square, with_point_of_interest
-from steradian.masks.combined import Combined, PointOfInterest, combined_mask
+from steradian.masks.combined_masks import Combined, PointOfInterest, combined_mask
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
 from steradian.masks.equiangular import Equiangular, equiangular_mask
 from steradian.masks.explicit_points import Points, custom_mask
@@ -16,6 +15,7 @@ from steradian.masks.grid import Grid, grid_mask
 from steradian.masks.hexagonal import Hexagonal, hexagonal_interval, hexagonal_mask
 from steradian.masks.io import read_mask, write_mask
 from steradian.masks.mask import Mask
+from steradian.masks.multi_beam import multi_beam_mask
 from steradian.masks.random_masks import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask

@@ -86,7 +86,7 @@ def _plot_mask(mask: Mask, axes: Axes | None = None) -> Axes:
 
 @display_dispatch.save.register(Mask)
 def _save_mask(mask: Mask, path: Path) -> None:
-    from steradian.drawing.mpl_figure import PICTURES
+    from steradian.drawing.mpl_style import PICTURES
 
     if path.suffix.lower() in PICTURES:
         draw_mask(mask, path)

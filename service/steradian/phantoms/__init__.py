@@ -5,11 +5,11 @@ whose waves :func:`propagate_2d` propagates exactly in wavenumbers. Neither shar
 """
 
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, yarn
-from steradian.phantoms.film import angular_response, band_limited
+from steradian.phantoms.film_response import angular_response, band_limited
 from steradian.phantoms.forward import pressure, rasterise
 from steradian.phantoms.noise import add_noise
 from steradian.phantoms.targets import chart, star
-from steradian.phantoms.tree import tree
+from steradian.phantoms.tree_2d import tree
 from steradian.phantoms.vessels import vessels
 from steradian.phantoms.waves_2d import propagate_2d
 

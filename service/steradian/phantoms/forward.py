@@ -69,7 +69,7 @@ def pressure(
     where = np.ascontiguousarray(positions, dtype=np.float64)
     if where.ndim != 2 or where.shape[1] != 2:
         raise InvalidInput("positions", f"an array of shape {where.shape}", "shape (M, 2), in m")
-    from steradian.phantoms.kernels import add_balls
+    from steradian.phantoms.forward_kernels import add_balls
 
     step = sound_speed * sampling_interval
     table = np.ones(_COSINES + 1)

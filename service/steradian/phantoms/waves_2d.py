@@ -32,7 +32,7 @@ def propagate_2d(
     Parameters
     ----------
     image
-        Initial pressure [x, z], such as :func:`steradian.phantoms.tree`, on a grid that is fine enough for it; the
+        Initial pressure [x, z], such as :func:`steradian.phantoms.tree_2d`, on a grid that is fine enough for it; the
         grid's first depth is 0.
     samples
         N_t, the first at the laser pulse.
@@ -61,7 +61,7 @@ def propagate_2d(
         raise InvalidInput("image", f"shape {image.values.shape}", "an image [x, z] whose first depth is 0")
     import scipy.fft
 
-    from steradian.phantoms.kernels import oscillate
+    from steradian.phantoms.forward_kernels import oscillate
 
     (nx, nz), (dx, dz) = image.values.shape, image.spacing
     reach = sound_speed * sampling_interval * samples

@@ -14,12 +14,12 @@ from steradian.core.quantity_ranges import SAMPLING_INTERVAL, SOUND_SPEED
 from steradian.core.validation import FloatArray, content_hash, quantity_field
 from steradian.drawing.displayable import DisplayableValue
 from steradian.masks import Mask, subset_mask
-from steradian.masks.beams import MOST_BEAMS, NANOMETRE, check_beams
+from steradian.masks.multi_beam import MOST_BEAMS, NANOMETRE, check_beams
 from steradian.plans.fringe import Fringe
 from steradian.plans.motion_timing import MotionTiming
-from steradian.plans.order import VisitOrder, visit_order
-from steradian.plans.progressive import progressive
+from steradian.plans.progressive_order import progressive
 from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.visit_order import VisitOrder, visit_order
 from steradian.plans.wavelength_bands import TunedOrder, hold_wavelength, order_by_bands
 
 EXCITATION = (200e-9, 3e-6)

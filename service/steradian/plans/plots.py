@@ -47,7 +47,7 @@ def _plot_plan(plan: ScanPlan, axes: Axes | None = None) -> Axes:
 
 @display_dispatch.save.register(ScanPlan)
 def _save_plan(plan: ScanPlan, path: Path) -> None:
-    from steradian.drawing.mpl_figure import PICTURES
+    from steradian.drawing.mpl_style import PICTURES
 
     ending = path.suffix.lower()
     if ending in PICTURES:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.plans.order import path_length
 from steradian.plans.validation import PlanIssue, validate_plan
+from steradian.plans.visit_order import path_length
 
 if TYPE_CHECKING:
     from steradian.plans.plan import ScanPlan

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.quality.bad_lines import BadLine
-from steradian.quality.mending import measure_shifts, turn_sign
+from steradian.quality.repair import measure_shifts, turn_sign
 from steradian.quality.signals import inspect_signals
 from steradian.scans.recording import Recording, ShotMetadata
 from steradian.scans.time_alignment import align

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from steradian.drawing import display_dispatch
-from steradian.drawing.mpl_figure import colour_bar, style_axes
+from steradian.drawing.mpl_style import colour_bar, style_axes
 from steradian.drawing.notebook import WIDTH, html_card, resolve_axes
 from steradian.imaging import Display, Volume
 from steradian.reconstructions.exporting import export_volume, format_of

@@ -11,7 +11,7 @@ import numpy as np
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput
-from steradian.drawing.mpl_figure import PICTURES, colour_bar, page, save, style_axes
+from steradian.drawing.mpl_style import PICTURES, colour_bar, page, save, style_axes
 from steradian.drawing.notebook import WIDTH, html_plot, resolve_axes
 from steradian.imaging import Volume
 from steradian.masks import Mask

@@ -10,9 +10,9 @@ import numpy as np
 
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
-from steradian.scans.file.origin import notes_of, read_origin
+from steradian.scans.file.source_metadata import notes_of, read_origin
 from steradian.scans.importing.plan_reader import read_plan
 
 

@@ -96,10 +96,17 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _functions() -> list[Any]:
-    from steradian.imaging.engines.numba import depth, image, type1
+    from steradian.imaging.engines.numba import depth, modes_to_image, type1
     from steradian.reconstructions.volumes import downsample
 
-    return [type1.pack, type1.type1, depth.to_depth, image.to_image, image.compact_rows, downsample.mean_pool]
+    return [
+        type1.pack,
+        type1.type1,
+        depth.to_depth,
+        modes_to_image.to_image,
+        modes_to_image.compact_rows,
+        downsample.mean_pool,
+    ]
 
 
 def needs_warmup() -> bool:

@@ -25,14 +25,14 @@ from steradian.core.settings import Settings
 from steradian.core.signal_safe_event import SignalSafeEvent
 from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
-from steradian.runtime.scanner_port import ScannerConnection
+from steradian.runtime.scanner_address import ScannerConnection
 from steradian.scans.acquisition.clear_fault_executor import FaultClerk
-from steradian.scans.acquisition.continuation import create_from_partial
 from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.database_control import POLL, DatabaseControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.port_monitor import PortWatch
 from steradian.scans.acquisition.resume_checks import ResumeRefused
+from steradian.scans.acquisition.resumed_scan_file import create_from_partial
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.acquisition.session import DEFAULT
 from steradian.scans.file.create import check_free_space, scan_file_bytes
@@ -49,7 +49,7 @@ from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState, shortest_path
+from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path
 
 _S = ScanState
 _LAST = {SessionOutcome.STOPPED: _S.PARTIAL, SessionOutcome.ABORTED: _S.ABORTED}

@@ -19,7 +19,7 @@ from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.startup_check import is_missing, pending_removals, rows_of, sqlite_fault
 from steradian.storage.repositories.imports import register_import
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.state_machines import ReconstructionState, is_terminal
 
 MAX_ID_LENGTH = 40
 

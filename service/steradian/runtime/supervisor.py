@@ -202,7 +202,7 @@ def _children(settings: Settings, listener: socket.socket) -> list[ManagedProces
 
 
 def _worker(settings: Settings, slot: int, output: IO[bytes] | None) -> ManagedProcess:
-    command = [sys.executable, "-P", "-m", "steradian.runtime.worker", str(slot)]
+    command = [sys.executable, "-P", "-m", "steradian.runtime.worker_entry", str(slot)]
     return ManagedProcess(settings.worker_slot_name(slot), command, settings.environment(keys=False), output=output)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.scans.file import schema
-from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import open_for_reading
 from steradian.storage.blobs.interface import BlobStore, scan_name
 

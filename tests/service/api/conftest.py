@@ -12,7 +12,7 @@ from steradian.storage.data_dir.fault_requests import Clearing
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.alines import Aline
 from support.apis import ApiProcess
 

@@ -13,7 +13,7 @@ from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.security.keys import KeyStore, Scope
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.alines import Aline
 from support.processes import resident
 

@@ -10,7 +10,7 @@ from steradian.core.exceptions import NotFound
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 
 def ask(http, plan_id, completes, **more):

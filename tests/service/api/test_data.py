@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 
 def test_points_come_as_json_csv_and_npy(http, mask):

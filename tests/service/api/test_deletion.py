@@ -9,14 +9,14 @@ import httpx
 import pytest
 from sqlalchemy import func, select
 
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.db.tables import RemovalRow
 from steradian.storage.repositories.deletion import remove_files
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.waiting import until
 
 from .conftest import api_of

@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from steradian.api.background import stop_controller as emergency
-from steradian.api.background.stop_controller import EmergencyStopController
+from steradian.api.background import local_emergency_stop as emergency
+from steradian.api.background.local_emergency_stop import EmergencyStopController
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database

@@ -233,7 +233,7 @@ def test_service_close_waits_for_background_reconciliation(server, monkeypatch):
         services.ledger.unfinished()
         ended.set()
 
-    monkeypatch.setattr("steradian.jobs.queue.client.JobQueue.reconcile", reconcile)
+    monkeypatch.setattr("steradian.jobs.queue.queue_client.JobQueue.reconcile", reconcile)
     services.open()
     assert begun.wait(250)
     services.close()

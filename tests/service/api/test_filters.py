@@ -7,14 +7,14 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from steradian.jobs.model import Failed, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Failed, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES
 from steradian.masks import Arrangement
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.alines import Aline
 
 from .conftest import EQUI, make_scan

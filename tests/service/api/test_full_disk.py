@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.disks import small_disk
 from support.waiting import until
 

@@ -12,8 +12,8 @@ from sqlalchemy import update
 
 from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs import request_versions as forms
-from steradian.jobs.model import Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES
 from steradian.reconstructions.volumes.file import write_volume
 from steradian.storage.db.tables import JobRow, ScanRow
@@ -345,7 +345,7 @@ def test_mask_sweep_batch_creates_one_job_per_mask(http, scan_with_alines, mask)
 
 def test_all_wavelengths_of_a_scan_are_one_request(http, mask, server):
     from steradian.storage.repositories.scans import ScanRepository
-    from steradian.storage.states import ScanState
+    from steradian.storage.state_machines import ScanState
 
     body = {"mask_id": mask["id"], "samples": 256, "frames": 2, "excitation": [7e-7, 8e-7]}
     plan = http.post("/plans", json=body).json()

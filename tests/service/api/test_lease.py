@@ -9,7 +9,7 @@ import pytest
 from steradian.security.keys import KeyStore, Scope
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 from .conftest import EQUI, api_of
 

@@ -11,8 +11,8 @@ import pytest
 
 from steradian.api.app import create_app
 from steradian.api.routers.events import BATCH, EventFilter, _stream_events
-from steradian.jobs.model import Failed, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Failed, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.security.keys import Principal, Scope
 from steradian.storage.repositories.event_log import EventLog, append_event
 

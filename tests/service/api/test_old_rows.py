@@ -4,8 +4,8 @@ import httpx
 import pytest
 from sqlalchemy import update
 
-from steradian.jobs.model import Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.db.tables import JobRow, PlanRow, ScanRow
 
 EARLIER = {

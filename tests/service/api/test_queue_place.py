@@ -7,9 +7,9 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from steradian.jobs.model import Succeeded
+from steradian.jobs.job import Succeeded
 from steradian.jobs.queue.estimates import forecast
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.db.tables import JobRow
 
 from .conftest import api_of, make_scan

@@ -10,12 +10,12 @@ from sqlalchemy import text
 
 from steradian.api.app import create_app
 from steradian.core.exceptions import DiskFull
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.capacity import quota as disk
 from steradian.storage.capacity.quota import UploadReservations, reserved_bytes
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.pairs import Pair
 
 from .conftest import api_of, make_scan

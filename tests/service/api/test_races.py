@@ -16,14 +16,14 @@ from steradian.api.app import create_app
 from steradian.api.background.retention import apply_retention
 from steradian.api.use_cases.admission import estimate_resources
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.storage.capacity.quota import reserved_bytes
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import Resource, lock_dependents
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.waiting import until
 
 GRID = {"arrangement": "grid", "aperture": 0.01, "interval": 1e-4}

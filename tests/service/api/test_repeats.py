@@ -12,8 +12,8 @@ from sqlalchemy import delete
 
 from steradian.core.json_encoding import to_jsonable
 from steradian.imaging import Volume, VoxelAxes
-from steradian.jobs.model import Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.reconstructions.volumes.file import write_volume
 from steradian.storage.db.tables import JobRow, ReconstructionRow
 from steradian.storage.repositories.event_log import EventLog

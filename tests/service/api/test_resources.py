@@ -8,7 +8,7 @@ import pytest
 
 from steradian.masks import equi_steradian_mask, hexagonal_interval, hexagonal_mask, with_point_of_interest
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 
 def new_scan(http, plan_id):

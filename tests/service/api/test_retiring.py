@@ -8,7 +8,7 @@ from sqlalchemy import select
 
 from steradian.storage.db.tables import ScannerRow
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.apis import ApiProcess
 from support.pairs import NOBODY, Pair
 from support.waiting import until

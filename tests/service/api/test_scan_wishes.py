@@ -3,7 +3,7 @@
 import pytest
 
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 S = ScanState
 

@@ -8,12 +8,12 @@ import httpx
 import pytest
 
 from steradian.api.background.batcher import BatchLoader
-from steradian.api.middleware.cache_validators import CacheValidatorLoader, validator_key
 from steradian.api.middleware.response_cache import MAX_BYTES, MAX_ENTRY_BYTES, CoalescingCacheMiddleware
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.api.middleware.validator_loader import CacheValidatorLoader, validator_key
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.repositories.validators import ValidatorKey
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 from .conftest import EQUI
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from steradian.imaging import Volume, VoxelAxes
-from steradian.jobs.model import Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.reconstructions.volumes import lazy_array as stored_values
 from steradian.reconstructions.volumes.file import write_projections, write_volume
 from steradian.reconstructions.volumes.projections import project

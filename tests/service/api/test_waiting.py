@@ -8,7 +8,7 @@ from steradian.api.params.dependencies import LongPoll
 from steradian.api.services import ServiceContainer
 from steradian.api.streaming.broadcaster import EventBroadcaster
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest
+from steradian.jobs.job import JobRequest
 
 
 class Present:

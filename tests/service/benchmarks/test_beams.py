@@ -7,7 +7,7 @@ import pytest
 
 from steradian.benchmarks.beams import BEGIN, END, _times, table, write_page
 from steradian.masks import equi_steradian_mask, multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import Link, ScanPlan
 
 DOCS = Path(__file__).parents[3] / "docs"

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, limit_violations
 from steradian.benchmarks.gpu_report import BEGIN, END, tables
 from steradian.cli.benchmark import app
-from steradian.imaging.engines.cuda import backend
+from steradian.imaging.engines.cuda import array_backend
 
 
-@pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
+@pytest.mark.skipif(array_backend.unavailable_reason() is None, reason="there is a GPU")
 def test_gpu_benchmark_without_gpu_names_missing_package() -> None:
     result = CliRunner().invoke(app, ["gpu", "--quick"])
     assert result.exit_code != 0
@@ -24,8 +24,8 @@ def test_gpu_benchmark_without_gpu_names_missing_package() -> None:
 
 @pytest.mark.long
 def test_it_runs_to_its_end_and_names_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    if backend.unavailable_reason():
-        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+    if array_backend.unavailable_reason():
+        monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
     result = CliRunner().invoke(app, ["gpu", "--quick", "--repeats", "1", "--json", str(tmp_path / "gpu.json")])
     assert result.exit_code == 0, result.output
     rows = {row["case"]: row for row in json.loads((tmp_path / "gpu.json").read_text())["rows"]}
@@ -52,8 +52,8 @@ def test_it_runs_to_its_end_and_names_the_device(monkeypatch: pytest.MonkeyPatch
 
 
 def test_only_some_cases(monkeypatch: pytest.MonkeyPatch) -> None:
-    if backend.unavailable_reason():
-        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+    if array_backend.unavailable_reason():
+        monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
     (row,) = gpu(quick=True, repeats=1, only="lateral")
     assert row["gpu_s"] > 0
 

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from steradian.cli.app import app
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest, Succeeded
+from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.queue.dbos import migrate_queue
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.deletion import InUse

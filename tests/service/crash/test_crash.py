@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from steradian.storage.repositories.event_log import EventLog
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.state_machines import ReconstructionState, is_terminal
 
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 R = ReconstructionState

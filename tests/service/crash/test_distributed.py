@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 

@@ -9,7 +9,7 @@ import filelock
 import pytest
 
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.state_machines import ReconstructionState, is_terminal
 from support.proxy import Proxy
 
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
@@ -17,8 +17,8 @@ R = ReconstructionState
 SUBMIT = """
 import os, signal, sys
 from sqlalchemy import event
-from steradian.jobs.queue.client import JobQueue
-from steradian.jobs.model import JobRequest
+from steradian.jobs.queue.queue_client import JobQueue
+from steradian.jobs.job import JobRequest
 from steradian.core.settings import Settings
 moment, name, folder = sys.argv[1:]
 queue = JobQueue(Settings.create())

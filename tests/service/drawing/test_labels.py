@@ -10,7 +10,7 @@ from matplotlib.text import Text
 
 from steradian.comparisons import compare_masks, phantom
 from steradian.comparisons.plots import comparison_figure
-from steradian.drawing.raster import PlotArea, apply_colour_map, render_page
+from steradian.drawing.raster_renderer import PlotArea, apply_colour_map, render_page
 from steradian.drawing.ticks import Axis
 from steradian.imaging import Display, Volume, VoxelAxes
 from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask, mask_by_count

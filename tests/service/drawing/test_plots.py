@@ -20,7 +20,7 @@ from steradian.drawing.plot_spec import (
     VerticalLine,
     histogram,
 )
-from steradian.drawing.raster import render_page
+from steradian.drawing.raster_renderer import render_page
 from steradian.drawing.ticks import Axis, LogAxis, NamedRows
 from steradian.masks import equi_steradian_mask, equiangular_mask
 from steradian.masks.limited_view import limited_view

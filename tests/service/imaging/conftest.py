@@ -12,7 +12,10 @@ import pytest
 @pytest.fixture
 def cuda() -> Callable[..., Any]:
     """Make an engine of tables."""
-    from steradian.imaging.engines.cuda import backend
+    from steradian.imaging.engines.cuda import array_backend
     from steradian.imaging.engines.cuda.engine import CudaEngine
 
-    return partial(CudaEngine, backend=backend.SimulatorBackend() if backend.unavailable_reason() else backend.device())
+    return partial(
+        CudaEngine,
+        backend=array_backend.SimulatorBackend() if array_backend.unavailable_reason() else array_backend.device(),
+    )

@@ -11,7 +11,7 @@ import pytest
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative
-from steradian.imaging.engines.cuda import backend
+from steradian.imaging.engines.cuda import array_backend
 from support.flat import flat_operator, flat_plan, flat_reconstruct
 from support.remote import Remote
 
@@ -22,14 +22,14 @@ TRACES = RNG.standard_normal((9, 18))
 COMMON: dict[str, Any] = {
     "aperture": SIDE, "modes": (6, 5), "sampling_interval": 8e-9, "sound_speed": 1500.0, "dtype": "float64",
 }  # fmt: skip
-without_gpu = pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
+without_gpu = pytest.mark.skipif(array_backend.unavailable_reason() is None, reason="there is a GPU")
 
 
 @pytest.fixture
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """A GPU for who asks for one: where there is none, Numba's simulator."""
-    if backend.unavailable_reason():
-        monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+    if array_backend.unavailable_reason():
+        monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
 
 
 @without_gpu

@@ -13,7 +13,7 @@ from steradian import phantoms, quality
 from steradian.imaging import Volume
 from steradian.imaging.engines import run_forward, run_inverse
 from steradian.imaging.engines.array import ReferenceEngine
-from steradian.imaging.engines.cuda.backend import device
+from steradian.imaging.engines.cuda.array_backend import device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.masks import equi_steradian_mask
 from support.flat import flat_operator, flat_plan, flat_reconstruct

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.queue.queue_client import JobQueue
 from support.echo import EchoQueue
 from support.waiting import until
 

@@ -11,9 +11,9 @@ import pytest
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
 from steradian.core.system_resources import total_memory
-from steradian.jobs.model import JobRequest, Requirements
+from steradian.jobs.job import JobRequest, Requirements
 from steradian.jobs.queue.estimates import backlog, forecast
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import (
     Capabilities,
     WorkerRegistration,
@@ -25,7 +25,7 @@ from steradian.jobs.queue.matching import (
 from steradian.jobs.registry import LIVE_KIND
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 GIB = 2**30

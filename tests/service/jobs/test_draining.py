@@ -3,7 +3,7 @@
 import psycopg
 import pytest
 
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 

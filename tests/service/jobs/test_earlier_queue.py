@@ -13,7 +13,7 @@ from dbos import DBOS, DBOSClient
 from steradian.core.settings import Settings
 from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
 from steradian.storage.db.sqlite_subseconds import with_subseconds
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.state_machines import ReconstructionState, is_terminal
 from support.waiting import until
 
 R = ReconstructionState

@@ -8,12 +8,12 @@ import pytest
 
 from steradian.core.atomic_files import atomic_write, fenced_drafts
 from steradian.core.exceptions import StaleFence
-from steradian.jobs.model import MAX_INTERRUPTIONS, Crashed, JobRequest, Requeued, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import MAX_INTERRUPTIONS, Crashed, JobRequest, Requeued, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.data_dir.job_directory import JobDirectory
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 R = ReconstructionState

@@ -6,7 +6,7 @@ import pytest
 
 from steradian.core.exceptions import Conflict
 from steradian.jobs import request_versions as forms
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES
 from steradian.jobs.requests import EXAMPLES, ReconstructionRequest, SoundSpeedRequest, to_job_request
 from steradian.reconstructions.parameters import ReconstructionParameters

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from steradian.jobs.worker.polling import BUSY_POLL, FAST_POLL, adaptive_wait
+from steradian.jobs.worker.queue_polling import BUSY_POLL, FAST_POLL, adaptive_wait
 
 
 class Runner:

@@ -15,7 +15,7 @@ from steradian.jobs.queue.dbos import migrate_queue
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import MIGRATIONS, Database, metadata_url
 from steradian.storage.maintenance.folder_binding import bind_folder
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 pytestmark = pytest.mark.long
@@ -44,7 +44,7 @@ def everything_below(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
-WORKERS = {"command": ["steradian", "worker", "--name", "other"], "process": ["steradian.runtime.worker", "0"]}
+WORKERS = {"command": ["steradian", "worker", "--name", "other"], "process": ["steradian.runtime.worker_entry", "0"]}
 
 
 def ended(settings, *module):

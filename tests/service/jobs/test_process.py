@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from steradian.jobs.model import Succeeded
+from steradian.jobs.job import Succeeded
 from steradian.jobs.worker.process import JobProcess
 
 ECHO = str(Path(__file__).with_name("echo_job.py"))

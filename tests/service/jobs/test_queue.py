@@ -9,9 +9,9 @@ from contextlib import closing
 import pytest
 
 from steradian.core.exceptions import Conflict, NotFound
-from steradian.jobs.model import JobRequest
-from steradian.jobs.queue.client import JobQueue
-from steradian.storage.states import ReconstructionState
+from steradian.jobs.job import JobRequest
+from steradian.jobs.queue.queue_client import JobQueue
+from steradian.storage.state_machines import ReconstructionState
 from support.processes import are_gone
 from support.waiting import until
 
@@ -200,5 +200,5 @@ def test_a_queue_made_by_any_python_is_used_by_this_one(tmp_path, make_bench, ex
 
 @pytest.mark.long
 def test_importing_job_model_does_not_load_dbos():
-    code = "import steradian.jobs.model, steradian.api.services, sys; print('dbos' in sys.modules)"
+    code = "import steradian.jobs.job, steradian.api.services, sys; print('dbos' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

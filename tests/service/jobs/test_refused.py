@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.worker.runner import JobRunner
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 R = ReconstructionState

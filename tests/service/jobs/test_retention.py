@@ -9,14 +9,14 @@ import pytest
 from steradian.api.background.retention import apply_retention
 from steradian.api.services import ServiceContainer
 from steradian.core.settings import Settings
-from steradian.jobs.model import Failed, JobRequest, Succeeded
+from steradian.jobs.job import Failed, JobRequest, Succeeded
 from steradian.jobs.requests import ImportRequest, to_job_request
 from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import EventRow
 from steradian.storage.maintenance.clock_trust import HELD, Ages
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 
 class Clock:

@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import text
 
-from steradian.jobs.model import JobRequest, Requirements
+from steradian.jobs.job import JobRequest, Requirements
 from steradian.jobs.queue.fair_queueing import TAG_LIMIT
 from steradian.jobs.queue.matching import Capabilities, WorkerRegistration
 from steradian.jobs.registry import LIVE_KIND
@@ -13,7 +13,7 @@ from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ReconstructionState, ScanState
+from steradian.storage.state_machines import ReconstructionState, ScanState
 
 R = ReconstructionState
 

@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from sqlalchemy import select, text
 
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.client import JobQueue
+from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.queue.estimates import forecast
 from steradian.jobs.queue.fair_queueing import QUEUE_ORDER, queue_priority
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
+from steradian.jobs.queue.queue_client import JobQueue
 from steradian.jobs.registry import LIVE_KIND
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 NUMBERS = count()
 WAITING = select(JobRow).where(JobRow.state == ReconstructionState.QUEUED)

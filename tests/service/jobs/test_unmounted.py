@@ -2,7 +2,7 @@
 
 import pytest
 
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 from support.waiting import until
 
 pytestmark = pytest.mark.long

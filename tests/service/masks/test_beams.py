@@ -8,7 +8,7 @@ from steradian import InvalidInput, equi_steradian_mask, equiangular_mask, grid_
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 from steradian.masks import multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 
 SQUARE = read_beams("4x4", 0.5e-3)
 

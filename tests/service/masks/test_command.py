@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from steradian import InvalidInput
 from steradian.cli.mask import app
-from steradian.drawing.mpl_figure import page, save
+from steradian.drawing.mpl_style import page, save
 from steradian.masks import read_mask
 
 COMMANDS = [

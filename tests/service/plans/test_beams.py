@@ -5,7 +5,7 @@ import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask
 from steradian.masks import multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import Fringe, Link, VisitOrder, preview
 from steradian.plans.files import read_json, write_json
 

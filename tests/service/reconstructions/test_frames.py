@@ -10,7 +10,7 @@ from steradian import FrameChoice, InvalidInput, ScanPlan, grid_mask
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
-from steradian.reconstructions.studies.sound_speed import scan_sound_speed
+from steradian.reconstructions.studies.sound_speed_search import scan_sound_speed
 from steradian.reconstructions.studies.what_if import compare_subset
 from steradian.scans.exporting import export_scan
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file

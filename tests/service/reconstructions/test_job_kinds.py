@@ -21,7 +21,7 @@ from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.alines import Aline
 
 SPEED, SIDE, SAMPLES = 1500.0, 8, 64

@@ -24,7 +24,7 @@ from steradian.quality import above_threshold, correlation
 from steradian.reconstructions.live import follow as live
 from steradian.reconstructions.live.follow import LiveReconstruction, reconstruct_live
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
-from steradian.reconstructions.live.revision import Revision
+from steradian.reconstructions.live.revision_metrics import Revision
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import resolve_setup
 from steradian.reconstructions.pipeline.run import reconstruct_scan

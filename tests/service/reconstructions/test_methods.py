@@ -15,7 +15,7 @@ from steradian.cli.app import app
 from steradian.cli.report import _fit as told_of
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Volume
-from steradian.imaging.engines.cuda import backend
+from steradian.imaging.engines.cuda import array_backend
 from steradian.imaging.iterative.base import StopReason
 from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.live.preview import CoarseParameters
@@ -190,20 +190,20 @@ def test_the_report_names_the_device(
         parameters = ReconstructionParameters.create(device=name, **small)
         reports.append(reconstruct_scan(recording, tmp_path / name, parameters))
         volumes.append(read_volume(tmp_path / name / "volume.h5").values)
-        if backend.unavailable_reason():
-            monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+        if array_backend.unavailable_reason():
+            monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
     here, there = reports
     assert (here.device, here.notes) == ("cpu", there.notes)
     assert there.device not in ("", "cpu")
     assert json.loads((tmp_path / "auto" / "report.json").read_text())["device"] == there.device
     assert np.linalg.norm(volumes[1] - volumes[0]) <= 1e-4 * np.linalg.norm(volumes[0])
-    monkeypatch.setattr(type(backend.device()), "free", lambda _: 10_000)
+    monkeypatch.setattr(type(array_backend.device()), "free", lambda _: 10_000)
     again = reconstruct_scan(recording, tmp_path / "full", ReconstructionParameters.create(device="auto", **small))
     assert again.device == "cpu"
     assert any("the GPU's memory being too small" in note for note in again.notes)
 
 
-@pytest.mark.skipif(backend.unavailable_reason() is None, reason="there is a GPU")
+@pytest.mark.skipif(array_backend.unavailable_reason() is None, reason="there is a GPU")
 def test_a_gpu_that_is_not_there_is_refused_in_words(recording: Path, tmp_path: Path) -> None:
     parameters = ReconstructionParameters.create(device="gpu", sound_speed=1500.0)
     with pytest.raises(InvalidInput, match=r"device is gpu; allowed: cpu or auto here \(.*steradian\[gpu\]"):

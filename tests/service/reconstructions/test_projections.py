@@ -7,7 +7,7 @@ from PIL import Image
 from steradian.drawing.image_figure import SHORT_SIDE
 from steradian.drawing.ticks import ticks
 from steradian.imaging import Volume, VoxelAxes
-from steradian.imaging.engines.cuda import backend
+from steradian.imaging.engines.cuda import array_backend
 from steradian.imaging.signal.conditioning import Display
 from steradian.reconstructions.pipeline.plan_cache import PlanCache, deep_array_bytes
 from steradian.reconstructions.volumes.images import draw_mip
@@ -148,12 +148,12 @@ def test_plan_cache_evicts_by_count_and_memory(positions):
 
 def test_plan_cache_rebuilds_plan_after_gpu_memory_fallback(positions, monkeypatch):
     """The next job may find room there, and does not report what befell another one."""
-    monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
-    monkeypatch.setattr(backend.SimulatorBackend, "free", lambda _: 1000)
+    monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
+    monkeypatch.setattr(array_backend.SimulatorBackend, "free", lambda _: 1000)
     plans, options = PlanCache(), arguments(positions, 32, **OPTIONS, device="auto")
     assert plans.get(*options).chosen.device == "cpu"
     monkeypatch.undo()
-    monkeypatch.setenv(backend.USE_SIMULATOR, "simulator")
+    monkeypatch.setenv(array_backend.USE_SIMULATOR, "simulator")
     plan = plans.get(*options)
     assert (plan.chosen.device, plan.chosen.notes) == ("simulator", [])
     assert plans.get(*options) is plan

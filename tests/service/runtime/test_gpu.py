@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-from steradian.runtime.gpu import detect_gpu
+from steradian.runtime.gpu_detection import detect_gpu
 
 
 def test_there_is_none_without_the_extra():

@@ -11,12 +11,12 @@ import pytest
 from sqlalchemy import select
 
 from steradian.core.exceptions import DamagedFile
-from steradian.jobs.model import JobRequest
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.runtime.fsck import repair
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 from support.damage import spoil
 from support.kept import Kept
 

@@ -15,7 +15,7 @@ from support.waiting import until
 
 WORKER = """
 import ctypes, gc, json, os, re, signal, sys, weakref
-from steradian.runtime import worker
+from steradian.runtime import worker_entry
 
 class Ring:
     def __init__(self):
@@ -42,8 +42,8 @@ def tell(*_):
     os.rename(sys.argv[2], sys.argv[3])
 
 signal.signal(signal.SIGUSR1, tell)
-worker.JOB_TYPES, worker.CHILD_COMMAND = ["echo"], [sys.executable, sys.argv[1]]
-worker.main(0)
+worker_entry.JOB_TYPES, worker_entry.CHILD_COMMAND = ["echo"], [sys.executable, sys.argv[1]]
+worker_entry.main(0)
 """
 JOBS = Path(__file__).parents[1] / "jobs" / "echo_job.py"
 

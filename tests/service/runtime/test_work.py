@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.client import JobQueue
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
+from steradian.jobs.queue.queue_client import JobQueue
 from steradian.jobs.requests import ReconstructionRequest, to_job_request
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
@@ -19,7 +19,7 @@ from steradian.runtime.supervisor import running_worker
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ReconstructionState, ScanState
+from steradian.storage.state_machines import ReconstructionState, ScanState
 from support.alines import Aline
 from support.processes import children_of, resident, runs
 from support.services import WAIT, Service

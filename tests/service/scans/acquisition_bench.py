@@ -8,14 +8,14 @@ from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.acquisition import Acquisition
-from steradian.runtime.scanner_port import ScannerConnection
+from steradian.runtime.scanner_address import ScannerConnection
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 
 class Port:

@@ -31,7 +31,7 @@ from steradian.storage.db.database import Database
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState
+from steradian.storage.state_machines import DesiredScanState
 
 W = DesiredScanState
 SPEED, PHANTOM = 4.0, 11

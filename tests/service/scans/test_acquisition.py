@@ -17,7 +17,7 @@ from steradian.core.exceptions import Conflict, DamagedFile
 from steradian.runtime.acquisition import Acquisition, count_alines
 from steradian.scans.acquisition.control import SessionOutcome
 from steradian.storage.blobs.interface import FolderBlobStore
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.waiting import until
 
 S, W = ScanState, DesiredScanState

@@ -17,7 +17,7 @@ from fabry_perot.simulator import launch
 from steradian.runtime.acquisition import count_alines
 from steradian.scans.file.create import scan_file_bytes
 from steradian.scans.file.writer import ScanFileWriter
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 S, W = ScanState, DesiredScanState
 

@@ -8,7 +8,7 @@ from fabry_perot.simulator import launch
 from steradian import ScanPlan, equi_steradian_mask
 from steradian.plans import Link, Tuning, preview
 from steradian.scans.acquisition.run import run_scan
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 120)
 OPTIONS = {"film": "nonlinear", "relief": "scatter", "noise_db": float("inf"), "energy_jitter": 0.0, "speed": 50}

@@ -13,7 +13,7 @@ from scripted import QUIET, Script, samples
 from fabry_perot.simulator import launch, phantoms
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.masks import equi_steradian_mask, multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition.control import Command, SessionOutcome
 from steradian.scans.acquisition.run import resume_scan, run_scan

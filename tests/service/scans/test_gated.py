@@ -43,7 +43,7 @@ def test_gated_scan_without_gate_is_refused_before_file_creation(tmp_path):
 
 def test_a_scan_that_goes_on_waits_for_the_gate_again():
     """The first point that is missing, and the first of each frame after it."""
-    from steradian.scans.file.program import ScanProgram
+    from steradian.scans.file.measurement_order import ScanProgram
 
     plan = ScanPlan.create(gate="frame", frames=3, **COMMON)
     rows = ScanProgram.of_plan(plan).order[30:]

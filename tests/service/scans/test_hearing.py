@@ -17,7 +17,7 @@ from fabry_perot.wire.framing import Deframer, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD
 from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import run_scan
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.waiting import until
 
 FEW = 30

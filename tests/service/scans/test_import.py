@@ -237,13 +237,13 @@ def test_the_formats_page_lists_every_name_that_is_understood(tmp_path):
     """Names in the page's table are those of the code, in the order in which they are looked for."""
     import re
 
-    from steradian.scans.importing import arrays, variable_aliases
+    from steradian.scans.importing import numpy_files, variable_aliases
 
     page = (Path(__file__).parents[3] / "docs" / "formats.md").read_text()
     rows = re.findall(r"^\| ([^|]+) \| ((?:`[^`|]+`,? ?)+)\|", page.split("### Names")[1], re.MULTILINE)
     told = {what.split(" (")[0]: tuple(re.findall("`([^`]+)`", row)) for what, row in rows}
     assert told == {
-        "A-lines": arrays.TRACES,
+        "A-lines": numpy_files.TRACES,
         "time between samples": variable_aliases.INTERVAL,
         "samples a second": variable_aliases.RATE,
         "speed of sound": variable_aliases.SPEED,

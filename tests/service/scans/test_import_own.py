@@ -17,7 +17,7 @@ from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.scans.file import schema
 from steradian.scans.file.create import geometry_checksum
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 import fabry_perot
-from fabry_perot.host.ports import lock_owner
+from fabry_perot.host.port_identity import lock_owner
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan

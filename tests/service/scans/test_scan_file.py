@@ -15,7 +15,7 @@ from earlier import as_version_1
 
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask, multi_beam_mask
-from steradian.masks.beams import read_beams
+from steradian.masks.multi_beam import read_beams
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import resume_scan, run_scan

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from acquisition_bench import Bench
 
 from fabry_perot.simulator import launch
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 
 @pytest.mark.long

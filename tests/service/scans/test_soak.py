@@ -19,7 +19,7 @@ import pytest
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.file.writer import ScanFileWriter
-from steradian.storage.states import SCAN_TRANSITIONS, DesiredScanState, ScanState, is_terminal
+from steradian.storage.state_machines import SCAN_TRANSITIONS, DesiredScanState, ScanState, is_terminal
 
 S, W = ScanState, DesiredScanState
 SEED = int(os.environ.get("STERADIAN_SOAK_SEED", "1"))

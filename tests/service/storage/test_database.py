@@ -8,7 +8,7 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from sqlalchemy import select, text
 
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES, resource_of
 from steradian.storage.db.database import MIGRATIONS, Database
 from steradian.storage.db.tables import Base, MaskRow

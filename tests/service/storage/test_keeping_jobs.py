@@ -5,8 +5,8 @@ from datetime import timedelta
 import pytest
 
 from steradian.core.exceptions import StaleFence
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.worker.results import ResultUploader, upload_results
 from steradian.storage.data_dir.layout import DataDirectory
 from support.stores import settings_of

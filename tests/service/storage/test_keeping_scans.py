@@ -23,7 +23,7 @@ from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.alines import Aline
 from support.stores import keys
 

@@ -119,8 +119,8 @@ def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tm
 def test_startup_check_accepts_import_interrupted_before_its_row(tmp_path):
     """It was the first scan of the folder; its job goes on with the file."""
     from steradian.core.settings import Settings
-    from steradian.jobs.model import JobRequest
-    from steradian.jobs.queue.ledger import JobLedger
+    from steradian.jobs.job import JobRequest
+    from steradian.jobs.queue.job_ledger import JobLedger
     from steradian.storage.db.database import Database, metadata_url
     from steradian.storage.maintenance.startup_check import check_before_start
 

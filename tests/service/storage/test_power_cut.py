@@ -24,8 +24,8 @@ import pytest
 from sqlalchemy import create_engine, select, text
 
 from steradian.core.settings import Settings
-from steradian.jobs.queue.client import JobQueue
 from steradian.jobs.queue.dbos import queue_url
+from steradian.jobs.queue.queue_client import JobQueue
 from steradian.scans.file.writer import create_scan_file
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
@@ -33,7 +33,7 @@ from steradian.storage.db.tables import Base
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState
+from steradian.storage.state_machines import ScanState
 
 pytestmark = pytest.mark.long
 

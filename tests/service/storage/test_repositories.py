@@ -10,7 +10,7 @@ from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import ReconstructionRepository
 from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 S = ScanState
 

@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from steradian.core.exceptions import Conflict
-from steradian.storage import states
-from steradian.storage.states import (
+from steradian.storage import state_machines
+from steradian.storage.state_machines import (
     ACTIVE_SCAN_STATES,
     ALLOWED_DESIRED_STATES,
     IRREVERSIBLE_DESIRED_STATES,
@@ -151,4 +151,4 @@ def test_interrupted_scan_allows_running_but_not_paused_request():
 
 def test_the_tables_cannot_be_changed_by_accident():
     with pytest.raises(TypeError):
-        states.SCAN_TRANSITIONS[S.COMPLETE] = frozenset(S)
+        state_machines.SCAN_TRANSITIONS[S.COMPLETE] = frozenset(S)

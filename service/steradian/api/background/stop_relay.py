@@ -11,8 +11,8 @@ from typing import Final
 
 from ulid import ULID
 
+from steradian.api.background.local_emergency_stop import wait_until
 from steradian.api.background.peers import STOP_ID_HEADER, NodeUnavailable, PeerRegistry, PeerRequest
-from steradian.api.background.stop_controller import wait_until
 from steradian.api.http.urls import link
 from steradian.api.schemas.resources import BASE
 from steradian.api.schemas.scanners import EmergencyAnswer, EmergencyView

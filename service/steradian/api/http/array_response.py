@@ -26,7 +26,7 @@ from werkzeug.http import parse_accept_header
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.json_encoding import nan_to_none
-from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import open_for_reading
 
 NPY: Final = "application/x-npy"

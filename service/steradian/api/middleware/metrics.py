@@ -15,7 +15,7 @@ from steradian.api.services import ServiceContainer
 from steradian.jobs.queue.estimates import backlog
 from steradian.jobs.queue.matching import count_unsatisfiable, present_workers
 from steradian.runtime.heartbeat import gpu_of, is_alive
-from steradian.storage.states import ReconstructionState, ScanState
+from steradian.storage.state_machines import ReconstructionState, ScanState
 
 BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
 

@@ -13,7 +13,7 @@ from pydantic import StringConstraints
 from steradian.jobs.registry import JOB_TYPES, VOLUME_KINDS
 from steradian.masks import ARRANGEMENTS
 from steradian.storage.repositories.filters import Label
-from steradian.storage.states import BatchState, ReconstructionState, ScanState
+from steradian.storage.state_machines import BatchState, ReconstructionState, ScanState
 
 MOST_LABELS = 10
 

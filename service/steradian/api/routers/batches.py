@@ -24,7 +24,7 @@ from steradian.api.use_cases.submission import submit_batch
 from steradian.core.exceptions import Conflict
 from steradian.storage.db.tables import BatchRow
 from steradian.storage.repositories import filters
-from steradian.storage.states import is_terminal
+from steradian.storage.state_machines import is_terminal
 
 router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=AuthorizedRoute)
 

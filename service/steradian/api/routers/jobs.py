@@ -31,14 +31,14 @@ from steradian.api.schemas.resources import Listing
 from steradian.api.services import ServiceContainer
 from steradian.api.use_cases.submission import submit_job
 from steradian.core.exceptions import NotFound
-from steradian.jobs.queue.ledger import to_status
+from steradian.jobs.queue.job_ledger import to_status
 from steradian.jobs.requests import EXAMPLES, WorkRequest
 from steradian.security.keys import Principal
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import LOG
 from steradian.storage.repositories import filters
 from steradian.storage.repositories.idempotency import IdempotencyKey
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=AuthorizedRoute)
 

@@ -160,7 +160,7 @@ def _mask_metrics(arrangement: Arrangement) -> bytes:
 
 
 def _picture(arrangement: Arrangement) -> bytes:
-    from steradian.drawing.raster import render_page
+    from steradian.drawing.raster_renderer import render_page
     from steradian.masks.plots import mask_figure
 
     return render_page(mask_figure(arrangement.build(), with_point_spread=False)).png()

@@ -18,7 +18,7 @@ from steradian.api.schemas.resources import BASE, Listing
 from steradian.core.validation import Value
 from steradian.jobs.requests import Identifier, QualityRequest
 from steradian.storage.repositories import filters
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
 MAX_COMPARISONS = 200

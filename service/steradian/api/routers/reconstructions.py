@@ -27,7 +27,7 @@ from steradian.api.schemas.resources import Listing, ReconstructionView
 from steradian.api.services import ServiceContainer
 from steradian.api.use_cases.submission import submit_reconstruction
 from steradian.core.validation import Value
-from steradian.jobs.model import LOWEST_PRIORITY, JobStatus
+from steradian.jobs.job import LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.storage.db.tables import ReconstructionRow
 from steradian.storage.repositories import filters

@@ -24,13 +24,13 @@ from steradian.api.routers.reconstructions import read_with_wait
 from steradian.api.schemas.reports import ImageView
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
-from steradian.jobs.model import JobStatus
+from steradian.jobs.job import JobStatus
 from steradian.jobs.registry import LIVE_KIND
 from steradian.reconstructions.volumes.reader import stored_volume
 from steradian.reconstructions.volumes.zarr_view import get_node
 from steradian.storage.blobs.interface import result_name
 from steradian.storage.data_dir.job_directory import REVISION, VOLUME
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
 

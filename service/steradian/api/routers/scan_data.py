@@ -39,8 +39,8 @@ from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
 from steradian.core.json_encoding import nan_to_none, to_jsonable
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.corruption import HDF5_ERRORS
-from steradian.scans.file.latest import latest_row
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
+from steradian.scans.file.latest_row import latest_row
 from steradian.scans.file.locking import open_for_reading
 from steradian.storage.blobs.interface import scan_name
 

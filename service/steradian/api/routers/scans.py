@@ -27,7 +27,7 @@ from steradian.api.use_cases.scan_submission import require_lease, submit_scan
 from steradian.core.validation import Value
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories import filters
-from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState
+from steradian.storage.state_machines import SETTLED_SCAN_STATES, DesiredScanState
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)
 

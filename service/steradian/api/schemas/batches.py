@@ -14,11 +14,11 @@ from steradian.api.http.urls import link
 from steradian.api.schemas.reports import ReportView
 from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import Value
-from steradian.jobs.model import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
+from steradian.jobs.job import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import Identifier, ReconstructionRequest, Required, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.db.tables import BatchRow, ReconstructionRow
-from steradian.storage.states import BatchState
+from steradian.storage.state_machines import BatchState
 
 MAX_JOBS = 200
 _SCAN = "s01jz0000000000000000000000"

@@ -11,11 +11,11 @@ from steradian.api.http.urls import link
 from steradian.api.schemas.queue import QueueView, RequirementsView
 from steradian.api.schemas.reports import HistoryView, Result, result_of
 from steradian.api.schemas.resources import ErrorView, ProgressView, RequestId
-from steradian.jobs.model import JobStatus
+from steradian.jobs.job import JobStatus
 from steradian.jobs.queue.estimates import QueueEstimate
 from steradian.jobs.registry import resource_of
 from steradian.jobs.request_versions import asked
-from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
+from steradian.storage.state_machines import DesiredJobState, ReconstructionState, is_terminal
 
 
 class JobView(BaseModel):

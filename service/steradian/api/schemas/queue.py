@@ -8,7 +8,7 @@ from typing import Self
 
 from pydantic import BaseModel, Field
 
-from steradian.jobs.model import Requirements
+from steradian.jobs.job import Requirements
 from steradian.jobs.queue.estimates import QueueEstimate
 
 

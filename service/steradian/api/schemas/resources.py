@@ -11,12 +11,12 @@ from steradian.api.http.urls import BASE as BASE
 from steradian.api.http.urls import link
 from steradian.api.schemas.queue import QueueView, RequirementsView
 from steradian.api.schemas.reports import HistoryView, PreviewView, ReportView, SummaryView
-from steradian.jobs.model import JobStatus
+from steradian.jobs.job import JobStatus
 from steradian.jobs.queue.estimates import QueueEstimate
 from steradian.jobs.registry import LIVE_KIND
 from steradian.plans import VisitOrder
 from steradian.storage.db.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
-from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
+from steradian.storage.state_machines import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 
 if TYPE_CHECKING:
     from steradian.masks import Mask

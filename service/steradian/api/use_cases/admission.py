@@ -25,7 +25,7 @@ from steradian.storage.blobs.interface import result_name, scan_name, upload_nam
 from steradian.storage.capacity.quota import scan_bytes
 from steradian.storage.data_dir.job_directory import VOLUME
 from steradian.storage.db.tables import ScanRow
-from steradian.storage.states import SETTLED_SCAN_STATES, ReconstructionState
+from steradian.storage.state_machines import SETTLED_SCAN_STATES, ReconstructionState
 
 
 class ResourceEstimate(NamedTuple):

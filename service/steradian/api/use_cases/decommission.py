@@ -18,7 +18,7 @@ from steradian.security.keys import Principal
 from steradian.storage.db.advisory_locks import LockState
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.deletion import InUse
-from steradian.storage.states import ScanState, is_terminal
+from steradian.storage.state_machines import ScanState, is_terminal
 
 ANSWER_TIMEOUT = 3.0
 """Seconds for which the node's answer is waited for."""

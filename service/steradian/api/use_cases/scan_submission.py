@@ -13,7 +13,7 @@ from steradian.storage.capacity.quota import scan_bytes
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 from steradian.storage.repositories.scanners import EmergencyStopped
-from steradian.storage.states import is_terminal
+from steradian.storage.state_machines import is_terminal
 
 
 def submit_scan(

@@ -19,7 +19,7 @@ from steradian.api.use_cases.admission import (
     estimate_resources,
     frames_of,
 )
-from steradian.jobs.queue.ledger import to_status
+from steradian.jobs.queue.job_ledger import to_status
 from steradian.jobs.requests import JobRequestBase, ReconstructionRequest, WorkRequest, to_job_request
 from steradian.security.keys import Principal
 from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, ScanRow

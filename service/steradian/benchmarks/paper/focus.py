@@ -14,8 +14,8 @@ from steradian.benchmarks.paper.sections import Claim, Section, SectionContext, 
 from steradian.imaging import Acquisition, ImageGrid, InverseFilter, Nufft, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.film_response_choice import SimulatedFilmResponse
-from steradian.reconstructions.studies.sound_speed import find_sound_speed
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve
+from steradian.reconstructions.studies.sound_speed_search import find_sound_speed
 
 SPEEDS = (1400.0, 1450.0, 1500.0, 1550.0, 1600.0)
 GAINS = (4.0, 10.0)

@@ -1,8 +1,8 @@
-"""Section on iterative reconstruction, from the measurements of :mod:`.iterative_data`."""
+"""Section on iterative reconstruction, from the measurements of :mod:`.iterative_measurements`."""
 
 from __future__ import annotations
 
-from steradian.benchmarks.paper.iterative_data import DIRECT, FILTERED, ITERATIVE, measure
+from steradian.benchmarks.paper.iterative_measurements import DIRECT, FILTERED, ITERATIVE, measure
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
 from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
 

@@ -1,4 +1,4 @@
-"""Section on the yarn (the paper's section 6), from the measurements of :mod:`.yarn_data`."""
+"""Section on the yarn (the paper's section 6), from the measurements of :mod:`.yarn_measurements`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from steradian.benchmarks.paper.markdown import number, percent, picture, spread, table
 from steradian.benchmarks.paper.sections import Claim, Section, SectionResult
-from steradian.benchmarks.paper.yarn_data import EQUI, FILLED, GRIDS, measure, near
+from steradian.benchmarks.paper.yarn_measurements import EQUI, FILLED, GRIDS, measure, near
 
 PAPER: dict[str, Any] = {
     "correlation": {EQUI: 0.960, "interval 4": 0.947, "interval 5": 0.944},

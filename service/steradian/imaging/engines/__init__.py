@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import NDArray
 
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.volume import RealArray
 
 

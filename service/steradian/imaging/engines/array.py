@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import Stencils, numbers_of
 
 _BATCH = 64  # time samples spread, rows of modes interpolated at once

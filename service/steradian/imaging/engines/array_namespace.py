@@ -21,7 +21,7 @@ def to_numpy(values: Any) -> NDArray[Any]:
     if hasattr(values, "get"):  # CuPy's
         found: NDArray[Any] = values.get()
         return found
-    from steradian.imaging.engines.cuda.backend import device
+    from steradian.imaging.engines.cuda.array_backend import device
 
     backend = device()
     return backend.host(backend.array(values))

@@ -11,7 +11,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging.engines.array_namespace import is_gpu_array
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.options import Compute
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 
 if TYPE_CHECKING:
     from steradian.imaging.engines.cuda.engine import CudaEngine
@@ -119,7 +119,7 @@ class EngineSelector:
         wanted = self._compute.device
         if wanted == "cpu":
             return self._of_processor()
-        from steradian.imaging.engines.cuda.backend import unavailable_reason
+        from steradian.imaging.engines.cuda.array_backend import unavailable_reason
 
         lacking = unavailable_reason()
         if wanted == "auto" and lacking is not None:

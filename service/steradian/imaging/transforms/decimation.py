@@ -63,7 +63,7 @@ class Decimation:
         cancelled: CancelCheck | None = None,
     ) -> RealArray:
         """Decimate A-lines (M, N) of any real type; non-finite values remain non-finite."""
-        from steradian.imaging.transforms.sparse_sums import weighted_sums
+        from steradian.imaging.transforms.windowed_sums import weighted_sums
 
         result: RealArray = np.empty((len(traces), self.samples), dtype)
         taps = self.taps.astype(dtype)

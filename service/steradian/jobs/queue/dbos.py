@@ -1,7 +1,7 @@
 """Configuration of the queue engine (DBOS): database URL, queue names, migrations.
 
-:mod:`steradian.jobs.queue.client` is the client's side, :mod:`steradian.jobs.worker.main` a worker's; nothing else
-knows it. The engine decides who runs a job and when; how a job stands is written in the ledger, which everybody reads.
+:mod:`steradian.jobs.queue.queue_client` is the client side, :mod:`steradian.jobs.worker.main` a worker's; no other
+module uses the engine. The engine decides which worker runs a job and when; the state of a job is in the ledger.
 """
 
 from __future__ import annotations

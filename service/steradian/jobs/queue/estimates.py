@@ -13,12 +13,12 @@ from typing import Any, Final
 from sqlalchemy import ColumnElement, func, or_, select, tuple_
 from sqlalchemy.orm import Session
 
-from steradian.jobs.model import requirements_of
+from steradian.jobs.job import requirements_of
 from steradian.jobs.queue import matching as capabilities
 from steradian.jobs.queue.fair_queueing import QUEUE_ORDER, WAITS_FOR_SCAN
 from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.tables import JobRow
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 HISTORY, MIN_SAMPLES = 50, 3
 """Newest jobs of a kind that are looked at, and how many of a sort tell how long one takes."""

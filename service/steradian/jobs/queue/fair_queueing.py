@@ -17,7 +17,7 @@ from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.database import advisory_xact_lock
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.repositories.event_log import EVENT_ORDER_LOCK
-from steradian.storage.states import ReconstructionState, ScanState
+from steradian.storage.state_machines import ReconstructionState, ScanState
 
 WAITS_FOR_SCAN: Final = JobRow.kind.in_(LIVE_KINDS) & exists().where(
     ScanRow.id == JobRow.scan_id, ScanRow.state == ScanState.QUEUED

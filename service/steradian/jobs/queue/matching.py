@@ -21,13 +21,13 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
 from steradian.core.system_resources import total_memory
-from steradian.jobs.model import Requirements, requirements_of
+from steradian.jobs.job import Requirements, requirements_of
 from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScannerRow, ScanRow, WorkerRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.scanners import PRESENT
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 REFRESH_INTERVAL: Final = 10.0
 """Seconds between two notes of what a worker has."""

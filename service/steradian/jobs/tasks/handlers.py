@@ -24,7 +24,7 @@ from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.job_directory import VOLUME
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.live.revision import Revision
+    from steradian.reconstructions.live.revision_metrics import Revision
     from steradian.reconstructions.studies.what_if import TimedImage
     from steradian.scans.recording import Recording
     from steradian.storage.db.database import Database
@@ -56,7 +56,7 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
     from steradian.reconstructions.live.follow import reconstruct_live
     from steradian.storage.repositories.reconstructions import ReconstructionRepository
     from steradian.storage.repositories.scans import ScanRepository
-    from steradian.storage.states import SETTLED_SCAN_STATES
+    from steradian.storage.state_machines import SETTLED_SCAN_STATES
 
     with _database() as database:
         scans, here = ScanRepository(database), work.data.scan_file(job.scan_id)
@@ -158,7 +158,7 @@ def _shared_reference_image(work: JobContext, job: requests.ReconstructionReques
 @handles(requests.SoundSpeedRequest)
 def scan_sound_speed(work: JobContext, job: requests.SoundSpeedRequest) -> dict[str, Any]:
     """Run a sound-speed job: find the speed of sound at which a scan's image is sharpest."""
-    from steradian.reconstructions.studies.sound_speed import scan_sound_speed
+    from steradian.reconstructions.studies.sound_speed_search import scan_sound_speed
 
     curve = scan_sound_speed(
         work.scan_path(job.scan_id),

@@ -17,11 +17,11 @@ from sqlalchemy import ColumnElement, column, select
 
 from steradian.core.settings import Settings
 from steradian.jobs.queue.dbos import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, queue_url, scanner_queue
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, WorkerRegistration, unsatisfied_clause
 from steradian.jobs.worker.failover import claim_name, monitor_peers
 from steradian.jobs.worker.memory_tuning import freeze_garbage_collector
-from steradian.jobs.worker.polling import adaptive_wait
+from steradian.jobs.worker.queue_polling import adaptive_wait
 from steradian.jobs.worker.readiness import wait_until_ready
 from steradian.jobs.worker.results import ResultUploader
 from steradian.jobs.worker.runner import POLL, JobRunner

@@ -31,7 +31,7 @@ from steradian.core.exceptions import StaleFence, SteradianError, StoreUnavailab
 from steradian.core.logging_config import request_id
 from steradian.core.progress import Progress
 from steradian.core.sandbox import set_oom_score
-from steradian.jobs.model import Crashed, Failed, Outcome, Requeued, Succeeded
+from steradian.jobs.job import Crashed, Failed, Outcome, Requeued, Succeeded
 from steradian.storage.data_dir.job_directory import StillRunning
 
 Report: TypeAlias = Callable[[str, int, int], Awaitable[None]]

@@ -14,15 +14,15 @@ from sqlalchemy.exc import SQLAlchemyError
 from steradian.core.atomic_files import DRAFT_SUFFIX
 from steradian.core.exceptions import NotFound, StaleFence, StoreUnavailable
 from steradian.core.settings import Settings
-from steradian.jobs.model import Outcome, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Outcome, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.storage.blobs.interface import BlobStore, StagedBlob, result_name
 from steradian.storage.blobs.object_store import arrays_of
 from steradian.storage.data_dir.job_directory import LOG, JobDirectory
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ObjectRow
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 STAGED_KEY: Final = "in the store"
 """Under which name a report says what of it is kept; no report of a job has it."""

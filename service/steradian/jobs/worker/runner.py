@@ -20,15 +20,15 @@ from steradian.core.exceptions import NotFound, StaleFence, StoreUnavailable
 from steradian.core.logging_config import request_id, request_id_suffix
 from steradian.core.settings import Settings
 from steradian.core.signal_safe_event import SignalSafeEvent
-from steradian.jobs.model import Crashed, Failed, Outcome, Requeued, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import Crashed, Failed, Outcome, Requeued, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.registry import JOB_TYPES
 from steradian.jobs.worker.process import JobProcess
 from steradian.jobs.worker.results import ResultUploader
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.tables import JobRow
 from steradian.storage.maintenance.permissions import unwritable_job, unwritable_jobs
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 POLL: Final = 0.2
 """Seconds between looks at a cancellation and between progress reports."""

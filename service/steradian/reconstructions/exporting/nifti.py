@@ -10,7 +10,7 @@ import numpy as np
 
 from steradian._version import __version__
 from steradian.core.exceptions import InvalidInput
-from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.optional_imports import import_optional
 from steradian.reconstructions.exporting.source import VolumeExportSource
 
 LONGEST = 32_767

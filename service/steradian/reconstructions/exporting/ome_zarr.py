@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from steradian._version import __version__
-from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.optional_imports import import_optional
 from steradian.reconstructions.exporting.source import VolumeExportSource
 
 CHUNK_SIDE = 128

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import Cancelled, DamagedFile, NotFound
 from steradian.core.progress import CancelCheck, Progress
 from steradian.reconstructions.volumes.file import centre_in, check_format
-from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.h5py_errors import reraise_as_damaged
 
 SLAB_BYTES = 32 << 20
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.reconstructions.exporting.libraries import import_optional
+from steradian.reconstructions.exporting.optional_imports import import_optional
 from steradian.reconstructions.exporting.source import VolumeExportSource
 
 MOST_BYTES = (1 << 32) - (1 << 20)

@@ -25,7 +25,7 @@ from steradian.imaging import DirectMethod, ReconstructionPlan, Volume
 from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
-from steradian.reconstructions.live.revision import Revision, quality_of
+from steradian.reconstructions.live.revision_metrics import Revision, quality_of
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import modes_of, request_field_names, resolve_setup
 from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json

@@ -16,7 +16,7 @@ from steradian.core.atomic_files import atomic_write
 from steradian.core.json_encoding import to_jsonable
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Acquisition, DirectMethod, Iterative, ReconstructionInfo, Volume, reconstruct
-from steradian.imaging.engines.cuda import backend
+from steradian.imaging.engines.cuda import array_backend
 from steradian.imaging.signal.bandwidth import power_fraction_above, resolve_upper_frequency
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.completeness import IncompleteCoverage, find_missing_points
@@ -191,7 +191,7 @@ def reconstruct_and_write(
         assert volume.info is not None  # noqa: S101 - it was reconstructed
         report.note_info(volume.info)
     if report.device not in ("", "cpu"):
-        backend.device().release()  # for the GPU's other users: this process may wait long for its next job
+        array_backend.device().release()  # for the GPU's other users: this process may wait long for its next job
     report.axes = ", ".join(volume.names)
     report.shape, report.spacing_m = volume.values.shape, tuple(map(float, volume.spacing))
     report.origin_m, report.centre_m = tuple(map(float, volume.origin)), recording.centre

@@ -13,7 +13,7 @@ from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
 from steradian.imaging.signal.bandwidth import signal_band
 from steradian.imaging.signal.conditioning import Conditioning
-from steradian.phantoms.round import cylinder, gaussian_cylinder, gaussian_sphere, sphere
+from steradian.phantoms.spheres_and_cylinders import cylinder, gaussian_cylinder, gaussian_sphere, sphere
 from steradian.quality.width import Width
 from steradian.reconstructions.film_response_choice import Film
 from steradian.reconstructions.parameters import ReconstructionParameters

@@ -33,7 +33,7 @@ from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volumes.grid import VoxelGrid
 from steradian.reconstructions.volumes.projections import Projections, project
 from steradian.reconstructions.volumes.pyramid import chunk_shape, pyramid_shapes
-from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.h5py_errors import reraise_as_damaged
 
 FORMAT, VERSION = "steradian-volume", 2
 READABLE = (1, VERSION)

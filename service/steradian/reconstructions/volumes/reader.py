@@ -16,7 +16,7 @@ from steradian.reconstructions.volumes.file import centre_in
 from steradian.reconstructions.volumes.grid import VoxelGrid
 from steradian.reconstructions.volumes.lazy_array import ChunkedDataset
 from steradian.reconstructions.volumes.projections import Axis
-from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 
 
 @lru_cache(maxsize=32)

@@ -23,7 +23,7 @@ from steradian.storage.blobs.staleness import is_stale
 from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import ScanState, is_terminal
+from steradian.storage.state_machines import ScanState, is_terminal
 
 POLL_INTERVAL: Final = 1.0
 """Seconds between looks at the scans of this host."""

@@ -12,7 +12,7 @@ from typing import Final
 from steradian.core.atomic_files import atomic_write, sync_folder
 from steradian.core.exceptions import Conflict, DamagedFile, NotFound
 from steradian.core.progress import Progress
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.runtime.archive.scan_uploader import upload_scan
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
 from steradian.storage.blobs.object_store import S3BlobStore
@@ -20,7 +20,7 @@ from steradian.storage.data_dir.job_directory import LOG
 from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import is_terminal
+from steradian.storage.state_machines import is_terminal
 
 STAGE: Final = "moving"
 

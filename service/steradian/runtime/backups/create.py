@@ -35,8 +35,8 @@ from steradian.runtime.backups.manifest import (
     regular_files,
 )
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.corruption import HDF5_ERRORS
 from steradian.scans.file.create import is_disk_full_error
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.verify import verify_scan_file
 from steradian.storage.capacity.quota import imported_scan_id
@@ -45,7 +45,7 @@ from steradian.storage.data_dir.sqlite_urls import sqlite_url
 from steradian.storage.db.database import Database, known_revisions
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.snapshot import take_snapshot
-from steradian.storage.states import ScanState, is_terminal
+from steradian.storage.state_machines import ScanState, is_terminal
 
 MAX_ROUNDS: Final = 20
 """Times that the rows are read before too much is being deleted."""

@@ -17,7 +17,7 @@ from steradian.scans.acquisition.control import Command, SessionControl, Session
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.storage.repositories.scanners import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
-from steradian.storage.states import DesiredScanState, ScanState, shortest_path
+from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path
 
 POLL = 0.2
 """Seconds between looks for work, and between looks at what is wished of a scan and reports of its progress."""

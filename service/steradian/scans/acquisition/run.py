@@ -29,7 +29,7 @@ from steradian.scans.acquisition.resume_checks import (
 )
 from steradian.scans.acquisition.session import DEFAULT, ScanSession
 from steradian.scans.file.create import check_free_space, create_scan_file, scan_file_bytes
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 from steradian.scans.file.verify import CheckReport, verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter
 
@@ -278,7 +278,7 @@ def require_no_fault(scanner: fabry_perot.Scanner, cause: Exception | None = Non
     """Raise FaultLatched if the scanner has a latched fault or emergency stop, which a person must clear."""
     if scanner.state in {"fault", "estop"}:
         code = scanner.status.fault if scanner.state == "fault" else 0
-        fault = fabry_perot.faults.by_code(code)
+        fault = fabry_perot.fault_codes.by_code(code)
         raise FaultLatched(code, f"{fault}; {fault.remedy}, then clear the fault") from cause
 
 

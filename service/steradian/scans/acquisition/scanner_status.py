@@ -6,8 +6,8 @@ import time
 from typing import Any, Final
 
 import fabry_perot
-from fabry_perot import faults
-from fabry_perot.host.answers import in_words
+from fabry_perot import fault_codes
+from fabry_perot.host.query_results import in_words
 from steradian.storage.data_dir.scanner_status import UNKNOWN, ScannerStatus
 
 _LATCHED: Final = frozenset({"fault", "estop"})
@@ -41,9 +41,9 @@ def fault_of(heard: fabry_perot.PortStatus) -> dict[str, Any] | None:
     """Return the latched fault of a port status as a dictionary with title and remedy; ``None`` without one."""
     if heard.state not in _LATCHED:
         return None
-    fault = faults.by_code(0 if heard.state == "estop" else heard.fault)
+    fault = fault_codes.by_code(0 if heard.state == "estop" else heard.fault)
     light = heard.laser == "on" or heard.shutter == "open"
-    cause = faults.standing(
+    cause = fault_codes.standing(
         fault.code, interlock_closed=heard.interlock == "closed", key_on=heard.key == "on", light=light
     )
     told = {"code": fault.code, "name": fault.name, "title": fault.title, "remedy": fault.remedy}

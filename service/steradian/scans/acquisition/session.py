@@ -25,7 +25,7 @@ from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, Sess
 from steradian.scans.acquisition.end_requests import hearing
 from steradian.scans.acquisition.excitation import tune_excitation
 from steradian.scans.file.create import is_disk_full_error
-from steradian.scans.file.program import ProgramSegment, ScanProgram
+from steradian.scans.file.measurement_order import ProgramSegment, ScanProgram
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord
 
 _log = logging.getLogger(__name__)

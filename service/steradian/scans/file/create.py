@@ -21,7 +21,7 @@ from steradian.core.atomic_files import sync_folder
 from steradian.core.exceptions import Conflict, DiskFull
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 
 FREE_SPACE_MARGIN = 1.2
 """Free space below this many times a scan's need is worth a warning."""

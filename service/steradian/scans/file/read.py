@@ -15,11 +15,11 @@ from steradian.masks.lattice_pitch import imported_modes
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
-from steradian.scans.file.corruption import reraise_as_damaged
+from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
-from steradian.scans.file.origin import notes_of, read_origin
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 from steradian.scans.file.sensitivity import sensitivity_of
+from steradian.scans.file.source_metadata import notes_of, read_origin
 from steradian.scans.frames import Frame, frame_number
 from steradian.scans.recording import Recording, ShotMetadata
 

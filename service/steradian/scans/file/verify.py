@@ -13,8 +13,8 @@ from steradian.core.exceptions import DamagedFile, NotFound
 from steradian.core.progress import Progress
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.corruption import reraise_as_damaged
 from steradian.scans.file.create import geometry_checksum
+from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.writer import ScanFileWriter
 

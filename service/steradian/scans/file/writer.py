@@ -24,10 +24,10 @@ from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import pack_rows, row_checksums
 from steradian.scans.file.columns import AlineLike, to_columns
-from steradian.scans.file.corruption import HDF5_ERRORS
 from steradian.scans.file.create import create_scan_file, is_disk_full_error
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import lock, open_for_reading
-from steradian.scans.file.program import ScanProgram
+from steradian.scans.file.measurement_order import ScanProgram
 
 __all__ = ["AlineLike", "ScanFileWriter", "create_scan_file"]
 _Rows: TypeAlias = NDArray[np.void] | Mapping[str, NDArray[Any]]

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.core.progress import Progress
 from steradian.scans.file import schema
-from steradian.scans.importing import arrays, ipasc, kwave, mat5, matlab, sgl, untrusted
+from steradian.scans.importing import ipasc, kwave, mat5, matlab, numpy_files, sgl, untrusted
 from steradian.scans.importing.description import Description, read_description
-from steradian.scans.importing.remarks import collecting_remarks
+from steradian.scans.importing.import_remarks import collecting_remarks
 from steradian.scans.importing.source import RecordingSource
 from steradian.scans.importing.text import is_text_table, open_csv, text_rows
 
@@ -83,9 +83,9 @@ def _opened(
     if magic.startswith(mat5.MAGIC):
         return matlab.open_matlab_5(path, said, folder)
     if magic.startswith(ZIP):
-        return arrays.open_npz(path, said, folder)
+        return numpy_files.open_npz(path, said, folder)
     if magic.startswith(NPY):
-        return arrays.open_npy(path, said)
+        return numpy_files.open_npy(path, said)
     if sgl.is_sgl(path, said.file_name):
         return sgl.open_sgl(path, said)
     if is_text_table(path):
@@ -147,7 +147,7 @@ def _with_positions(said: Description, description: Path | None) -> tuple[Descri
 
 
 def _npy_positions(path: Path) -> NDArray[np.float64]:
-    found = arrays.read_npy(path)
+    found = numpy_files.read_npy(path)
     if found.ndim != 2:
         raise InvalidInput("positions", f"an array of shape {found.shape}", "(M, 1 to 3) numbers")
     return found.astype(np.float64)

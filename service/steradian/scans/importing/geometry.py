@@ -14,7 +14,7 @@ from steradian.masks import Mask, custom_mask
 from steradian.masks.explicit_points import area_of_weights
 from steradian.masks.lattice_pitch import FILLED, lattice_modes
 from steradian.scans.file.coordinate_frame import centre_of
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.import_remarks import remark
 
 PLANARITY_TOLERANCE = 1e-4
 """An axis along which the sensors spread less than this share of their largest extent is no axis of theirs."""

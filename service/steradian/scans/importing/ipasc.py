@@ -22,7 +22,7 @@ from steradian.core.progress import Progress
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import refuse_sideways
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
 from steradian.scans.importing.trace_blocks import Hdf5TraceBlocks
 

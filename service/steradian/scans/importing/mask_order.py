@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
-from steradian.scans.importing.evidence import likeness
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.axis_inference import likeness
+from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.trace_blocks import TraceBlocks
 
 Order = Literal["matlab", "python"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.import_remarks import remark
 
 
 def relative_energies(values: NDArray[Any] | None, frames: int, points: int) -> NDArray[np.float64] | None:

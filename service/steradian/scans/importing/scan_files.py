@@ -22,7 +22,7 @@ from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.columns import ATTRIBUTE_BY_COLUMN
 from steradian.scans.file.create import geometry_checksum
-from steradian.scans.file.origin import MOST_CHARACTERS, SOURCE, parse_origin
+from steradian.scans.file.source_metadata import MOST_CHARACTERS, SOURCE, parse_origin
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import untrusted
 from steradian.scans.importing.plan_reader import read_plan

@@ -16,10 +16,10 @@ from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.scans.file import schema
-from steradian.scans.file.origin import SOURCE
+from steradian.scans.file.source_metadata import SOURCE
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.scans.importing.noticing import noticed
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.anomaly_detection import noticed
+from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.source import RecordingSource
 
 DEFAULT_PULSE_RATE, DUTY_CYCLE = 50.0, 0.5

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.quantity_ranges import LENGTH, SAMPLING_INTERVAL
-from steradian.scans.file.origin import printable
+from steradian.scans.file.source_metadata import printable
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
-from steradian.scans.importing.remarks import remark
+from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.sgl_name import NameSays, read_name
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
 from steradian.scans.importing.trace_blocks import RawTraceBlocks

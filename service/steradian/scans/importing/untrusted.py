@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, NotFound, SteradianError
-from steradian.scans.file.corruption import HDF5_ERRORS
+from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import open_for_reading
 
 MAX_LINKS = 5_000_000

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Final
 
 from steradian.storage.db.tables import ObjectRow, ScanRow
-from steradian.storage.states import ACTIVE_SCAN_STATES, ScanState
+from steradian.storage.state_machines import ACTIVE_SCAN_STATES, ScanState
 
 _WRITING: Final = ACTIVE_SCAN_STATES - {ScanState.ARMING}
 

@@ -18,7 +18,7 @@ from steradian.core.exceptions import DiskFull
 from steradian.plans.preview import BYTES_PER_ALINE, BYTES_PER_SAMPLE
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.tables import JobRow, PlanRow, ScanRow
-from steradian.storage.states import ReconstructionState
+from steradian.storage.state_machines import ReconstructionState
 
 QUOTA_LOCK = 0x57E2AD1C
 """Number of the PostgreSQL advisory lock under which jobs are let in."""

@@ -13,7 +13,7 @@ from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from steradian.storage.db.types import EnumText, UtcTime
-from steradian.storage.states import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
+from steradian.storage.state_machines import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
 
 
 class Base(DeclarativeBase):

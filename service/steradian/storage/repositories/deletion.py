@@ -22,7 +22,7 @@ from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, Rem
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import DELETION_ORDER, Resource, jobs, lock_dependents
-from steradian.storage.states import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
+from steradian.storage.state_machines import SETTLED_SCAN_STATES, DesiredScanState, ScanState, is_terminal
 
 _log = logging.getLogger(__name__)
 MAX_LISTED: Final = frozenset({"scan", "batch", "reconstruction", "job"})

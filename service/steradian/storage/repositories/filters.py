@@ -11,7 +11,7 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import GenericFunction
 
 from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
-from steradian.storage.states import BatchState, ReconstructionState, is_terminal
+from steradian.storage.state_machines import BatchState, ReconstructionState, is_terminal
 
 WhereClauses: TypeAlias = list[ColumnElement[bool]]
 Label: TypeAlias = tuple[str, str | None]

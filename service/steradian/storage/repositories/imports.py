@@ -14,7 +14,7 @@ from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.states import DesiredScanState, ScanState
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 
 def register_import(

@@ -10,8 +10,8 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import Conflict
 from steradian.storage.db.tables import ScannerRow, ScanRow
 from steradian.storage.repositories.event_log import append_event
-from steradian.storage.repositories.scanner_rows import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRows
-from steradian.storage.states import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
+from steradian.storage.repositories.scanner_registry import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRows
+from steradian.storage.state_machines import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
 
 __all__ = ["ENSURE_LOCK", "PRESENT", "SCANNER_ID", "EmergencyStopped", "LeaseHeld", "ScannerRepository"]
 MAX_NAME_LENGTH = 120

@@ -18,7 +18,7 @@ from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import lock_row
 from steradian.storage.repositories.scanners import SCANNER_ID
-from steradian.storage.states import (
+from steradian.storage.state_machines import (
     ACTIVE_SCAN_STATES,
     ALLOWED_DESIRED_STATES,
     IRREVERSIBLE_DESIRED_STATES,

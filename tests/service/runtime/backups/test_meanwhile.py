@@ -2,8 +2,8 @@
 
 import pytest
 
-from steradian.jobs.model import JobRequest, Succeeded
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest, Succeeded
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter
 from steradian.storage.blobs.interface import FolderBlobStore

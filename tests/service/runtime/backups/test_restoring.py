@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 from steradian.cli.app import app
 from steradian.core.exceptions import Conflict
 from steradian.core.settings import Settings
-from steradian.jobs.model import JobRequest
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.job import JobRequest
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.runtime.backups import create_backup, restore
 from steradian.security.keys import KeyStore, Scope, Unauthorized
 from steradian.security.sessions import SessionStore

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging.engines.cuda.kernel_args import KappaMap, ModeOrbits, Sparse
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import LateralTransform, Stencils, numbers_of
 
 Ints = NDArray[np.int64]

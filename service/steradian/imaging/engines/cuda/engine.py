@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
-from steradian.imaging.engines.cuda.backend import Backend, device
+from steradian.imaging.engines.cuda.array_backend import Backend, device
 from steradian.imaging.engines.cuda.device_tables import (
     all_orbits,
     axis_of,
@@ -36,7 +36,7 @@ from steradian.imaging.engines.cuda.fft import (
 )
 from steradian.imaging.engines.cuda.kernel_args import DecimationArgs, Sparse
 from steradian.imaging.engines.cuda.memory_plan import MAX_FREE_FRACTION, MemoryPlan, plan_memory
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 
 from steradian.imaging.compute import thread_pool as workers
 from steradian.imaging.engines import ProgressMonitor
-from steradian.imaging.engines.cuda.backend import Backend
+from steradian.imaging.engines.cuda.array_backend import Backend
 from steradian.imaging.engines.cuda.memory_plan import MemoryPlan
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 
 
 def image_of_spectrum(tables: TransformTables, backend: Backend, modes: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging.engines.cuda.device_tables import Axis, Frequencies
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import Stencils
 
 MAX_FREE_FRACTION = 0.9

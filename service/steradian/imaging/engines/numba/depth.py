@@ -16,7 +16,7 @@ from steradian.core.jit import jit, jit_inline
 from steradian.imaging.engines.numba.constants import CELL_PADDING, DEPTH_CHUNK
 from steradian.imaging.engines.numba.fft import fft
 from steradian.imaging.engines.numba.kernel_args import AxisTransform, DepthWorkspace, KappaMap
-from steradian.imaging.engines.numba.lookup import interpolate_response
+from steradian.imaging.engines.numba.response_interpolation import interpolate_response
 from steradian.imaging.engines.numba.simd import (
     broadcast16,
     load1,

@@ -34,7 +34,7 @@ from steradian.imaging.engines.numba.kernel_tables import (
 )
 from steradian.imaging.engines.numba.memory_plan import MemoryPlan, aligned_empty, plan_memory, round_up_to_vector
 from steradian.imaging.engines.numba.mode_blocks import ModeBlocks, group_modes
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 from steradian.imaging.volume import RealArray
 
@@ -116,7 +116,7 @@ class NumbaEngine:
 
     def to_image(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """Return the image of modes over depth, by inverse FFT and, if requested, upsampling."""
-        from steradian.imaging.engines.numba.image import compact_rows, to_image
+        from steradian.imaging.engines.numba.modes_to_image import compact_rows, to_image
 
         t, shape, depths = self.tables, self.tables.geometry.shape, self.tables.depths
         lines, pitch = int(np.prod(shape[:-1])), round_up_to_vector(depths)

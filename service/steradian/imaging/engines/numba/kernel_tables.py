@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging.engines.numba.kernel_args import Sensors, StoredModes
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import GridEntries, LateralTransform, Stencils, numbers_of
 
 Ints = NDArray[np.int64]

@@ -12,7 +12,7 @@ from steradian.imaging.engines.numba.fft_tables import table_bytes
 from steradian.imaging.engines.numba.kernel_args import StoredModes
 from steradian.imaging.engines.numba.kernel_tables import row_count
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.volume import RealArray
 
 _COLUMN_BYTES, _SAMPLE_BYTES = 290, 900  # of tables while they are made, for a lateral mode and for a sample, at least

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging.engines.numba.kernel_args import StoredModes
-from steradian.imaging.tables import TransformTables
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import LateralTransform
 from steradian.imaging.volume import RealArray
 

@@ -13,11 +13,11 @@ from typing import TypeVar
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import port_holders
 from fabry_perot.host.address import split
-from fabry_perot.host.answers import PortStatus, StopAnswer, answer, unconfirmed
-from fabry_perot.host.beside import TURN, SecondOpening, TcpLine, opened
-from fabry_perot.host.passive import Passive
+from fabry_perot.host.passive_listener import Passive
 from fabry_perot.host.port_holders import Listener, Reply
-from fabry_perot.host.ports import aliases, lock_owner, program_of
+from fabry_perot.host.port_identity import aliases, lock_owner, program_of
+from fabry_perot.host.query_results import PortStatus, StopAnswer, answer, unconfirmed
+from fabry_perot.host.stop_lines import TURN, SecondOpening, TcpLine, opened
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.wire.constants import INTERLOCK_CLOSED, KEY_ON, LASER_ARMED, LASER_EMITTING, SHUTTER_OPEN
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import RUNNING, DeviceState
@@ -64,7 +64,7 @@ class PortStatus:
     key
         ``"on"`` or ``"off"``.
     fault
-        Code of the latched fault (:mod:`fabry_perot.faults`), 0 for none.
+        Code of the latched fault (:mod:`fabry_perot.fault_codes`), 0 for none.
     age
         Seconds since that STATUS.
     """
@@ -95,7 +95,7 @@ class FaultCleared:
         The device's state afterwards, in lower case.
     """
 
-    fault: faults.Fault
+    fault: fault_codes.Fault
     by: str
     at: datetime
     state: str
@@ -145,7 +145,7 @@ def is_off(status: Status) -> bool:
 def standing(status: Status) -> str:
     """Return the persisting cause of a latched fault, as a clause; empty when the fault may be cleared."""
     bits = status.laser
-    return faults.standing(
+    return fault_codes.standing(
         status.fault,
         interlock_closed=bool(bits & INTERLOCK_CLOSED),
         key_on=bool(bits & KEY_ON),

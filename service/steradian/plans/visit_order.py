@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask
 from steradian.plans.curve_orders import boustrophedon, hilbert
-from steradian.plans.progressive import progressive
+from steradian.plans.progressive_order import progressive
 
 
 class VisitOrder(StrEnum):

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from fabry_perot.errors import DeviceRestarted, PortBusy
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.phase import HostState
-from fabry_perot.host.state import HostBody
+from fabry_perot.host.host_state import HostBody
+from fabry_perot.host.link_states import HostState
 from fabry_perot.wire.constants import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Frame, crc32c
 from fabry_perot.wire.messages import (

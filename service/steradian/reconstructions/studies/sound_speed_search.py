@@ -1,8 +1,8 @@
 """Estimation of the speed of sound: speed of the least model misfit, with image sharpness as a function of speed.
 
-The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.speed_fit`). The search
-begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and records
-too long for the forward model, have the speed of the sharpest image.
+The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.sound_speed_misfit`). The
+search begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and
+records too long for the forward model, have the speed of the sharpest image.
 
 Sharpness is the paper's Tenenbaum function of the z-projection (appendix B; Treeby et al. 2011 chose speeds with it),
 over the projection's mean square, so that the image's scale, which changes with the speed, does not count. The A-lines

@@ -15,7 +15,7 @@ from typing import Any
 
 from fabry_perot.errors import LeaseExpired, LinkLost, ScannerError
 from fabry_perot.host.host import Host
-from fabry_perot.host.phase import HostState
+from fabry_perot.host.link_states import HostState
 from fabry_perot.host.plan import WirePlan
 from fabry_perot.host.shot_accounting import ShotLedger
 from fabry_perot.wire.constants import SAFE_BITS, Operation

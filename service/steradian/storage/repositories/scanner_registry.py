@@ -18,7 +18,7 @@ from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.deletion import InUse
 from steradian.storage.repositories.event_log import append_event
-from steradian.storage.states import ScanState, is_terminal
+from steradian.storage.state_machines import ScanState, is_terminal
 
 SCANNER_ID = DEFAULT_SCANNER_ID
 """The scanner where nobody says which."""

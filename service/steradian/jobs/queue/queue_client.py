@@ -16,7 +16,7 @@ from ulid import ULID
 from steradian.core.exceptions import NotFound, StaleFence
 from steradian.core.progress import Progress
 from steradian.core.settings import Settings
-from steradian.jobs.model import Crashed, JobRequest, JobStatus, QueueUnavailable, requirements_of
+from steradian.jobs.job import Crashed, JobRequest, JobStatus, QueueUnavailable, requirements_of
 from steradian.jobs.queue.dbos import (
     APPLICATION,
     APPLICATION_VERSION,
@@ -27,14 +27,14 @@ from steradian.jobs.queue.dbos import (
     workflow_table,
 )
 from steradian.jobs.queue.fair_queueing import queue_priority
-from steradian.jobs.queue.ledger import JobLedger
+from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, dedicated_scanner, present_workers
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScannerRow
 from steradian.storage.db.timestamps_and_ids import utc_now
 from steradian.storage.repositories.scanners import PRESENT
-from steradian.storage.states import ReconstructionState, is_terminal
+from steradian.storage.state_machines import ReconstructionState, is_terminal
 
 WAITING: Final = frozenset({"ENQUEUED", "DELAYED"})
 WAITING_OR_RUNNING: Final = WAITING | {"PENDING"}

@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from fabry_perot import faults
+from fabry_perot import fault_codes
 from fabry_perot.device.lease import LaserLease
 from fabry_perot.device.plan_buffer import PlanBuffer
 from fabry_perot.device.reply_cache import ReplyCache
@@ -218,7 +218,7 @@ class DeviceBody:
 
     def raise_fault(self, code: int, reason: str = "") -> None:
         """Latch a hardware fault and send it until acknowledged; later faults are logged but do not replace it."""
-        log.error("hardware fault: %s%s", faults.by_code(code), f": {reason}" if reason else "")
+        log.error("hardware fault: %s%s", fault_codes.by_code(code), f": {reason}" if reason else "")
         if self.try_transition(Event.HARDWARE_FAULT) or (self.state in LATCHED_STATES and not self.fault):
             self.fault, self.fault_text, self._fault_at = code, reason, self.now
             self._fault_number += 1

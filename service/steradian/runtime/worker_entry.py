@@ -1,4 +1,4 @@
-"""Worker process (``python -m steradian.runtime.worker SLOT``): runs jobs of the queue."""
+"""Worker process (``python -m steradian.runtime.worker_entry SLOT``): runs jobs of the queue."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from steradian.jobs.registry import JOB_TYPES
 from steradian.jobs.worker.memory_tuning import limit_malloc_arenas
 from steradian.jobs.worker.readiness import wait_until_ready
 from steradian.reconstructions.warmup import warm_up
-from steradian.runtime.gpu import detect_gpu
+from steradian.runtime.gpu_detection import detect_gpu
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.storage.data_dir.layout import DataDirectory
 

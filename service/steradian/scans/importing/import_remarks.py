@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from steradian.scans.file.origin import LONGEST, MOST, printable
+from steradian.scans.file.source_metadata import LONGEST, MOST, printable
 
 _collected: ContextVar[list[str] | None] = ContextVar("collected", default=None)
 

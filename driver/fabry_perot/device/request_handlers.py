@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fabry_perot import faults
-from fabry_perot.device.state import DeviceBody
+from fabry_perot import fault_codes
+from fabry_perot.device.device_state import DeviceBody
 from fabry_perot.hardware.instrument import InstrumentError, PlanSampling
 from fabry_perot.wire.constants import (
     INTERLOCK_CLOSED,
@@ -142,7 +142,7 @@ def _release(device: DeviceBody, body: Body) -> OperationResult:
 def _cause_stands(device: DeviceBody) -> bool:
     """Return whether the cause of a latched fault persists, so that the fault cannot be cleared."""
     bits = device.hardware_bits()
-    cause = faults.standing(
+    cause = fault_codes.standing(
         device.fault,
         interlock_closed=bool(bits & INTERLOCK_CLOSED),
         key_on=bool(bits & KEY_ON),

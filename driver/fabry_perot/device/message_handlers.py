@@ -7,8 +7,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from fabry_perot.device.operations import OperationResult, execute
-from fabry_perot.device.state import DeviceBody
+from fabry_perot.device.device_state import DeviceBody
+from fabry_perot.device.request_handlers import OperationResult, execute
 from fabry_perot.errors import FrameError
 from fabry_perot.wire.constants import FLAG_GATE, PROTOCOL, AbortLevel, Result, Type
 from fabry_perot.wire.framing import Frame

@@ -98,7 +98,7 @@ def _eliminate(space: NDArray[np.float64], wanted: int) -> NDArray[np.bool_]:
     """
     from scipy.spatial import KDTree
 
-    from steradian.plans.elimination import eliminate_samples
+    from steradian.plans.sample_elimination import eliminate_samples
 
     reach = NEIGHBOUR_RADIUS * sqrt(len(space) / wanted / (2 * sqrt(3)))
     pairs = KDTree(space).query_pairs(reach, output_type="ndarray")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 
-_ASK = "from steradian.imaging.engines.cuda.backend import device; print(device().name)"
+_ASK = "from steradian.imaging.engines.cuda.array_backend import device; print(device().name)"
 _PATIENCE = 60.0  # seconds; a driver may have to load first
 
 

@@ -8,7 +8,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from steradian.core.exceptions import SteradianError
-from steradian.storage.states import DesiredJobState, ReconstructionState, is_terminal
+from steradian.storage.state_machines import DesiredJobState, ReconstructionState, is_terminal
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session

@@ -166,7 +166,7 @@ def _raw_recv_seconds(count: int, rounds: int, left: int) -> float:
 @contextmanager
 def _sender_process(kind: str, count: int, pieces: int) -> Iterator[str]:
     """Run this module as a sender process, and yield the URL of its port."""
-    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", kind, str(count), str(pieces)]
+    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link_throughput", kind, str(count), str(pieces)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE)
     assert process.stdout is not None and process.stdin is not None  # noqa: PT018, S101
     try:
@@ -261,7 +261,7 @@ def _acquire(scanner: Any, store: Any) -> int:
 @contextmanager
 def _reconstructions(count: int) -> Iterator[None]:
     """Run ``count`` load processes that reconstruct continuously, until the block ends."""
-    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link", "load"]
+    command = [sys.executable, "-P", "-m", "steradian.benchmarks.link_throughput", "load"]
     loads = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
     try:
         for process in loads:

@@ -8,8 +8,8 @@ from fabry_perot.errors import DeviceRestarted, LinkError, LinkLost, ScannerErro
 from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.aline import ALineBatch
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.greeting import Greeting
-from fabry_perot.host.phase import HostState
+from fabry_perot.host.handshake import Greeting
+from fabry_perot.host.link_states import HostState
 from fabry_perot.host.plan import WirePlan
 from fabry_perot.host.reassembly import AlineReassembler
 from fabry_perot.host.requests import PendingRequest, RequestTracker
@@ -66,7 +66,7 @@ class HostBody:
         self.caps_buffer = b""
         self.gone = 0
         self.tolerant = False
-        """Whether a reboot of the device is somebody's business (:class:`~fabry_perot.host.recovery.ScanRecovery`)."""
+        """Whether :class:`~fabry_perot.host.auto_recovery.ScanRecovery` deals with a reboot of the device."""
         self.last_words: Status | None = None
         """Last STATUS of a boot that ended."""
         self.foreign_frames = 0

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import Conflict, NotFound, StaleFence
 from steradian.core.logging_config import bind_request_id, request_id
-from steradian.jobs.model import (
+from steradian.jobs.job import (
     MAX_ATTEMPTS,
     MAX_INTERRUPTIONS,
     Crashed,
@@ -29,7 +29,7 @@ from steradian.storage.db.tables import JobRow
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.scans import RevisionConflict
-from steradian.storage.states import (
+from steradian.storage.state_machines import (
     BatchState,
     DesiredJobState,
     ReconstructionState,

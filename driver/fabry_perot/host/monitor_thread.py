@@ -13,13 +13,13 @@ from fabry_perot.clock import RealClock
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import port_holders
 from fabry_perot.host.address import split
-from fabry_perot.host.answers import PortStatus, StopAnswer, in_words
-from fabry_perot.host.beside import opened
 from fabry_perot.host.control_server import ControlServer
-from fabry_perot.host.passive import Passive
+from fabry_perot.host.emergency_stop import status_in
+from fabry_perot.host.passive_listener import Passive
 from fabry_perot.host.port_holders import Listener
-from fabry_perot.host.ports import aliases, lock_owner, program_of
-from fabry_perot.host.stopping import status_in
+from fabry_perot.host.port_identity import aliases, lock_owner, program_of
+from fabry_perot.host.query_results import PortStatus, StopAnswer, in_words
+from fabry_perot.host.stop_lines import opened
 from fabry_perot.host.transport import Transport
 
 log = logging.getLogger(__name__)
