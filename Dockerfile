@@ -8,8 +8,8 @@ COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY driver driver
 RUN /opt/build/bin/uv pip install --python /opt/steradian/bin/python -c constraints.txt -r pyproject.toml \
         --extra export --extra store \
-    && find /opt/steradian/lib -depth \( -type d -name tests -o -name '*.pyi' -o -name '*.h' -o -name '*.hpp' \
-        -o -path '*/bokeh/server/static/*' -type f ! -name bokeh.min.js ! -name bokeh-api.min.js \) -exec rm -rf {} +
+    && find /opt/steradian/lib -depth \( -type d -name tests -o -name '*.pyi' -o -name '*.h' -o -name '*.hpp' \) \
+        -exec rm -rf {} +
 COPY service service
 RUN /opt/build/bin/uv pip install --python /opt/steradian/bin/python --no-deps .
 COPY container /opt/steradian/container

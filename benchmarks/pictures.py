@@ -181,7 +181,7 @@ def take_data(camera, files):
         for name, value in (("Sampling interval", 20), ("Aperture", 12), ("Speed of sound", SPEED)):
             page.get_by_label(name, exact=True).fill(str(value))
         page.get_by_role("button", name="Import").click()
-        page.wait_for_selector(".chart canvas, .chart .bk-Figure")
+        page.wait_for_selector(".chart canvas")
         page.get_by_text("Imported as").wait_for()
         page.evaluate("scrollTo(0, 0)")
 

@@ -54,6 +54,30 @@ def test_the_stop_is_in_reach_on_every_page(service, open_page, address):
     assert page.get_by_role("button", name="Emergency stop").bounding_box() == box
 
 
+def test_no_view_violates_the_security_policy(service, open_page):
+    """Every view with content: an inline style, script or foreign source would be reported."""
+    scan = service.start_scan(service.plan(pulse_rate=50))["id"]
+    until(lambda: service.get(f"/scans/{scan}").json()["state"] == "complete")
+    made = service.http.post("/reconstructions", json={"scan_id": scan}).json()["id"]
+    until(lambda: service.get(f"/reconstructions/{made}").json()["state"] == "succeeded")
+    page = open_page(service, "/")
+    page.context.add_init_script(
+        "window.violations = []; document.addEventListener('securitypolicyviolation',"
+        " (event) => window.violations.push(`${event.violatedDirective}: ${event.blockedURI} ${event.sourceFile}`))"
+    )
+    parts = {"/scans": scan, "/reconstructions": made, "/volumes": made}
+    for address in PAGES:
+        parent = address.partition("/{")[0]
+        page.goto(service.url + address.format(identifier=parts.get(parent, "")))
+        page.wait_for_load_state("networkidle" if parent == "/design" else "load")
+        expect(page.locator("main")).not_to_be_empty()
+        for summary in page.locator("main summary:visible").all():
+            summary.click()
+        page.wait_for_timeout(500)
+        assert page.evaluate("window.violations") == [], address
+        assert page.evaluate("document.querySelectorAll('style').length") == 0, address
+
+
 def test_a_dialog_does_not_take_the_stop_away(service, open_page, released):
     page = open_page(service, "/scans")
     page.keyboard.press("?")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, JSONResponse, Response
@@ -17,9 +16,9 @@ from steradian.core.exceptions import NotFound
 
 POLICY: Final = (
     "default-src 'none'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'; script-src 'self';"
-    " style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; font-src 'self'"
+    " style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; font-src 'self'"
 )
-"""Content Security Policy of the pages: scripts and connections of this service only; inline styles for Bokeh."""
+"""Content Security Policy of the pages: scripts, style sheets and connections of this service only."""
 PAGES: Final = {
     "/design": "design",
     "/scans": "scans",
@@ -31,8 +30,6 @@ PAGES: Final = {
     "/data": "data",
 }
 """Routes and their templates; the page's script reads the path parameters."""
-BOKEH: Final = frozenset({"bokeh.min.js", "bokeh-api.min.js"})
-"""Files of the Bokeh wheel that a page may load."""
 CONTENT_TYPES: Final = {
     ".css": "text/css",
     ".js": "text/javascript",
@@ -77,13 +74,6 @@ def make_router(version: str, lab: Path | None = None, outside: Callable[[str], 
         show = _template_handler(shell, template, "../" * (address.count("/") - 1) or "./")
         router.add_api_route(address, show, response_class=HTMLResponse, name=f"show_{template}")
 
-    @router.get("/static/bokeh/{name}")
-    def read_bokeh_file(request: Request, name: str) -> Response:
-        """Return a script of the Bokeh plotting library; raises :class:`NotFound`."""
-        if name not in BOKEH:
-            raise NotFound("static file", name)
-        return _file(request, _bokeh(), name)
-
     @router.get("/static/lab/{name:path}")
     def read_lab_file(request: Request, name: str) -> Response:
         """Return a script of the operator's ``lab`` folder, or its data; raises :class:`NotFound`."""
@@ -119,8 +109,3 @@ def _file(request: Request, folder: Path, name: str) -> Response:
     if parse_etags(request.headers.get("if-none-match")).contains_weak(tag):
         return Response(status_code=304, headers=headers)
     return Response(body, media_type=CONTENT_TYPES[path.suffix], headers=headers)
-
-
-def _bokeh() -> Path:
-    spec: Any = importlib.util.find_spec("bokeh")
-    return Path(spec.origin).parent / "server" / "static" / "js"

@@ -131,7 +131,7 @@ async function preview() {
     showMissing(preview.missing);
     importButton.disabled = preview.missing.length > 0;
     importHint.textContent = preview.missing.length ? `Required for the import: ${missingLabels(preview.missing)}.` : "";
-    await recordingPreview.show(preview);
+    recordingPreview.show(preview);
   } catch (error) {
     if (ticket !== previewCount) return;
     replace(messages);

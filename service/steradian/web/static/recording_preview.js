@@ -1,6 +1,6 @@
 // @ts-check
 // Preview of a recording: format, dimensions, sensor positions and a few A-lines.
-import { line } from "./charts.js";
+import { LineChart } from "./charts.js";
 import { h, replace } from "./dom.js";
 import { PointMap } from "./point_map.js";
 import { errorElements } from "./panel_states.js";
@@ -16,9 +16,10 @@ export class RecordingPreview {
     this.errorBox = h("div", { class: "remarks", role: "alert" });
     this.notes = h("ul", { class: "dim", "data-steradian": "data-notes" });
     this.stage = h("div", { class: "stage" });
-    this.chart = h("div", { class: "chart" });
+    const chart = h("div", { class: "chart" });
+    this.chart = new LineChart(chart);
     this.noPositions = h("div", { class: "state" }, h("strong", null, "Sensor positions are not stated"), h("span", null, "Enter the grid pitch, or add a file with the positions."));
-    this.pictures = h("div", { class: "two" }, this.stage, this.chart);
+    this.pictures = h("div", { class: "two" }, this.stage, chart);
     replace(host, h("h2", null, "Preview"), this.errorBox, this.figures, this.notes, this.pictures);
     this.plane = new PointMap(this.stage, "Sensor positions");
     this.stage.append(this.noPositions);
@@ -32,7 +33,7 @@ export class RecordingPreview {
   }
 
   /** @param {any} preview of the API */
-  async show(preview) {
+  show(preview) {
     replace(this.errorBox);
     this.pictures.hidden = this.figures.hidden = false;
     replace(this.figures, figuresOf(preview).map(([name, value]) => h("div", null, h("dt", null, name), h("dd", null, value))));
@@ -42,14 +43,14 @@ export class RecordingPreview {
     this.plane.palette = [colour("--accent")];
     this.plane.classes = new Uint8Array(preview.positions?.length ?? 0);
     this.plane.show((preview.positions ?? []).map((/** @type {number[]} */ [x, y = 0]) => [x, y]), preview.aperture ?? 1);
-    await this.draw(preview);
+    this.drawLines(preview);
   }
 
   /** @param {any} preview */
-  async draw({ rows, traces, sampling_interval: interval, time_zero: zero }) {
+  drawLines({ rows, traces, sampling_interval: interval, time_zero: zero }) {
     const xValue = (/** @type {number} */ n) => (interval === null ? n : (zero + n * interval) * 1e6);
     const lines = traces.map((/** @type {number[]} */ y, /** @type {number} */ n) => ({ name: `A-line ${rows[n]}`, x: y.map((_, k) => xValue(k)), y }));
-    await line(this.chart, lines, { x: interval === null ? "sample" : "time (µs)", y: "amplitude (as in the file)" });
+    this.chart.show(lines, { x: interval === null ? "sample" : "time (µs)", y: "amplitude (as in the file)" });
   }
 }
 

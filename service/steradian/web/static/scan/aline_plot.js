@@ -1,14 +1,12 @@
 // @ts-check
 // Plot of one A-line with the full scale of the digitiser, or of its spectrum.
 import { oncePerFrame, h, replace } from "../dom.js";
+import { coordinates, drawAxes, drawCurve, drawLevel, openSurface } from "../plot_axes.js";
 import { colour, onTheme } from "../theme.js";
 import { count, figure, frequency, percent } from "../units.js";
-import { ticks } from "../volume/scale.js";
 import { spectrum } from "./spectrum.js";
 
-const MARGIN = { left: 96, right: 16, top: 8, bottom: 38 };
 const MIN_LEVEL = -60; // dB
-const MAX_TICKS = 5;
 
 /** @typedef {{samples: ArrayLike<number>, interval: number, zero: number, full: number | null, point: number, title: string}} Line samples in counts, seconds */
 
@@ -49,14 +47,9 @@ export class AlinePlot {
   }
 
   _draw() {
-    const { clientWidth: width, clientHeight: height } = this.canvas;
-    if (!width || !height) return;
-    const ratio = devicePixelRatio || 1;
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
-    const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
-    context.scale(ratio, ratio);
-    context.font = "12px system-ui, sans-serif";
+    const surface = openSurface(this.canvas);
+    if (!surface) return;
+    const { context, width, height } = surface;
     if (!this.line) {
       context.fillStyle = colour("--dim");
       context.textAlign = "center";
@@ -64,8 +57,12 @@ export class AlinePlot {
       return;
     }
     const plot = this.isSpectrum ? this.spectrumPlot(this.line) : this.timePlot(this.line);
-    drawAxes(context, width, height, plot);
-    drawCurve(context, width, height, plot);
+    const { values, from, to } = plot;
+    const places = Float64Array.from(values, (_, n) => from + ((to - from) * n) / Math.max(1, values.length - 1));
+    drawAxes(surface, plot);
+    for (const value of plot.marks) drawLevel(surface, plot, value, colour("--fault"));
+    drawCurve(surface, plot, places, values, colour("--accent"));
+    if (plot.full !== null) drawSaturated(surface, plot, places, values, plot.full);
   }
 
   /** @param {Line} line */
@@ -95,64 +92,13 @@ export class AlinePlot {
   }
 }
 
-/** @typedef {{values: ArrayLike<number>, from: number, to: number, low: number, high: number, across: string, along: string, marks: number[], full: number | null}} Plot */
-
-/** @param {number} width @param {number} height @param {Plot} plot */
-function coordinates(width, height, { values, low, high }) {
-  const plotWidth = width - MARGIN.left - MARGIN.right;
-  const plotHeight = height - MARGIN.top - MARGIN.bottom;
-  return {
-    x: (/** @type {number} */ n) => MARGIN.left + (plotWidth * n) / Math.max(1, values.length - 1),
-    y: (/** @type {number} */ value) => MARGIN.top + (plotHeight * (high - Math.min(high, Math.max(low, value)))) / (high - low),
-    wide: plotWidth,
-  };
-}
-
-/** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {Plot} plot */
-function drawAxes(context, width, height, plot) {
-  const { y, wide: plotWidth } = coordinates(width, height, plot);
-  context.strokeStyle = colour("--line");
-  context.fillStyle = colour("--dim");
-  context.lineWidth = 1;
-  context.textAlign = "right";
-  for (const value of ticks(plot.low, plot.high, MAX_TICKS)) {
-    context.beginPath();
-    context.moveTo(MARGIN.left, y(value));
-    context.lineTo(width - MARGIN.right, y(value));
-    context.stroke();
-    context.fillText(figure(value, 2), MARGIN.left - 6, y(value) + 4);
-  }
-  context.strokeStyle = colour("--fault");
-  for (const value of plot.marks) {
-    context.beginPath();
-    context.moveTo(MARGIN.left, y(value));
-    context.lineTo(width - MARGIN.right, y(value));
-    context.stroke();
-  }
-  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500].find((one) => ((plot.to - plot.from) / one) * 70 < plotWidth) ?? 1000;
-  context.textAlign = "center";
-  for (let at = Math.ceil(plot.from / step) * step; at <= plot.to; at += step) {
-    const x = MARGIN.left + (plotWidth * (at - plot.from)) / (plot.to - plot.from);
-    context.fillText(figure(Number(at.toPrecision(4))), x, height - MARGIN.bottom + 15);
-  }
-  context.fillText(plot.across, MARGIN.left + plotWidth / 2, height - 6);
-  context.save();
-  context.translate(14, (MARGIN.top + height - MARGIN.bottom) / 2);
-  context.rotate(-Math.PI / 2);
-  context.fillText(plot.along, 0, 0);
-  context.restore();
-}
-
-/** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {Plot} plot */
-function drawCurve(context, width, height, plot) {
-  const { x, y } = coordinates(width, height, plot);
-  context.strokeStyle = colour("--accent");
-  context.lineWidth = 1.2;
-  context.beginPath();
-  for (let n = 0; n < plot.values.length; n++) context.lineTo(x(n), y(plot.values[n]));
-  context.stroke();
-  const { full } = plot;
-  if (full === null) return;
-  context.fillStyle = colour("--fault");
-  for (let n = 0; n < plot.values.length; n++) if (Math.abs(plot.values[n]) >= full) context.fillRect(x(n) - 1.5, y(plot.values[n]) - 1.5, 3, 3);
+/**
+ * Mark the samples at or above the full scale.
+ * @param {import("../plot_axes.js").Surface} surface @param {import("../plot_axes.js").Range} range
+ * @param {ArrayLike<number>} places @param {ArrayLike<number>} values @param {number} full
+ */
+function drawSaturated(surface, range, places, values, full) {
+  const { x, y } = coordinates(surface, range);
+  surface.context.fillStyle = colour("--fault");
+  for (let n = 0; n < values.length; n++) if (Math.abs(values[n]) >= full) surface.context.fillRect(x(places[n]) - 1.5, y(values[n]) - 1.5, 3, 3);
 }

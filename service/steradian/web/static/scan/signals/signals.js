@@ -1,7 +1,7 @@
 // @ts-check
 // Signal inspection of a scan: histogram, noise, maps, beams, frames and bad A-lines; read only while open.
 import { api } from "../../api.js";
-import { line } from "../../charts.js";
+import { LineChart } from "../../charts.js";
 import { h, replaceKeepingFocus, replace } from "../../dom.js";
 import { showError, showLoading, errorElements } from "../../panel_states.js";
 import { formatTime, count, figure } from "../../units.js";
@@ -28,6 +28,7 @@ export class Signals {
     this.statusLine = h("p", { class: "dim small" });
     this.counts = h("div");
     this.noise = h("div", { class: "chart", role: "group" });
+    this.noiseChart = new LineChart(this.noise);
     this.mapHost = h("div", { class: "stack field-map" });
     this.tables = h("div", { class: "stack" });
     this.list = h("div", { class: "stack" });
@@ -58,7 +59,7 @@ export class Signals {
     try {
       const signals = /** @type {SignalsReport} */ (await api.get(this.path));
       if (!this.summary.isConnected) replace(this.body, ...this.view);
-      await this.show(signals);
+      this.show(signals);
       this.isComplete = signals.complete && !this.running;
     } catch (error) {
       if (this.running && this.summary.isConnected) replace(this.statusLine, "The update failed; these values are older: ", ...errorElements(error));
@@ -69,7 +70,7 @@ export class Signals {
   }
 
   /** @param {SignalsReport} signals */
-  async show(signals) {
+  show(signals) {
     const summaryText = summaryOf(signals);
     if (this.summary.textContent !== summaryText) this.summary.textContent = summaryText;
     this.statusLine.textContent = this.running ? `As of ${formatTime(new Date())}; updated every ${READ_INTERVAL} s while the scan runs and this panel is open.` : "";
@@ -77,15 +78,15 @@ export class Signals {
     this.signalMap.show(signals.maps, signals.bad, this.aperture, signals.histogram.kind === "codes");
     this.showBad(signals.bad);
     replace(this.tables, createTable("Beams", "beam", signals.beams), createTable("Frames", "frame", signals.frames));
-    await this.showNoise(signals.spectrum);
+    this.showNoise(signals.spectrum);
   }
 
   /** @param {{frequencies: number[], mean: number[], median: number[]}} spectrum */
-  async showNoise({ frequencies, mean, median }) {
+  showNoise({ frequencies, mean, median }) {
     const x = frequencies.map((one) => one / 1e6);
     const strongest = mean.reduce((best, one, n) => (one > mean[best] ? n : best), 0);
     this.noise.setAttribute("aria-label", `Noise against frequency, mean and median of the A-lines, up to ${figure(x[x.length - 1])} MHz; the mean is greatest at ${figure(x[strongest])} MHz`);
-    await line(this.noise, [{ name: "mean", x, y: mean }, { name: "median", x, y: median }], { x: "frequency (MHz)", y: "noise" });
+    this.noiseChart.show([{ name: "mean", x, y: mean }, { name: "median", x, y: median }], { x: "frequency (MHz)", y: "noise" });
   }
 
   /** @param {import("./labels.js").Bad[]} bad */
