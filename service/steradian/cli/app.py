@@ -1,40 +1,16 @@
-"""Typer application ``steradian``: registration of its commands, and exit codes and messages of errors."""
+"""Typer application ``steradian``: table of its commands, and exit codes and messages of errors."""
 
 from __future__ import annotations
 
 import sys
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_group
 
 from steradian._version import __version__
-from steradian.cli import (
-    backup,
-    benchmark,
-    benchmark_inspection,
-    benchmark_nodes,
-    check,
-    demo,
-    export,
-    inspect_alines,
-    key,
-    mask,
-    measure,
-    plan,
-    reconstruct,
-    scan,
-    scanner,
-    serve,
-    sound_speed,
-    sound_speed_benchmark,
-    storage,
-    what_if,
-    worker,
-)
-from steradian.cli import (
-    import_ as importing,
-)
 from steradian.cli.console import print_error
 from steradian.core.exceptions import (
     Cancelled,
@@ -56,26 +32,58 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 }
 """Exit code of each kind of error; 1 for any other, 0 for success."""
 
-COMMAND_ORDER = (
-    *("mask", "plan", "scan", "scanner", "look", "reconstruct"),
-    *("what-if", "sound-speed", "measure", "import", "export"),
-    *("demo", "benchmark", "serve", "api", "acquisition", "worker", "key", "storage", "check", "backup", "restore"),
-)
-"""Commands as help lists them: in the order of the work."""
+COMMANDS = {
+    "mask": "mask:app",
+    "plan": "plan:plan",
+    "scan": "scan:app",
+    "scanner": "scanner:app",
+    "look": "inspect_alines:look",
+    "reconstruct": "reconstruct:reconstruct",
+    "what-if": "what_if:what_if",
+    "sound-speed": "sound_speed:sound_speed",
+    "measure": "measure:measure",
+    "import": "import_:import_",
+    "export": "export:export",
+    "demo": "demo:demo",
+    "benchmark": "benchmark:app",
+    "serve": "serve:serve",
+    "api": "serve:api",
+    "acquisition": "serve:acquisition",
+    "worker": "worker:worker",
+    "key": "key:app",
+    "storage": "storage:app",
+    "check": "check:check",
+    "backup": "backup:backup",
+    "restore": "backup:restore",
+}
+"""Module of this package and the function or typer application in it, for each command in the order of help."""
+MARKUP: Final = "markdown"
+"""Markup of help texts."""
 
 
-class _OrderedGroup(TyperGroup):
-    """Command group that lists commands in the order of :data:`COMMAND_ORDER`."""
+class _LazyGroup(TyperGroup):
+    """Command group that imports the module of a command when the command is used or listed."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        return sorted(
-            super().list_commands(ctx),
-            key=lambda name: COMMAND_ORDER.index(name) if name in COMMAND_ORDER else len(COMMAND_ORDER),
-        )
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands: dict[str, Any] = dict.fromkeys(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command by its name, ``None`` for an unknown name."""
+        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
+            module, _, name = COMMANDS[cmd_name].partition(":")
+            command = getattr(import_module(f"steradian.cli.{module}"), name)
+            part = typer.Typer(rich_markup_mode=MARKUP)
+            if isinstance(command, typer.Typer):
+                part.add_typer(command, name=cmd_name)
+            else:
+                part.command(cmd_name)(command)
+            self.commands[cmd_name] = get_group(part).commands[cmd_name]
+        return self.commands.get(cmd_name)
 
 
 app = typer.Typer(
-    cls=_OrderedGroup,
+    cls=_LazyGroup,
     name="steradian",
     help="""Sparse photoacoustic tomography: design a mask, scan it, reconstruct the volume.
 
@@ -85,33 +93,8 @@ app = typer.Typer(
     130 stopped, 1 anything else.""",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
+    rich_markup_mode=MARKUP,
 )
-app.add_typer(mask.app, name="mask")
-app.command("plan")(plan.plan)
-app.add_typer(scan.app, name="scan")
-app.add_typer(scanner.app, name="scanner")
-app.command("look")(inspect_alines.look)
-app.command("reconstruct")(reconstruct.reconstruct)
-app.command("what-if")(what_if.what_if)
-app.command("sound-speed")(sound_speed.sound_speed)
-app.command("measure")(measure.measure)
-app.command("import")(importing.import_)
-app.command("export")(export.export)
-benchmark.app.command("scale")(benchmark_nodes.scale)
-benchmark.app.command("look")(benchmark_inspection.look)
-benchmark.app.command("sound-speed")(sound_speed_benchmark.sound_speeds)
-app.add_typer(benchmark.app, name="benchmark")
-app.command("demo")(demo.demo)
-app.command("serve")(serve.serve)
-app.command("api")(serve.api)
-app.command("acquisition")(serve.acquisition)
-app.command("worker")(worker.worker)
-app.add_typer(key.app, name="key")
-app.add_typer(storage.app, name="storage")
-app.command("check")(check.check)
-app.command("backup")(backup.backup)
-app.command("restore")(backup.restore)
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,14 +11,13 @@ import typer
 from rich.table import Table
 
 from steradian.benchmarks.report_pages import with_environment
-from steradian.cli.benchmark_output import print_and_save, save
+from steradian.cli import benchmark_inspection, benchmark_nodes, sound_speed_benchmark
+from steradian.cli.benchmark_output import JsonFile, print_and_save, save
 from steradian.cli.console import console, finish_with_summary, progress_bar
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
 )
-
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")]
 
 
 @app.command()
@@ -211,9 +210,8 @@ def queue(
     from steradian.benchmarks.queue import queue as measure
 
     with progress_bar() as progress:
-        rows = measure(
-            jobs=jobs, load_jobs=load, database_url=os.environ.get("STERADIAN_DATABASE_URL"), progress=progress
-        )
+        database = os.environ.get("STERADIAN_DATABASE_URL")
+        rows = measure(jobs=jobs, load_jobs=load, database_url=database, progress=progress)
     for kind in ("throughput", "latency", "load"):
         chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
         if chosen:
@@ -240,12 +238,8 @@ def load(
         rows = measure(seconds=seconds, progress=progress)
     for kind in ("route", "total", "memory", "reads", "rude"):
         chosen = [row for row in rows if row["case"] == kind]
-        print_and_save(
-            kind,
-            chosen,
-            None,
-            [name for name in dict.fromkeys(key for row in chosen for key in row) if name != "over_time"],
-        )
+        names = dict.fromkeys(key for row in chosen for key in row if key != "over_time")
+        print_and_save(kind, chosen, None, list(names))
     if page is not None:
         write_page(page, rows)
     save("load", rows, json_file)
@@ -297,3 +291,8 @@ def paper(
         table.add_row(claim.text, claim.paper, claim.ours, claim.verdict.value)
     console().print(table)
     finish_with_summary(("page", output / "paper.md"), ("figures", output / "paper" / "paper.json"), ("all", output))
+
+
+app.command("scale")(benchmark_nodes.scale)
+app.command("look")(benchmark_inspection.look)
+app.command("sound-speed")(sound_speed_benchmark.sound_speeds)

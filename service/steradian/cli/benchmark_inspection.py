@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.benchmark import JsonFile
-from steradian.cli.benchmark_output import print_and_save
+from steradian.cli.benchmark_output import JsonFile, print_and_save
 from steradian.cli.console import console, progress_bar
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.benchmark_output import print_and_save, save
+from steradian.cli.benchmark_output import JsonFile, print_and_save, save
 from steradian.cli.console import progress_bar
 
 
@@ -18,7 +18,7 @@ def scale(
     seconds: Annotated[float, typer.Option(help="Duration of the mixed clients' load.", min=1)] = 60.0,
     clients: Annotated[int, typer.Option(help="Mixed clients.", min=1)] = 200,
     jobs: Annotated[int, typer.Option(help="Jobs of each number of workers.", min=1)] = 20,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
+    json_file: JsonFile = None,
     page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/scale.md.")] = None,
 ) -> None:
     """Compare one service with several nodes on this machine: many clients, one or three workers, folder or store.

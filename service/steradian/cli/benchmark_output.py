@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
+import typer
 from rich.table import Table
 
 from steradian.benchmarks.report_pages import with_environment
 from steradian.cli.console import console, finish_with_summary
 
 Row = dict[str, Any]
+JsonFile: TypeAlias = Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")]
 
 
 def print_and_save(name: str, rows: list[Row], path: Path | None, columns: Sequence[str] = ()) -> None:

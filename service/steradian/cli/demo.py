@@ -16,12 +16,12 @@ import typer
 from steradian.cli.console import finish_with_summary, progress_bar, show_figures
 from steradian.cli.scan import new_scan_id, scanner_port
 from steradian.core.exceptions import SteradianError
-from steradian.masks import Mask, equi_steradian_mask, grid_mask
-from steradian.plans import ScanPlan, preview
 
 if TYPE_CHECKING:
     from steradian.imaging import Volume
     from steradian.jobs.queue.queue_client import JobQueue
+    from steradian.masks import Mask
+    from steradian.plans import ScanPlan
     from steradian.scans.acquisition.run import ScanSummary
     from steradian.storage.data_dir.layout import DataDirectory
 
@@ -73,6 +73,8 @@ def demo(
     41 x 41 grid for comparison. Leaves scan.h5, volume.h5, mip-x.png, mip-y.png, mip-z.png and report.json;
     results of an earlier demo in the folder are replaced.
     """
+    from steradian.masks import equi_steradian_mask
+    from steradian.plans import ScanPlan, preview
     from steradian.reconstructions.warmup import warmup_in_background
     from steradian.storage.data_dir.layout import DataDirectory
 
@@ -148,6 +150,9 @@ def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, outp
 
 def _measure_grid(queue: JobQueue, folder: Path, data: DataDirectory, speed: float) -> Mask:
     """Scan and reconstruct the same phantom with a regular grid mask, for comparison."""
+    from steradian.masks import grid_mask
+    from steradian.plans import ScanPlan
+
     grid = grid_mask(APERTURE, GRID_COUNT, GRID_INTERVAL)
     scan_id = new_scan_id()
     _scan(ScanPlan.create(mask=grid), data, scan_id, speed)

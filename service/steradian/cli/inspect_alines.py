@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from steradian.cli.console import finish_with_summary, progress_bar, show_figures
-from steradian.scans.frames import Frame
 
 if TYPE_CHECKING:
     from steradian.scans.inspection import Inspection
@@ -68,6 +67,7 @@ def look(
 def _compare(file: Path, one: Inspection) -> list[dict[str, object]]:
     """Print one line of statistics for each frame, and return the statistics of all frames."""
     from steradian.scans.file.read import list_frames
+    from steradian.scans.frames import Frame
     from steradian.scans.importing.detect import is_scan_file
     from steradian.scans.inspection import inspect_scan
 

@@ -4,33 +4,17 @@ from __future__ import annotations
 
 from math import degrees
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from steradian.cli import mask_compare
 from steradian.cli.console import finish_with_summary, length, plot_option, quantity_option, show_figures
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
-from steradian.masks import (
-    Mask,
-    PointOfInterest,
-    ScannerGrid,
-    Weighting,
-    combined_mask,
-    convenient_counts,
-    equi_steradian_mask,
-    equiangular_mask,
-    grid_mask,
-    hexagonal_mask,
-    nearest_points,
-    nearest_square,
-    poisson_disc_mask,
-    random_mask,
-    read_mask,
-    subset_mask,
-    with_weights,
-    write_mask,
-)
+
+if TYPE_CHECKING:
+    from steradian.masks import Mask, PointOfInterest, ScannerGrid
 
 app = typer.Typer(
     help="""Choose where on the sensor plane to sense; writes a mask file.
@@ -80,6 +64,8 @@ def equi_steradian(
 
     Few points are then enough: dense below the point of interest, sparse towards the rim.
     """
+    from steradian.masks import convenient_counts, equi_steradian_mask
+
     offset, grid = (offset_x, offset_y), _grid(snap_interval, snap_count)
     mask = equi_steradian_mask(aperture, depth, count, offset=offset, grid=grid, weighting=weights)
     below, above = convenient_counts(aperture, depth, count, offset)
@@ -101,6 +87,8 @@ def equiangular(
     plot: Plot = None,
 ) -> None:
     """Sensors on a line at equal angles seen from a point of interest, for 2-D images."""
+    from steradian.masks import equiangular_mask
+
     grid = _grid(snap_interval, snap_count)
     _save_and_show(
         equiangular_mask(aperture, depth, count, offset=offset_x, grid=grid, weighting=weights), output, plot
@@ -125,6 +113,8 @@ def grid(
     plot: Plot = None,
 ) -> None:
     """Points on a square grid."""
+    from steradian.masks import grid_mask, nearest_square
+
     if (count is None) == (per_axis is None):
         raise InvalidInput("count", "both or neither of --count and --per-axis", "one of them")
     side = nearest_square(count) if count else per_axis or 0
@@ -158,6 +148,8 @@ def hexagonal(
     plot: Plot = None,
 ) -> None:
     """Points on a hexagonal lattice over the whole aperture: the fewest for an even spacing."""
+    from steradian.masks import hexagonal_mask
+
     offset = (offset_x, offset_y)
     mask = hexagonal_mask(aperture, interval, count=count, depth=depth, offset=offset, weighting=weights)
     _save_and_show(mask, output, plot, _report_count(mask.count, count, "rows fit in steps"))
@@ -176,6 +168,8 @@ def random(
     plot: Plot = None,
 ) -> None:
     """Independent random points over the whole aperture."""
+    from steradian.masks import random_mask
+
     offset = (offset_x, offset_y)
     _save_and_show(random_mask(aperture, count, depth=depth, offset=offset, seed=seed, weighting=weights), output, plot)
 
@@ -197,6 +191,8 @@ def poisson_disc(
     plot: Plot = None,
 ) -> None:
     """Random points with a minimum distance from each other, as many as fit."""
+    from steradian.masks import poisson_disc_mask
+
     offset = (offset_x, offset_y)
     mask = poisson_disc_mask(aperture, spacing, count=count, depth=depth, offset=offset, seed=seed, weighting=weights)
     _save_and_show(mask, output, plot, _report_count(mask.count, count, "their number jumps with the spacing"))
@@ -216,6 +212,8 @@ def combined(
     plot: Plot = None,
 ) -> None:
     """Points for several points of interest: each place is as dense as the most demanding of them requires."""
+    from steradian.masks import combined_mask
+
     points = [_point_of_interest(text) for text in point]
     grid = _grid(snap_interval, snap_count)
     _save_and_show(combined_mask(aperture, points, grid=grid, weighting=weights), output, plot)
@@ -234,6 +232,8 @@ def points(
     plot: Plot = None,
 ) -> None:
     """Take points from a file."""
+    from steradian.masks import read_mask, with_weights
+
     mask = read_mask(file, aperture)
     _save_and_show(mask if weights == "analytic" else with_weights(mask, weights), output, plot)
 
@@ -248,6 +248,8 @@ def subset(
     plot: Plot = None,
 ) -> None:
     """Subset of an existing mask's points: the points of a sparser scan."""
+    from steradian.masks import nearest_points, read_mask, subset_mask
+
     mask = read_mask(file)
     if (like is None) == (every is None):
         raise InvalidInput("subset", "both or neither of --like and --every", "one of them")
@@ -263,6 +265,8 @@ def show(
     plot: Plot = None,
 ) -> None:
     """Print a mask's metrics."""
+    from steradian.masks import read_mask
+
     mask = read_mask(file)
     _save_plot(mask, plot)
     show_figures("Mask", _figures(mask, f"{mask.count}"))
@@ -273,12 +277,16 @@ app.command("compare")(mask_compare.compare)
 
 
 def _grid(interval: float | None, count: int | None) -> ScannerGrid | None:
+    from steradian.masks import ScannerGrid
+
     if (interval is None) != (count is None):
         raise InvalidInput("snap", "only one of --snap-interval and --snap-count", "both or neither")
     return None if interval is None else ScannerGrid.create(count=count, interval=interval)
 
 
 def _point_of_interest(text: str) -> PointOfInterest:
+    from steradian.masks import PointOfInterest
+
     parts = text.split(",")
     if len(parts) != 4 or not parts[3].strip().isdigit():
         raise InvalidInput("point", text, "x,y,depth,count such as 2mm,-1mm,3.6mm,800")
@@ -292,6 +300,8 @@ def _report_count(found: int, wanted: int | None, why: str) -> str:
 
 
 def _save_and_show(mask: Mask, output: Path, plot: Path | None, points: str = "") -> None:
+    from steradian.masks import write_mask
+
     write_mask(mask, output)
     _save_plot(mask, plot)
     show_figures("Mask", _figures(mask, points or f"{mask.count}"))

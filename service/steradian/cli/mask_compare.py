@@ -19,10 +19,10 @@ from steradian.cli.console import (
     quantity_option,
 )
 from steradian.core.exceptions import InvalidInput
-from steradian.masks import Counted, Mask, mask_by_count, read_mask
 
 if TYPE_CHECKING:
     from steradian.comparisons import Comparison
+    from steradian.masks import Mask
 
 SIMULATED_PANEL = "An object seen through each"
 Row = tuple[str, list[str], list[float] | None]
@@ -85,7 +85,7 @@ def compare(
     """
     from steradian.comparisons import compare_masks
 
-    named = _load_masks(masks or list(get_args(Counted)), aperture, depth, (offset_x, offset_y), count, seed)
+    named = _load_masks(masks, aperture, depth, (offset_x, offset_y), count, seed)
     point = (offset_x, offset_y, depth)
     thing = None if phantom is None else _load_phantom(phantom, point, phantom_radius, seed)
     with progress_bar() as progress:
@@ -114,11 +114,13 @@ def compare(
 
 
 def _load_masks(
-    given: list[str], aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
+    given: list[str] | None, aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
 ) -> dict[str, Mask]:
     """Read or create each mask, and return the masks by unique names."""
+    from steradian.masks import Counted, mask_by_count, read_mask
+
     found: dict[str, Mask] = {}
-    for text in given:
+    for text in given or get_args(Counted):
         name, _, number = text.partition(":")
         if name in get_args(Counted):
             if number and not number.isdigit():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,22 +19,12 @@ from steradian.cli.console import (
     show_figures,
     speed,
 )
+from steradian.core.choices import VisitOrder
 from steradian.core.exceptions import InvalidInput
-from steradian.masks import Mask, multi_beam_mask
-from steradian.masks.multi_beam import read_beams
-from steradian.plans import (
-    Fringe,
-    Link,
-    Motion,
-    PlanCost,
-    ScannerLimits,
-    ScanPlan,
-    Tuning,
-    TuningMap,
-    VisitOrder,
-    preview,
-)
-from steradian.plans.files import read_json, write_json
+
+if TYPE_CHECKING:
+    from steradian.masks import Mask
+    from steradian.plans import PlanCost, ScanPlan
 
 
 def plan(
@@ -121,6 +111,11 @@ def plan(
 
     Errors refuse the plan (exit code 2, nothing written); warnings do not.
     """
+    from steradian.masks import Mask, multi_beam_mask
+    from steradian.masks.multi_beam import read_beams
+    from steradian.plans import Fringe, Link, Motion, ScannerLimits, ScanPlan, Tuning, preview
+    from steradian.plans.files import read_json, write_json
+
     over, pattern = read_json(Mask, mask), read_beams(beams, beam_spacing)
     if len(pattern) > 1:
         over = multi_beam_mask(over, pattern, places=places)
@@ -194,6 +189,8 @@ def _show(made: ScanPlan, cost: PlanCost) -> None:
 
 def _wavelengths(mask: Mask, tuning: Path | None, pitch: float | None, wavelengths: Path | None) -> dict[str, Any]:
     """Return the plan's fields for the optimum bias wavelengths, from a tuning map or a file of wavelengths."""
+    from steradian.plans import TuningMap
+
     if tuning is not None and wavelengths is not None:
         raise InvalidInput("wavelengths", str(wavelengths), "nothing beside --tuning")
     if tuning is not None:

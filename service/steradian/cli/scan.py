@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
-from ulid import ULID
 
-from fabry_perot.simulator.shapes import NAMES, by_name
 from steradian.cli.console import console, finish_with_summary, progress_bar, show_figures
 from steradian.cli.scanner import clearing_command
 from steradian.core.exceptions import DamagedFile, FaultLatched, InvalidInput
-from steradian.plans import ScanPlan
-from steradian.plans.files import read_json
 
 if TYPE_CHECKING:
+    from steradian.plans import ScanPlan
     from steradian.scans.acquisition.control import SessionControl
     from steradian.scans.acquisition.run import ScanSummary
 
@@ -56,8 +53,8 @@ Phantom = Annotated[
     str | None,
     typer.Option(
         metavar="NAME|FILE",
-        help=f"What a simulated scanner looks at: {', '.join(NAMES)}, or an .npz file of balls or a volume;"
-        " not the objects of `mask compare`."
+        help="What a simulated scanner looks at: yarn, tree, star, usaf, vessels, or an .npz file of balls or a"
+        " volume; not the objects of `mask compare`."
         f" [default: {PHANTOM}]",
     ),
 ]
@@ -74,6 +71,8 @@ def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
     """Run a plan on a scanner and store the A-lines in a scan file."""
+    from steradian.plans import ScanPlan
+    from steradian.plans.files import read_json
     from steradian.scans.acquisition.run import run_scan
 
     wanted = read_json(ScanPlan, plan)
@@ -148,6 +147,8 @@ def check(
 def _resume_or_retry(
     file: Path, plan: Path | None, scanner: str, baud: int | None, speed: float, phantom: str | None, *, retry: int
 ) -> None:
+    from steradian.plans import ScanPlan
+    from steradian.plans.files import read_json
     from steradian.scans.acquisition.run import resume_scan
 
     wanted = None if plan is None else read_json(ScanPlan, plan)
@@ -166,6 +167,8 @@ def _resume_or_retry(
 
 def new_scan_id() -> str:
     """Return a new random scan identifier in the service's format."""
+    from ulid import ULID
+
     return f"s{ULID()}".lower()
 
 
@@ -252,11 +255,12 @@ def scanner_port(scanner: str, *, speed: float, seed: int = 1, phantom: str = PH
     if scanner != "simulated":
         yield scanner
         return
+    from fabry_perot.simulator import launch
+    from fabry_perot.simulator.shapes import NAMES, by_name
+
     try:
         by_name(phantom)
     except (OSError, ValueError) as error:
         raise InvalidInput("phantom", phantom, f"{', '.join(NAMES)}, or an .npz file ({error})") from error
-    from fabry_perot.simulator import launch
-
     with launch(speed=speed, seed=seed, phantom=phantom) as simulator:
         yield simulator.url

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from steradian.cli.benchmark_output import print_and_save
+from steradian.cli.benchmark_output import JsonFile, print_and_save
 from steradian.cli.console import progress_bar
 
 
 def sound_speeds(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the figures to this file.")] = None,
+    json_file: JsonFile = None,
     page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/sound-speed.md.")] = None,
 ) -> None:
     """Estimate the speed of sound in 60 simulated scans of known speed; in m/s."""

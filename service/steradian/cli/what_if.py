@@ -18,7 +18,6 @@ from steradian.cli.console import (
     speed,
 )
 from steradian.cli.frame_options import AverageOption, FrameOption, WavelengthOption
-from steradian.plans.files import read_json
 
 
 def what_if(
@@ -42,6 +41,7 @@ def what_if(
 ) -> None:
     """Reconstruct a dense scan through a sparse mask, and compare with the image of all its A-lines."""
     from steradian.masks import Mask
+    from steradian.plans.files import read_json
     from steradian.reconstructions.parameters import ReconstructionParameters
     from steradian.reconstructions.studies.what_if import compare_subset as run
     from steradian.scans.frames import FrameChoice

@@ -6,6 +6,7 @@ from typing import Annotated, Final, TypeAlias, get_args
 
 from pydantic import Field
 
+from steradian.core.choices import Weighting
 from steradian.masks.by_count import Counted, mask_by_count, nearest_square, with_point_of_interest
 from steradian.masks.combined_masks import Combined, PointOfInterest, combined_mask
 from steradian.masks.equi_steradian import EquiSteradian, convenient_counts, equi_steradian_mask
@@ -19,7 +20,7 @@ from steradian.masks.multi_beam import multi_beam_mask
 from steradian.masks.random_masks import PoissonDisc, Random, poisson_disc_mask, poisson_spacing, random_mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.subset import Subset, nearest_points, subset_mask
-from steradian.masks.weights import Weighting, voronoi_areas, with_weights
+from steradian.masks.weights import voronoi_areas, with_weights
 
 Arrangement: TypeAlias = Annotated[
     EquiSteradian | Equiangular | Grid | Hexagonal | Random | PoissonDisc | Combined | Points | Subset,

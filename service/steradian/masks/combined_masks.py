@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
@@ -16,7 +17,7 @@ from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.equi_steradian import EquiSteradian, EquiSteradianPattern
 from steradian.masks.mask import Mask
 from steradian.masks.scanner_grid import ScannerGrid
-from steradian.masks.weights import Weighting, expand_outline, weights_for
+from steradian.masks.weights import expand_outline, weights_for
 
 MIN_SPACING_RATIO = 0.6
 """Where two patterns meet, points closer than this part of the expected spacing are thinned."""

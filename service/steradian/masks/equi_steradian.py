@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from steradian.core.choices import Weighting
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
@@ -19,7 +20,7 @@ from steradian.masks.cap_slices import Slices, convenient_below, convenient_slic
 from steradian.masks.mask import Mask
 from steradian.masks.scanner_grid import ScannerGrid
 from steradian.masks.solid_angle_solver import equalise_solid_angles, unit_angle
-from steradian.masks.weights import Weighting, expand_outline, weights_for
+from steradian.masks.weights import expand_outline, weights_for
 
 
 class EquiSteradian(Value):

@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from steradian.core.choices import Weighting
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.arrangement_base import check_offset
 from steradian.masks.mask import Mask
 from steradian.masks.scanner_grid import ScannerGrid
-from steradian.masks.weights import Weighting, expand_outline, weights_for
+from steradian.masks.weights import expand_outline, weights_for
 
 
 class Equiangular(Value):

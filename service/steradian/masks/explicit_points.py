@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import FloatArray, Value, quantity_field
 from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.imaging.validation import MAX_AREA_RATIO
 from steradian.masks.mask import Mask, check_shape
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import weights_for
 
 
 class Points(Value):

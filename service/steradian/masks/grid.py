@@ -6,13 +6,14 @@ from typing import Literal
 
 import numpy as np
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
 from steradian.imaging.geometry import polygons as outlines
 from steradian.masks.arrangement_base import ArrangementBase
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import weights_for
 
 PER_AXIS = "Points on each axis; the mask has their square, which is what --count of the command line means"
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
@@ -23,7 +24,7 @@ from steradian.masks.arrangement_base import (
     require_exactly_one,
 )
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import weights_for
 
 MOST_BUILT = 4096**2
 """Points, as many as the largest grid has."""

@@ -8,6 +8,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH
 from steradian.core.validation import quantity_field
@@ -22,7 +23,7 @@ from steradian.masks.arrangement_base import (
     require_exactly_one,
 )
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, weights_for
+from steradian.masks.weights import weights_for
 
 TRIES = 24
 """Spacings tried for a number of Poisson-disc points, after halving."""

@@ -8,12 +8,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from steradian.core.choices import Weighting
 from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import Value
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.masks.mask import Mask
-from steradian.masks.weights import Weighting, resolve_outline, weights_for
+from steradian.masks.weights import resolve_outline, weights_for
 
 
 class Subset(Value):

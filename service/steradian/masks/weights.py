@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.core.choices import Weighting
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.polygons import Outline
 from steradian.imaging.geometry.sensor_areas import sensed_region
@@ -14,10 +15,6 @@ from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 
 if TYPE_CHECKING:
     from steradian.masks.mask import Mask
-
-Weighting: TypeAlias = Literal["analytic", "voronoi", "uniform"]
-"""``voronoi``: the area of each point's own cell within the sensed outline; ``analytic``: one over the density the
-arrangement was made with; ``uniform``: equal shares. All sum to the sensed area."""
 
 
 def voronoi_areas(positions: NDArray[np.float64], aperture: float) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from steradian.core.choices import VisitOrder
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import SAMPLING_INTERVAL, SOUND_SPEED
 from steradian.core.validation import FloatArray, content_hash, quantity_field
@@ -19,7 +20,7 @@ from steradian.plans.fringe import Fringe
 from steradian.plans.motion_timing import MotionTiming
 from steradian.plans.progressive_order import progressive
 from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
-from steradian.plans.visit_order import VisitOrder, visit_order
+from steradian.plans.visit_order import visit_order
 from steradian.plans.wavelength_bands import TunedOrder, hold_wavelength, order_by_bands
 
 EXCITATION = (200e-9, 3e-6)

@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.core.choices import VisitOrder
 from steradian.core.exceptions import InvalidInput
 from steradian.masks import Mask
 from steradian.plans.curve_orders import boustrophedon, hilbert
 from steradian.plans.progressive_order import progressive
-
-
-class VisitOrder(StrEnum):
-    """Names of the visit orders of a mask's points."""
-
-    GIVEN = "given"
-    """As the mask lists them."""
-    SNAKE = "snake"
-    """In strips, up one and down the next."""
-    HILBERT = "hilbert"
-    """Along a Hilbert curve: neighbours in time are neighbours in space."""
-    SHORTEST = "shortest"
-    """Nearest neighbour, then improved by 2-opt and Or-opt moves."""
-    WAVELENGTH = "wavelength"
-    """By bias wavelength, so that the interrogation laser is seldom retuned; a short way within each wavelength."""
-    BANDS = "bands"
-    """In bands of bias wavelength where that is quicker, within a plan's loss of sensitivity; least time in all."""
-    PROGRESSIVE = "progressive"
-    """In passes that double in size, each prefix a sparser mask of the same kind; a short way within each pass."""
 
 
 def visit_order(

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from typer.main import get_command
 
+from fabry_perot.simulator.shapes import NAMES
+from steradian.cli import scan
 from steradian.cli.app import app
 from steradian.cli.console import duration, frequency, length, speed
 from steradian.quality import correlation
@@ -195,12 +197,27 @@ def test_help_lists_the_commands_in_the_order_of_the_work():
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize("command", [[], ["mask"], ["plan"], ["scan", "run"], ["benchmark"]])
+def test_help_imports_neither_numerical_libraries_nor_other_commands(command):
+    """Help and mistyped options are answered at once; a command imports its libraries when it runs."""
+    code = "import sys; from steradian.cli import main\ntry: main()\nfinally: print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code, *command, "--help"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    modules = set(done.stderr.split())
+    assert modules & {"numpy", "h5py", "sqlalchemy", "fabry_perot", "steradian.masks"} == set()
+    assert ("steradian.cli.export" in modules) == (command == [])
+
+
+def test_scan_help_lists_every_phantom_of_the_simulated_scanner():
+    assert f"looks at: {', '.join(NAMES)}, or" in " ".join(scan.Phantom.__metadata__[0].help.split())
+
+
 def test_every_option_shows_its_unit_the_same_way():
     """An option that takes a quantity shows its kind in angle brackets, as numbers and paths are shown."""
     kinds, shown = {kind.__name__ for kind in (length, duration, frequency, speed)}, set()
     commands = [get_command(app)]
     for command in commands:
-        commands += getattr(command, "commands", {}).values()
+        commands += [command.get_command(None, name) for name in getattr(command, "commands", {})]
         for option in command.params:
             assert option.metavar is None or option.metavar[0] == "<" or option.metavar.isupper(), option.name
             about = option.help or "" if option.param_type_name == "option" else ""

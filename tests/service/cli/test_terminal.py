@@ -220,7 +220,7 @@ def own():
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-@pytest.mark.parametrize("module", ["steradian.cli.app", "typer", "steradian.cli.worker", "typer.rich_utils"])
+@pytest.mark.parametrize("module", ["steradian.cli.app", "typer", "steradian.cli.plan", "typer.rich_utils"])
 def test_ctrl_c_while_the_program_is_still_being_read_is_one_line(module):
     """It takes some seconds on a busy machine until a command has all its libraries; whichever is read, one line."""
     code = READING.format(module)

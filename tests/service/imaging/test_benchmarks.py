@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steradian.benchmarks import accuracy, speed
+from steradian.benchmarks.accuracy import accuracy
 from steradian.benchmarks.machine_limits import fft_pair_baselines
-from steradian.benchmarks.speed import limit_violations
+from steradian.benchmarks.speed import limit_violations, speed
 from steradian.benchmarks.speed_cases import speed_cases
 from steradian.benchmarks.speed_report import BEGIN, END, table, write_page
 
