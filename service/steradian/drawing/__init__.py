@@ -1,1 +1,1 @@
-"""Drawing: plot style and two renderers (raster and matplotlib)."""
+"""Drawing: figures by matplotlib, and figures of one image by Pillow."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from steradian.drawing.style import BACKGROUND, FOREGROUND, GAP, LABEL, TICK, font
-from steradian.drawing.ticks import Axis, NamedRows
+from steradian.drawing.ticks import Axis
 
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom in pixels."""
@@ -57,7 +57,7 @@ class Canvas:
         self.image.paste(label.transpose(Image.Transpose.ROTATE_90), (round(x), top))
         self.labels.append((text, (round(x), top, round(x) + height, top + width)))
 
-    def put_axes(self, left: int, top: int, width: int, height: int, across: Axis, up: Axis | NamedRows) -> None:
+    def put_axes(self, left: int, top: int, width: int, height: int, across: Axis, up: Axis) -> None:
         """Draw ticks and labels of the axes."""
         bottom, tips = top + height, [left - MARK - GAP]
         for place, text in across.marks(width):
@@ -91,7 +91,7 @@ class Canvas:
             self.write_vertical(right - 2 * GAP - (number + 1) * line_height(LABEL), top + height / 2, text)
 
 
-def left_margin(up: Axis | NamedRows, height: int) -> int:
+def left_margin(up: Axis, height: int) -> int:
     """Return the width in pixels of the ticks and label of a vertical axis."""
     name = line_height(LABEL) + GAP if up.name else 0
     return round(2 * GAP + name + _widest(up, height) + GAP + MARK)
@@ -119,5 +119,5 @@ def wrapped(text: str, size: int, room: float) -> list[str]:
     return lines
 
 
-def _widest(axis: Axis | NamedRows, pixels: int) -> float:
+def _widest(axis: Axis, pixels: int) -> float:
     return max((font(TICK).getlength(text) for _, text in axis.marks(pixels, TICK)), default=0.0)

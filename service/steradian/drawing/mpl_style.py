@@ -5,8 +5,12 @@ Nothing global is changed: pages may be drawn in several threads at once.
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import InvalidInput
@@ -18,6 +22,7 @@ from steradian.drawing.style import (
     FOREGROUND,
     LABEL,
     LEAST,
+    PLAIN,
     SECONDARY,
     TICK,
     TITLE,
@@ -77,6 +82,23 @@ def colour_bar(axes: Axes, shown: Any, label: str) -> Any:
     return bar
 
 
+def colour_limits(values: NDArray[np.float64], colour_map: str) -> dict[str, Any]:
+    """Return a colour map from minimum to maximum; a range below a thousandth counts as one colour."""
+    low, high = float(values.min()), float(values.max())
+    margin = 0.05 * high if high - low < 1e-3 * high else 0.0
+    return {"cmap": colour_map, "vmin": low - margin, "vmax": high + margin}
+
+
+def draw_histogram(
+    axes: Axes, values: NDArray[np.float64], bins: int, margin: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw a histogram of ``bins`` bins from minimum − margin to maximum + margin; return its counts and edges."""
+    edges = np.linspace(float(values.min()) - margin, float(values.max()) + margin, bins + 1)
+    counts = np.histogram(values, edges)[0].astype(float)
+    axes.stairs(counts, edges, fill=True, color=PLAIN)
+    return counts, edges
+
+
 def check_suffix(path: Path, field: str = "file") -> None:
     """Raise ``InvalidInput`` if a file's suffix is not a supported picture format; no suffix means PNG.
 
@@ -104,6 +126,13 @@ def save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
         figure.savefig(file, format=path.suffix.lstrip(".") or "png")
+
+
+def to_png(figure: Figure) -> bytes:
+    """Return a figure as PNG."""
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 def points(pixels: float) -> float:

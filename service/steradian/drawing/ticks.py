@@ -42,37 +42,6 @@ class Axis:
         return []
 
 
-class LogAxis(Axis):
-    """Logarithmic axis of positive values, with ticks at powers of ten."""
-
-    def share(self, value: float) -> float:
-        """Return the relative position of a value; values that are not positive lie far below the lower end."""
-        first, last = log10(self.first), log10(self.last)
-        return (log10(max(value, 1e-300)) - first) / (last - first)
-
-    def ticks(self, most: int) -> list[float]:
-        """Return powers of ten within the axis, at most about ``most``."""
-        low, high = sorted((log10(self.first), log10(self.last)))
-        powers = range(ceil(low - 1e-6), floor(high + 1e-6) + 1)
-        return [10.0**power for power in powers[:: ceil(len(powers) / most) or 1]]
-
-
-@dataclass(frozen=True)
-class NamedRows:
-    """Categorical vertical axis with a name for each row."""
-
-    names: tuple[str, ...]
-    name: str = ""
-
-    def share(self, value: float) -> float:
-        """Return the relative position of the centre of a row with the given number."""
-        return (value + 0.5) / len(self.names)
-
-    def marks(self, pixels: int, _room: int | None = None) -> list[tuple[float, str]]:
-        """Return positions in pixels and names of all rows."""
-        return [(self.share(row) * pixels, name) for row, name in enumerate(self.names)]
-
-
 def ticks(first: float, last: float, most: int = MOST) -> list[float]:
     """Return round numbers from first to last, at most about ``most``; empty if none lies between them."""
     raw = (last - first) / most

@@ -1,7 +1,6 @@
 """No label of any picture is cut or meets another, whatever the picture's size."""
 
 from dataclasses import replace
-from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -10,10 +9,8 @@ from matplotlib.text import Text
 
 from steradian.comparisons import compare_masks, phantom
 from steradian.comparisons.plots import comparison_figure
-from steradian.drawing.raster_renderer import PlotArea, apply_colour_map, render_page
-from steradian.drawing.ticks import Axis
 from steradian.imaging import Display, Volume, VoxelAxes
-from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask, mask_by_count
+from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, mask_by_count
 from steradian.masks.plots import mask_figure
 from steradian.plans import ScanPlan, VisitOrder
 from steradian.plans.plots import plan_figure
@@ -55,10 +52,6 @@ def labels_of(figure):
     return [(text.get_text(), text.get_window_extent().extents) for text in texts if text not in hidden]
 
 
-def painted(plot):
-    return np.asarray(PlotArea(plot, 300, 300).drawn()).astype(int)
-
-
 def volume(*shape):
     values = np.random.default_rng(0).normal(size=shape).astype(np.float32) ** 2
     x, z = 1e-4 * (np.arange(shape[0]) - shape[0] // 2), 1e-3 + 5e-5 * np.arange(shape[-1])
@@ -82,30 +75,32 @@ def test_labels_of_projections(tmp_path, size, shape, log_range):
         assert max(right - left, bottom - top) == size
 
 
-@cache
-def page_of(name, with_point_spread):
-    """A page is worked out once and drawn in several sizes."""
-    return mask_figure(MASKS[name], with_point_spread=with_point_spread)
+def check_labels(figure, width):
+    labels = labels_of(figure)
+    assert len(labels) > 20
+    assert not overlapping(labels, figure.canvas.get_width_height())
+    assert figure.canvas.get_width_height()[0] == width
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", MASKS)
 @pytest.mark.parametrize("with_point_spread", [True, False])
 def test_labels_of_masks(width, name, with_point_spread):
-    drawn = render_page(replace(page_of(name, with_point_spread), width=width))
-    assert len(drawn.labels) > 20
-    assert not overlapping(drawn.labels, drawn.image.size)
-    assert drawn.image.width == width
+    check_labels(mask_figure(MASKS[name], with_point_spread=with_point_spread, width=width), width)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", ["equi-steradian", "line"])
 @pytest.mark.parametrize("order", [VisitOrder.SNAKE, VisitOrder.PROGRESSIVE])
 def test_labels_of_plans(width, name, order):
-    drawn = render_page(plan_figure(ScanPlan.create(mask=MASKS[name], order=order), width=width))
-    assert len(drawn.labels) > 20
-    assert not overlapping(drawn.labels, drawn.image.size)
-    assert drawn.image.width == width
+    check_labels(plan_figure(ScanPlan.create(mask=MASKS[name], order=order), width=width), width)
+
+
+def test_labels_of_a_mask_and_its_plan():
+    check_labels(mask_figure(MASKS["off the centre"], with_point_spread=False, width=640), 640)
+    check_labels(plan_figure(ScanPlan.create(mask=MASKS["off the centre"]), width=640), 640)
 
 
 @pytest.fixture(scope="module")
@@ -126,27 +121,10 @@ def test_labels_of_comparisons(width, simulated, comparison):
 def test_titles_describe_and_hold_no_identifier():
     mask = MASKS["equi-steradian"]
     plan = ScanPlan.create(mask=mask)
-    title = mask_figure(mask, with_point_spread=False).title
+    title = mask_figure(mask, with_point_spread=False).get_suptitle()
     assert "Equi-steradian" in title
     assert "3.6 mm deep" in title
-    for words in (title, plan_figure(plan).title):
+    for words in (title, plan_figure(plan).get_suptitle()):
         assert f"{mask.count:,} points" in words
         assert mask.id not in words
         assert plan.id not in words
-
-
-def test_no_quarter_of_a_mask_is_empty():
-    """What has no point of interest, or shall not be simulated, shows how even the sensors are."""
-    for mask, simulated in ((MASKS["grid"], True), (MASKS["equi-steradian"], False)):
-        plots = mask_figure(mask, with_point_spread=simulated).plots
-        assert len(plots) == 4
-        assert all(np.ptp(painted(plot)) > 0 for plot in plots)
-
-
-def test_the_same_distance_everywhere_is_one_colour_with_a_number():
-    """Distances of a lattice differ by their rounding, which is nothing to colour."""
-    sensors, _, spacings, _ = mask_figure(hexagonal_mask(13.56e-3, count=1600), with_point_spread=False).plots
-    for plot in (sensors, spacings):
-        tones = apply_colour_map(plot.parts[0].values, plot.colours).reshape(-1, 3).astype(int)
-        assert np.ptp(tones, axis=0).max() < 3
-        assert Axis(plot.colours.high, plot.colours.low, "").marks(300)

@@ -1,127 +1,69 @@
-"""What a plot shows stands where its axes say, whoever draws it."""
+"""Pictures of masks and plans show their values where the axes say."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from steradian.drawing.mpl_renderer import to_figure
-from steradian.drawing.plot_spec import (
-    Bars,
-    ColouredPath,
-    Colours,
-    Curve,
-    Heatmap,
-    Histogram,
-    Marker,
-    Page,
-    Plot,
-    Scatter,
-    VerticalLine,
-    histogram,
-)
-from steradian.drawing.raster_renderer import render_page
-from steradian.drawing.ticks import Axis, LogAxis, NamedRows
-from steradian.masks import equi_steradian_mask, equiangular_mask
+from steradian.masks import equi_steradian_mask, equiangular_mask, grid_mask, hexagonal_mask
 from steradian.masks.limited_view import limited_view
+from steradian.masks.metrics import evaluate_mask
 from steradian.masks.plots import draw_mask, mask_figure
 from steradian.plans import ScanPlan
 from steradian.plans.plots import draw_plan, plan_figure
-
-RED = (255, 0, 0)
-
-
-def drawn(*parts, across=None, up=None, equal=False):
-    """The pixels of a page with one plot, and the middle of each of its labels."""
-    axes = across or Axis(-3.0, 5.0, "x"), up or Axis(40.0, 10.0, "y")
-    painted = render_page(Page("page", [[Plot("plot", *axes, parts, equal)]], [1], 1100, 0.7))
-    middles = {}
-    for text, (left, top, right, bottom) in painted.labels:  # axes before bars of colours
-        middles.setdefault(text, ((left + right) / 2, (top + bottom) / 2))
-    return np.asarray(painted.image).astype(int), middles
+from steradian.plans.preview import preview
 
 
-def middle_of(pixels, colour=RED):
-    """The middle of what has a colour."""
-    rows, columns = np.nonzero((pixels == colour).all(axis=-1))
-    return columns.mean(), rows.mean()
+def plots_of(mask, **options):
+    """Axes of a mask's figure by the beginning of their titles."""
+    figure = mask_figure(mask, with_point_spread=False, **options)
+    return {axes.get_title().partition(":")[0].partition(",")[0]: axes for axes in figure.axes}
 
 
-def test_marker_is_drawn_at_its_axis_coordinates():
-    pixels, middles = drawn(Marker(3.0, 25.0, "o", 12, "#ff0000"))
-    assert middle_of(pixels) == pytest.approx((middles["3"][0], middles["25"][1]), abs=2)
+def value_at(axes, x, y):
+    """Value of the image in axes at a place on them."""
+    (image,) = axes.images
+    left, right, bottom, top = image.get_extent()
+    values = image.get_array()
+    row = (y - bottom) / (top - bottom) * values.shape[0]
+    if image.origin == "upper":
+        row = values.shape[0] - row
+    return values[int(row), int((x - left) / (right - left) * values.shape[1])]
 
 
-def test_a_logarithmic_axis_has_equal_steps_for_powers_of_ten():
-    pixels, middles = drawn(
-        Marker(30.0, 10.0, "s", 9, "#ff0000"), across=Axis(20, 40, "x"), up=LogAxis(2000.0, 0.7, "points")
-    )
-    assert middle_of(pixels)[1] == pytest.approx(middles["10"][1], abs=2)
-    assert middles["1"][1] - middles["10"][1] == pytest.approx(middles["100"][1] - middles["1000"][1], abs=2)
+def test_sensors_are_drawn_at_their_positions_in_the_colours_of_their_weights():
+    mask = equi_steradian_mask(8e-3, 2e-3, 100, offset=(1e-3, -0.5e-3))
+    axes = plots_of(mask)["Sensors"]
+    np.testing.assert_allclose(axes.collections[0].get_offsets(), 1e3 * mask.positions)
+    np.testing.assert_allclose(axes.collections[0].get_array(), 1e6 * mask.weights)
+    assert axes.lines[-1].get_xydata() == pytest.approx(np.array([[1.0, -0.5]]))
+    assert axes.get_aspect() == 1
+    assert axes.get_xlim() == axes.get_ylim() == pytest.approx((-4.2, 4.2))
 
 
-def test_a_fields_first_row_is_at_the_top_and_its_first_column_on_the_left():
-    values = np.zeros((4, 8))
-    values[1, 6] = 1.0  # of four rows the second, of eight columns the seventh
-    pixels, middles = drawn(Heatmap(values, Colours("gray", 0.0, 1.0, "")))
-    left, right, top, bottom = middles["−3"][0], middles["5"][0], middles["40"][1], middles["10"][1]
-    inside = pixels[round(top) + 3 : round(bottom) - 3, round(left) + 3 : round(right) - 3]
-    x, y = middle_of(inside, (255, 255, 255))
-    assert x + 3 == pytest.approx(6.5 / 8 * (right - left), abs=3)
-    assert y + 3 == pytest.approx(1.5 / 4 * (bottom - top), abs=3)
+def test_spacing_is_least_where_the_sensors_are_dense():
+    """The point of interest lies at positive x and negative y: there the sensors are close to each other."""
+    axes = plots_of(equi_steradian_mask(8e-3, 1e-3, 200, offset=(2e-3, -1e-3)))["Spacing"]
+    there = value_at(axes, 2.0, -1.0)
+    assert all(value_at(axes, *place) > 1.5 * there for place in ((-2.0, -1.0), (2.0, 2.0), (-2.0, 2.0)))
 
 
-def test_dots_ways_and_curves_go_through_their_places_in_the_colours_of_their_values():
-    places = np.array([[0.0, 15.0], [2.0, 35.0]])
-    reds = Colours("gray", 0.0, 1.0, "value")
-    black = (0, 0, 0)
-    for part in (
-        Scatter(places, np.array([0.0, 0.0]), reds, 14),
-        ColouredPath(places, np.array([0.0]), reds, 5),
-        Curve(places, "#000000", 5),
-    ):
-        pixels, middles = drawn(part)
-        left, right, top, bottom = middles["−3"][0], middles["5"][0], middles["40"][1], middles["10"][1]
-        inside = pixels[round(top) + 3 : round(bottom) - 3, round(left) + 3 : round(right) - 3]
-        x, y = middle_of(inside, black)
-        assert (x + 3 + left, y + 3 + top) == pytest.approx(
-            ((middles["0"][0] + middles["2"][0]) / 2, middles["25"][1]), abs=3
-        )
-
-
-def test_both_scales_are_one_where_that_is_asked_for():
-    _, middles = drawn(across=Axis(0.0, 10.0, "x"), up=Axis(24.0, 20.0, "y"), equal=True)
-    steps = middles["10"][0] - middles["2"][0], middles["20"][1] - middles["24"][1]
-    assert steps[0] / 8 == pytest.approx(steps[1] / 4, rel=0.02)
-
-
-def test_histogram_bars_match_bin_counts():
-    steps = histogram(np.array([11.0, 11.0, 12.0, 15.0]), 4, 0.5)
-    assert (steps.counts.tolist(), steps.edges.tolist()) == ([2, 1, 0, 1], [10.5, 11.75, 13.0, 14.25, 15.5])
-    pixels, middles = drawn(
-        Histogram(steps.edges, steps.counts, "#ff0000"), across=Axis(10, 16, "x"), up=Axis(4, 0, "n")
-    )
-    rows = np.nonzero((pixels == RED).all(axis=-1))[0]
-    assert rows.min() == pytest.approx(middles["2"][1], abs=3)
-
-
-def test_bars_of_rows_end_at_their_values_with_their_texts():
-    bars = Bars([2.0, 4.0], ["two", "four"], ["#ff0000", "#00ff00"])
-    pixels, middles = drawn(bars, VerticalLine(3.0), across=Axis(0, 6, "s"), up=NamedRows(("a", "b")))
-    for name, text, value, colour in (("a", "two", "2", RED), ("b", "four", "4", (0, 255, 0))):
-        columns = np.nonzero((pixels == colour).all(axis=-1))[1]
-        assert columns.max() == pytest.approx(middles[value][0], abs=3)
-        assert middle_of(pixels, colour)[1] == pytest.approx(middles[name][1], abs=3)
-        assert middles[text][0] > columns.max()
-        assert middles[text][1] == pytest.approx(middles[name][1], abs=4)
+def test_limited_view_shows_the_share_of_each_depth():
+    mask = equi_steradian_mask(8e-3, 2e-3, 100, offset=(1e-3, 0))
+    seen = limited_view(mask, 4e-3)
+    axes = plots_of(mask, deepest=4e-3)["Limited view"]
+    assert axes.get_ylim() == (4.0, 0.0)
+    for x, z in ((-2.0, 0.5), (2.0, 0.5), (1.0, 3.5)):
+        at = np.abs(seen.x - 1e-3 * x).argmin(), np.abs(seen.z - 1e-3 * z).argmin()
+        assert value_at(axes, x, z) == pytest.approx(100 * seen.share[at], abs=2)
 
 
 def test_the_lines_of_the_limited_view_are_where_edges_of_a_tilt_are_just_seen_from_both_sides():
     mask = equi_steradian_mask(8e-3, 2e-3, 100, offset=(1e-3, 0))
     seen = limited_view(mask, 4e-3, pixels=400)
     both = np.degrees(np.minimum(seen.steepest_left, seen.steepest_right))
-    plot = mask_figure(mask, deepest=4e-3, with_point_spread=False).plots[1]
-    lines = [part.places for part in plot.parts if isinstance(part, Curve)]
+    lines = [line.get_xydata() for line in plots_of(mask, deepest=4e-3)["Limited view"].lines]
+    lines = [line for line in lines if len(line) == 3]
     assert len(lines) == 5
     for tilt, line in zip((15, 30, 45, 60, 75), lines, strict=True):
         for start, end in pairwise(line):
@@ -131,21 +73,46 @@ def test_the_lines_of_the_limited_view_are_where_edges_of_a_tilt_are_just_seen_f
             np.testing.assert_allclose(both[x, z], tilt, atol=1.5)
 
 
-@pytest.mark.parametrize("mask", [equi_steradian_mask(8e-3, 2e-3, 100), equiangular_mask(1e-2, 2e-3, 30)])
-def test_matplotlib_draws_the_same_pages(mask):
-    """For formats that are enlarged without loss: the same titles, names and limits, and something in each plot."""
-    for page in (mask_figure(mask, with_point_spread=False), plan_figure(ScanPlan.create(mask=mask))):
-        figure = to_figure(page)
-        assert figure.get_suptitle() == page.title
-        for plot, axes in zip(page.plots, figure.axes, strict=True):
-            assert (axes.get_title(), axes.get_xlabel(), axes.get_ylabel()) == (
-                plot.title,
-                plot.across.name,
-                plot.up.name,
-            )
-            assert axes.get_xlim() == pytest.approx((plot.across.first, plot.across.last))
-            assert axes.has_data()
-            assert bool(axes.child_axes) is (plot.colours is not None)
+def test_histogram_counts_every_sensor():
+    mask = equi_steradian_mask(8e-3, 2e-3, 100)
+    (steps,) = plots_of(mask)["Solid angle that each sensor covers"].patches
+    counts, edges, _ = steps.get_data()
+    angles = 100 * evaluate_mask(mask).solid_angles / evaluate_mask(mask).solid_angles.mean()
+    assert counts.sum() == mask.count
+    assert edges[0] < angles.min() <= angles.max() < edges[-1]
+
+
+def test_no_quarter_of_a_mask_is_empty():
+    """A mask without a point of interest, or without its simulation, shows how even the sensors are."""
+    for mask, simulated in ((grid_mask(13.56e-3, 41, 300e-6), True), (equiangular_mask(1e-2, 2e-3, 30), False)):
+        figure = mask_figure(mask, with_point_spread=simulated)
+        plots = [axes for axes in figure.axes if axes.get_title()]
+        assert len(plots) == 4
+        assert all(axes.has_data() for axes in plots)
+
+
+def test_the_same_distance_everywhere_is_one_colour_with_a_number():
+    """Distances of a lattice differ by their rounding, which is nothing to colour."""
+    plots = plots_of(hexagonal_mask(13.56e-3, count=400))
+    for shown in (plots["Sensors"].collections[0], plots["Spacing"].images[0]):
+        tones = 255 * shown.to_rgba(np.ravel(shown.get_array()))[:, :3]
+        assert np.ptp(tones, axis=0).max() < 3
+        low, high = shown.get_clim()
+        assert any(low < tick < high for tick in shown.colorbar.get_ticks())
+
+
+def test_plan_shows_path_and_seconds():
+    plan = ScanPlan.create(mask=equi_steradian_mask(8e-3, 2e-3, 100))
+    cost = preview(plan)
+    way, seconds, moves = (axes for axes in plan_figure(plan, cost).axes if axes.get_title())
+    np.testing.assert_allclose([line[0] for line in way.collections[0].get_segments()], 1e3 * plan.path[:-1])
+    marks = [line.get_xydata()[0] for line in way.lines]
+    np.testing.assert_allclose(marks, 1e3 * plan.path[[0, -1]])
+    names = [label.get_text() for label in seconds.get_yticklabels()]
+    assert dict(zip(names, (bar.get_width() for bar in seconds.patches), strict=True)) == pytest.approx(cost.seconds)
+    assert seconds.lines[0].get_xdata()[0] == pytest.approx(cost.total_seconds)
+    assert moves.patches[0].get_data()[0].sum() == len(plan.path)
+    assert moves.get_yscale() == "log"
 
 
 @pytest.mark.long

@@ -160,10 +160,10 @@ def _mask_metrics(arrangement: Arrangement) -> bytes:
 
 
 def _picture(arrangement: Arrangement) -> bytes:
-    from steradian.drawing.raster_renderer import render_page
+    from steradian.drawing.mpl_style import to_png
     from steradian.masks.plots import mask_figure
 
-    return render_page(mask_figure(arrangement.build(), with_point_spread=False)).png()
+    return to_png(mask_figure(arrangement.build(), with_point_spread=False))
 
 
 def _draw(mask: Mask, path: Path) -> None:

@@ -179,7 +179,7 @@ def _build(mask: Mask, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, A
 
 
 def _picture(mask: Mask, wanted: PlanRequest) -> bytes:
-    from steradian.drawing.raster_renderer import render_page
+    from steradian.drawing.mpl_style import to_png
     from steradian.plans.plots import plan_figure
 
-    return render_page(plan_figure(wanted.plan(mask))).png()
+    return to_png(plan_figure(wanted.plan(mask)))
