@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 from scipy.signal import hilbert
 
 import steradian
@@ -29,6 +30,10 @@ DESCRIPTION = {
 }
 DEPTHS = (50.9e-3, 55.5e-3, 60.4e-3, 65.8e-3)
 """Depths of the pins below the transducer's plane, in m."""
+LAYERS = steradian.Medium(
+    [steradian.Layer(WATER / 2, 73.3e-3), steradian.Layer(2730.0 / 2, 31e-3), steradian.Layer(6320.0 / 2)]
+)
+"""Water, acrylic and aluminium, as the file states them, at half their speeds."""
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +69,36 @@ def test_measured_line_scan_shows_each_pin_at_its_depth_as_wide_as_half_the_tran
 def test_measured_line_scan_shows_the_pins_20_mm_apart(volume):
     x = [pin_near(volume, depth)[0] for depth in DEPTHS]
     np.testing.assert_allclose(np.diff(x), 20e-3, atol=1.1e-3)
+
+
+@pytest.fixture(scope="module")
+def layered():
+    record = loadmat(Path(os.environ["STERADIAN_MEASURED_DATA"]) / FILE)["ptx"].T.astype(float)
+    sensors = (np.arange(111) - 55) * 1e-3
+    acquisition = steradian.Acquisition(record, sensors, dt=80e-9, t0=58e-6, medium=LAYERS, aperture=111e-3)
+    grid = steradian.ImageGrid(modes=111, depth=(30e-3, 160e-3), lateral_padding=2.0)
+    return steradian.reconstruct(acquisition, grid, steradian.Nufft(max_frequency=4e6))
+
+
+def strongest(volume, low, high, apart):
+    """Return (z, width at half of it along x) of the four largest envelopes in a depth range, ``apart`` in depth."""
+    z = volume.coordinates("z")
+    inside = (z > low) & (z < high)
+    envelope = np.abs(hilbert(np.asarray(volume.values), axis=1))[:, inside]
+    found = []
+    for _ in range(4):
+        depth = z[inside][envelope.max(axis=0).argmax()]
+        found.append((depth, pin_near(volume, depth)[2]))
+        envelope[:, np.abs(z[inside] - depth) < apart] = 0
+    return np.array(sorted(found)).T
+
+
+def test_measured_line_scan_shows_each_hole_in_acrylic_below_water(layered):
+    depths, widths = strongest(layered, 76e-3, 101e-3, 3e-3)
+    np.testing.assert_allclose(np.diff(depths), 6.0e-3, atol=0.2e-3)
+    np.testing.assert_allclose(widths, 3.1e-3, atol=0.2e-3)
+
+
+def test_measured_line_scan_shows_each_hole_in_aluminium_below_acrylic(layered):
+    depths, _ = strongest(layered, 108e-3, 150e-3, 6e-3)
+    np.testing.assert_allclose(np.diff(depths), 10e-3, atol=1e-3)

@@ -56,7 +56,7 @@ def speed(*, quick: bool = False, repeats: int = 5, progress: Progress | None = 
     at_best = machine_limits(available_threads(), size=1 << 16 if quick else 1 << 25)
     for case in speed_cases(quick=quick):
         made = _Timed(case)
-        groups.setdefault((*made.plan.geometry.shape[:-1], made.plan.geometry.record), []).append(made)
+        groups.setdefault((*made.plan.geometry.shape[:-1], int(made.plan.geometry.record)), []).append(made)
     rows: list[Row] = []
     for i, (shape, cases) in enumerate(groups.items()):
         if progress is not None:

@@ -66,6 +66,11 @@ LENGTH = QuantityRange(0, 1, "m", above=True)
 """Sides of apertures, distances between sensors, depths of points of interest."""
 SAMPLING_INTERVAL = QuantityRange(1e-10, 1e-5, "s")
 SOUND_SPEED = QuantityRange(300, 6000, "m/s")
+LAYER_SPEED = QuantityRange(300, 12_000, "m/s")
+"""Speed of sound in a layer, which may be a metal."""
+LAYER_THICKNESS = QuantityRange(1e-6, 1, "m")
+"""Thickness of a layer of the medium."""
+DENSITY = QuantityRange(100, 25_000, "kg/m³")
 TIME_ZERO = QuantityRange(-5e-4, 5e-4, "s")
 """From the laser pulse to the first sample: sound from three quarters of a metre of water needs no longer."""
 

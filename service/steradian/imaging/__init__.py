@@ -10,6 +10,7 @@ from steradian.imaging.brute_force_reference import direct_spectrum, spectrum_of
 from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter, MeasuredFilm
 from steradian.imaging.geometry.sensor_areas import voronoi_weights
 from steradian.imaging.iterative_options import Iterative, IterativeOptions
+from steradian.imaging.medium import Layer, Medium
 from steradian.imaging.options import (
     Compute,
     DirectMethod,
@@ -39,8 +40,10 @@ __all__ = [
     "InverseFilter",
     "Iterative",
     "IterativeOptions",
+    "Layer",
     "LinearKappa",
     "MeasuredFilm",
+    "Medium",
     "Method",
     "NearestKappa",
     "Ner",

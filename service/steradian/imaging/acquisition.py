@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import SAMPLES, SAMPLING_INTERVAL, SOUND_SPEED, TIME_ZERO, as_finite_float
+from steradian.imaging.medium import Layer, Medium
 from steradian.imaging.validation import Sensors
 
 
@@ -28,7 +29,9 @@ class AcquisitionGeometry:
     dt
         Sampling interval in seconds.
     sound_speed
-        Speed of sound c in m/s.
+        Speed of sound c in m/s; not with a ``medium`` of several layers, whose slowest speed it then is.
+    medium
+        Layers between film and object; None: one of ``sound_speed``.
     t0
         Time from the laser pulse to the first sample in seconds, within ±0.5 ms; negative: the record begins before
         the pulse. The image of a late record is that of the record with zeros in front, at about the cost of the
@@ -54,7 +57,8 @@ class AcquisitionGeometry:
     samples: int
     _: KW_ONLY
     dt: float
-    sound_speed: float
+    sound_speed: float = None  # type: ignore[assignment]  # set by __post_init__
+    medium: Medium = None  # type: ignore[assignment]
     t0: float = 0.0
     weights: ArrayLike | Literal["voronoi"] | None = None
     aperture: float | Sequence[float] | None = None
@@ -76,7 +80,7 @@ class AcquisitionGeometry:
         InvalidInput
             If ``traces`` does not have two axes, or ``scale`` is not a finite number.
         """
-        shared = {name: getattr(self, name) for name in ("dt", "sound_speed", "t0", "weights", "aperture", "wrap")}
+        shared = {name: getattr(self, name) for name in ("dt", "medium", "t0", "weights", "aperture", "wrap")}
         return Acquisition(traces, self.sensors, scale=scale, **shared)
 
 
@@ -89,7 +93,7 @@ class Acquisition:
     traces
         A-lines, shape (M, N_t), floating or integer; column n was recorded at ``t0`` + n·``dt``. Of an array on a GPU
         (CuPy's, PyTorch's, with ``Compute(device="gpu")``) the image is an array of CuPy.
-    sensors, dt, sound_speed, t0, weights, aperture, wrap
+    sensors, dt, sound_speed, medium, t0, weights, aperture, wrap
         As in :class:`AcquisitionGeometry`.
     scale
         Factor of the traces (pressure per count for integers).
@@ -104,7 +108,8 @@ class Acquisition:
     sensors: ArrayLike | Sensors
     _: KW_ONLY
     dt: float
-    sound_speed: float
+    sound_speed: float = None  # type: ignore[assignment]  # set by __post_init__
+    medium: Medium = None  # type: ignore[assignment]
     t0: float = 0.0
     scale: float = 1.0
     weights: ArrayLike | Literal["voronoi"] | None = None
@@ -130,7 +135,7 @@ class Acquisition:
             self.sensors,
             np.shape(self.traces)[1],
             dt=self.dt,
-            sound_speed=self.sound_speed,
+            medium=self.medium,
             t0=self.t0,
             weights=self.weights,
             aperture=self.aperture,
@@ -139,9 +144,19 @@ class Acquisition:
 
 
 def _check_timing(value: Acquisition | AcquisitionGeometry) -> None:
-    for name, limits in (("dt", SAMPLING_INTERVAL), ("sound_speed", SOUND_SPEED), ("t0", TIME_ZERO)):
+    for name, limits in (("dt", SAMPLING_INTERVAL), ("t0", TIME_ZERO)):
         object.__setattr__(value, name, limits.check(name, getattr(value, name)))
+    speed: Any = value.sound_speed
+    medium: Any = value.medium
+    if medium is None:
+        medium = Medium([Layer(SOUND_SPEED.check("sound_speed", speed))])
+    elif not isinstance(medium, Medium):
+        raise InvalidInput("medium", type(medium).__name__, "a Medium, or None with a sound_speed")
+    elif speed is not None and speed != medium.slowest:
+        raise InvalidInput("sound_speed", speed, f"none beside a medium ({medium})")
+    object.__setattr__(value, "medium", medium)
+    object.__setattr__(value, "sound_speed", medium.slowest)
 
 
 def _timing(value: Acquisition | AcquisitionGeometry, samples: int) -> str:
-    return f"{samples} samples every {1e9 * value.dt:g} ns, {value.sound_speed:g} m/s"
+    return f"{samples} samples every {1e9 * value.dt:g} ns, {value.medium}"

@@ -192,6 +192,10 @@ class ForwardOperator(_LinearOperator):
 
 def _model_geometry(acquisition: AcquisitionGeometry, grid: ImageGrid) -> ReconstructionGeometry:
     """Return the model's geometry, padded so that periodic copies of the volume do not reach the record."""
+    if len(acquisition.medium.layers) > 1:
+        raise InvalidInput(
+            "medium", str(acquisition.medium), "one layer for a forward model: a direct method takes more"
+        )
     positions, _, aperture = checks.resolve_sensors(acquisition.sensors, None, acquisition.aperture)
     positions = checks.check_positions(positions)
     aperture = checks.apertures(aperture, positions.shape[1])

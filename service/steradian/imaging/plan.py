@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,10 +20,66 @@ from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
-from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
-from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, require_direct
-from steradian.imaging.transform_tables import inverse_tables
+from steradian.imaging.geometry.layers import resolve_layers
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
+from steradian.imaging.medium import Medium
+from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, Precision, require_direct
+from steradian.imaging.transform_tables import TransformTables, inverse_tables
 from steradian.imaging.volume import ReconstructionInfo, Volume
+
+
+class LayerPlan:
+    """Precomputed tables and engine of the image of one layer of the medium.
+
+    Parameters
+    ----------
+    geometry
+        Sensors, timing and voxels of the layer.
+    method, dtype, compute
+        Direct method, working precision and execution options.
+
+    Attributes
+    ----------
+    tables, chosen
+        Tables and engine selection (:mod:`steradian.imaging.engines`).
+    """
+
+    def __init__(
+        self, geometry: ReconstructionGeometry, method: DirectMethod, dtype: Precision, compute: Compute
+    ) -> None:
+        self.tables = inverse_tables(geometry, method, dtype)
+        self.chosen = EngineSelector(self.tables, compute)
+
+    def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
+        """Return A-lines (K, N_t) resampled for the engine: fewer samples if ``max_frequency`` permits.
+
+        Raises
+        ------
+        InvalidInput
+            If a sample is not finite.
+        """
+        fewer = self.tables.decimation
+        if fewer is None:
+            return traces
+        threads = self.chosen.engine.room.threads
+        result = fewer.apply(traces, self.tables.dtype, threads=threads, **watch._asdict())
+        if not np.isfinite(result).all():
+            raise InvalidInput("traces", checks.describe_non_finite(traces), "finite numbers")
+        return result
+
+    def image(self, data: Any, scale: float, watch: ProgressMonitor, *, keep: bool) -> Any:
+        """Return the layer's image of A-lines (M, N_t) times ``scale``, on the GPU if ``keep``."""
+
+        def work(engine: AnyEngine) -> Any:
+            if not isinstance(engine, NumbaEngine):  # it decimates by itself
+                return run_inverse(engine, data, watch, scale=scale)
+            traces = self.decimate(to_numpy(data), watch)
+            if traces.dtype not in (np.float32, np.float64, np.int16, np.int32):
+                small = traces.dtype.kind in "iu" and traces.dtype.itemsize < 4
+                traces = traces.astype(np.int32 if small else np.float64)
+            return run_inverse(engine, traces, watch, scale=scale)
+
+        return self.chosen.run_with_fallback(work, keep=keep)
 
 
 class ReconstructionPlan:
@@ -42,8 +100,8 @@ class ReconstructionPlan:
     ----------
     acquisition, grid, options, compute
         The arguments.
-    tables, chosen
-        Tables and engine selection (:mod:`steradian.imaging.engines`).
+    layers
+        Plans of the layers in the image's depth range, from the film downwards; one without layers.
 
     Raises
     ------
@@ -62,10 +120,23 @@ class ReconstructionPlan:
         require_direct(method, "; Iterative is for reconstruct()")
         self.acquisition, self.grid, self.options, self.compute = geometry, grid, method, compute
         dtype = compute.precision(method.tolerance)
-        shape = resolve_geometry(geometry, grid, method.max_frequency)
-        memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
-        self.tables = inverse_tables(shape, method, dtype)
-        self.chosen = EngineSelector(self.tables, compute)
+        shapes = resolve_layers(geometry, grid, method.max_frequency)
+        if len(geometry.medium.layers) > 1 and method.name not in ("ner", "nedner"):
+            raise InvalidInput("method", method.name, "ner or nedner for a medium of several layers")
+        for shape in shapes:
+            memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
+        self.layers = [LayerPlan(shape, method, dtype, compute) for shape in shapes]
+        self._geometry = replace(shapes[0], depth=(shapes[0].depth[0], shapes[-1].depth[1]), path=None)
+
+    @property
+    def tables(self) -> TransformTables:
+        """Tables of the first layer."""
+        return self.layers[0].tables
+
+    @property
+    def chosen(self) -> EngineSelector:
+        """Engine selection of the first layer."""
+        return self.layers[0].chosen
 
     @property
     def engine(self) -> AnyEngine:
@@ -75,7 +146,7 @@ class ReconstructionPlan:
     @property
     def geometry(self) -> ReconstructionGeometry:
         """Validated geometry, with ``shape``, ``spacing`` and ``axes()`` of the image."""
-        return self.tables.geometry
+        return self._geometry
 
     @property
     def method(self) -> str:
@@ -95,7 +166,7 @@ class ReconstructionPlan:
     @property
     def output_bytes(self) -> int:
         """Size of the image in bytes."""
-        return self.engine.room.output_bytes
+        return sum(layer.chosen.engine.room.output_bytes for layer in self.layers)
 
     @property
     def memory_bytes(self) -> int:
@@ -104,7 +175,8 @@ class ReconstructionPlan:
         Traces are not included. Those that are not C-contiguous, or of an integer type other than int16 and int32, are
         copied first.
         """
-        return self.engine.room.memory_bytes
+        largest = max(layer.chosen.engine.room.memory_bytes for layer in self.layers)
+        return largest + (2 * self.output_bytes if len(self.layers) > 1 else 0)
 
     def run(
         self,
@@ -150,7 +222,9 @@ class ReconstructionPlan:
             raise InvalidInput("traces", f"an array of shape {data.shape}", wanted)
         scale = as_finite_float("scale", scale, "a finite factor")
         images = len(data) if data.ndim == 3 else 1
-        needed = self.memory_bytes + max(0, images - 1) * self.engine.room.kept_bytes
+        needed = self.memory_bytes + max(0, images - 1) * sum(
+            layer.chosen.engine.room.kept_bytes for layer in self.layers
+        )
         memory.check_memory(needed, self.compute.memory_limit, g.shape, images)
         watch = ProgressMonitor(progress, cancelled)
         if data.ndim == 3:
@@ -162,38 +236,40 @@ class ReconstructionPlan:
         return self.run(traces)
 
     def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
-        """Return A-lines (K, N_t) resampled for the engine: fewer samples if ``max_frequency`` permits.
-
-        Raises
-        ------
-        InvalidInput
-            If a sample is not finite.
-        """
-        fewer = self.tables.decimation
-        if fewer is None:
-            return traces
-        result = fewer.apply(traces, self.dtype, threads=self.threads, **watch._asdict())
-        if not np.isfinite(result).all():
-            raise InvalidInput("traces", checks.describe_non_finite(traces), "finite numbers")
-        return result
+        """Return A-lines (K, N_t) resampled for the engine (:meth:`LayerPlan.decimate`)."""
+        return self.layers[0].decimate(traces, watch)
 
     def _one(self, data: Any, scale: float, watch: ProgressMonitor, keep: bool) -> Volume:
-        def work(engine: AnyEngine) -> Any:
-            if not isinstance(engine, NumbaEngine):  # it decimates by itself
-                return run_inverse(engine, data, watch, scale=scale)
-            traces = self.decimate(to_numpy(data), watch)
-            if traces.dtype not in (np.float32, np.float64, np.int16, np.int32):
-                small = traces.dtype.kind in "iu" and traces.dtype.itemsize < 4
-                traces = traces.astype(np.int32 if small else np.float64)
-            return run_inverse(engine, traces, watch, scale=scale)
-
-        values = self.chosen.run_with_fallback(work, keep=keep)
-        return self.as_volume(values)
+        if len(self.layers) == 1:
+            return self.as_volume(self.layers[0].image(data, scale, watch, keep=keep))
+        images = []
+        for number, layer in enumerate(self.layers, start=1):
+            part = watch
+            if watch.progress is not None:
+                part = watch._replace(progress=partial(_layer_progress, watch.progress, number, len(self.layers)))
+            images.append(layer.image(data, scale, part, keep=keep))
+        return self.as_volume(np.concatenate(images, axis=-1))
 
     def as_volume(self, values: Any) -> Volume:
         """Return an image [x, (y,) z] of this plan as :class:`Volume`, with coordinates and reconstruction info."""
         g, used = self.geometry, self.chosen
+        notes = [note for layer in self.layers for note in layer.chosen.notes]
         info = ReconstructionInfo(
-            self.method, used.device, tuple(used.notes), g.highest_frequency, memory_bytes=self.memory_bytes
-        )
+            self.method, used.device, (*notes, *hidden_angles(self.acquisition.medium)), g.highest_frequency,
+            memory_bytes=self.memory_bytes,
+        )  # fmt: skip
         return Volume(values, g.axes(), g.spacing, g.sound_speed, info)
+
+
+def hidden_angles(medium: Medium) -> list[str]:
+    """Return a note for each layer from which sound beyond a critical angle does not reach the film."""
+    notes = []
+    for path in medium.layer_paths():
+        if path.critical_angle is not None:
+            where = f"the layer from {1e3 * path.top:.4g} mm ({path.sound_speed:g} m/s)"
+            notes.append(f"sound of {where} beyond {path.critical_angle:.0f}° to the normal does not reach the film")
+    return notes
+
+
+def _layer_progress(progress: Progress, number: int, layers: int, stage: str, done: int, total: int) -> None:
+    progress(f"layer {number} of {layers}: {stage}", done, total)

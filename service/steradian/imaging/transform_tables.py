@@ -14,6 +14,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging import validation as checks
 from steradian.imaging.film_response import FilmResponse, tabulate
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
+from steradian.imaging.medium import LayerPath
 from steradian.imaging.options import DirectMethod, Precision
 from steradian.imaging.transforms.decimation import Decimation, plan_decimation
 from steradian.imaging.transforms.grid_sizes import lateral_grid
@@ -25,6 +26,9 @@ from steradian.imaging.transforms.time_to_depth import (
     window_interpolation,
 )
 from steradian.imaging.transforms.windows import Shape, Window
+
+MIN_TRANSMISSION = 0.05
+"""Transmission of pressure below which a wave is left out instead of amplified."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +65,11 @@ class TransformTables:
     def depths(self) -> int:
         """Number of depth slices of the image."""
         return self.geometry.shape[-1]
+
+    @property
+    def spectrum_length(self) -> float:
+        """Divisor of sums over the spectrum: N_t in the inversion, N_z in the forward model and its adjoint."""
+        return self.geometry.record if self.rule.waves == "rising" else self.geometry.depth_points
 
     @property
     def image_modes(self) -> tuple[int, int]:
@@ -111,7 +120,7 @@ def inverse_tables(geometry: ReconstructionGeometry, options: DirectMethod, dtyp
         lateral = non_uniform(places, geometry.weights / point, modes, found, sizes)
     if method in ("linear", "nearest"):
         fewer = None  # these interpolate between the frequencies of the record as it is
-        time = nearest_or_linear(geometry.samples, geometry.record, method == "nearest")
+        time = nearest_or_linear(geometry.samples, int(geometry.record), method == "nearest")
     else:
         fewer = plan_decimation(geometry.samples, geometry.band / geometry.record, 0.2 * tolerance)
         samples, record = geometry.samples, float(geometry.record)
@@ -164,6 +173,28 @@ class _Conjugated:
         return np.conj(self.response.evaluate(frequencies, sines, sound_speed))
 
 
+@dataclass(frozen=True, slots=True)
+class _ThroughLayers:
+    """Response of the film to waves from a deeper layer, times the transmission, or divided by it."""
+
+    path: LayerPath
+    response: FilmResponse | None
+    inverse: bool
+
+    def evaluate(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        first = self.path.layers[0].sound_speed
+        passed = self.path.transmission(sines)
+        if self.inverse:
+            passed = np.divide(1.0, passed, out=np.zeros(len(passed)), where=passed > MIN_TRANSMISSION)
+        found = np.ones((len(frequencies), len(sines)), np.complex128) * passed
+        if self.response is not None:
+            at_film = np.minimum(sines * (first / self.path.sound_speed), 1.0)
+            found *= self.response.evaluate(frequencies, at_film, first)
+        return found
+
+
 def _kappa_map(
     g: ReconstructionGeometry,
     time: TimeInterpolation,
@@ -172,13 +203,31 @@ def _kappa_map(
     response: FilmResponse | None,
     fewer: Decimation | None = None,
 ) -> KappaMap:
+    path, overlying, shift = g.path, np.empty((0, 2)), 0.0
+    if path is not None:
+        length = g.record * g.sampling_interval  # seconds of a record
+        thickness = np.array([layer.thickness for layer in path.overlying], np.float64)
+        speeds = np.array([layer.sound_speed for layer in path.overlying])
+        overlying = (np.stack([thickness / speeds, thickness / g.sound_speed], axis=1) / length) ** 2
+        shift = path.top / (length * g.sound_speed)
+        if response is not None or path.layers[0].density is not None:
+            response = _ThroughLayers(path, response, inverse=waves == "rising")
     table, steps = tabulate(
         response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
     )
     scales = [g.record * g.sound_speed * g.sampling_interval / X for X in g.period]
     first = g.time_zero / g.sampling_interval + (0.0 if fewer is None else fewer.first)
     turns = time.centre / time.record + first / g.record
-    return KappaMap((0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]), turns, band, waves, table, steps)
+    return KappaMap(
+        (0.0, scales[0]) if len(scales) == 1 else (scales[0], scales[1]),
+        turns,
+        band,
+        waves,
+        table,
+        steps,
+        overlying,
+        shift,
+    )
 
 
 def _modes(g: ReconstructionGeometry) -> tuple[int, int]:

@@ -7,6 +7,7 @@ whose waves :func:`propagate_2d` propagates exactly in wavenumbers. Neither shar
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, yarn
 from steradian.phantoms.film_response import angular_response, band_limited
 from steradian.phantoms.forward import pressure, rasterise
+from steradian.phantoms.layered import layered_pressure
 from steradian.phantoms.noise import add_noise
 from steradian.phantoms.targets import chart, star
 from steradian.phantoms.tree_2d import tree
@@ -20,6 +21,7 @@ __all__ = [
     "band_limited",
     "chart",
     "initial_pressure",
+    "layered_pressure",
     "pressure",
     "propagate_2d",
     "rasterise",

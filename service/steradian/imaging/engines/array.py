@@ -13,6 +13,7 @@ import numpy as np
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
 from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import Stencils, numbers_of
+from steradian.imaging.transforms.time_to_depth import KappaMap
 
 _BATCH = 64  # time samples spread, rows of modes interpolated at once
 
@@ -77,7 +78,7 @@ class ReferenceEngine:
         if self.tables.rule.waves == "both":
             rising = falling = rising + falling
         gap = xp.zeros((*rising.shape[:2], g.depth_points + 1 - 2 * rising.shape[2]), dtype=self._complex)
-        (first, last), share = g.depth, g.depth_points / g.record
+        (first, last), share = g.depth, g.depth_points / self.tables.spectrum_length
         rows = []
         for i in range(rising.shape[0]):  # row by row: less memory
             both = xp.concat([rising[i, ...], gap[i, ...], xp.flip(falling[i, :, 1:], axis=1)], axis=1)
@@ -111,7 +112,7 @@ class ReferenceEngine:
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
         """Return the modes over time of modes over depth."""
         xp, time, (first, last) = self._xp, self.tables.time, self.tables.geometry.depth
-        record = self.tables.geometry.record  # that of the model: its depths are no fewer
+        record = self.tables.geometry.depth_points
         left = xp.zeros((*modes.shape[1:2], first), dtype=self._complex)
         right = xp.zeros((*modes.shape[1:2], record - last), dtype=self._complex)
         rows = []
@@ -193,6 +194,7 @@ class ReferenceEngine:
         factor = (
             gain * np.exp(-2j * np.pi * rule.turns * kappa) * _interpolate_response(rule.table, rule.steps, kappa, sine)
         )
+        factor = factor * _layer_factor(rule, kappa, across, l)
         cells = [self._xp.asarray((first.astype(np.int64) + t) % time.length) for t in range(width)]
         return cells, [self._array(tap) for tap in taps], self._array(factor * (kappa < rule.band), complex=True)
 
@@ -215,6 +217,17 @@ class ReferenceEngine:
             half = high[:1, ...] / 2
             high, low, gap = xp.concat([half, high[1:, ...]], axis=0), xp.concat([low, half], axis=0), gap[1:, ...]
         return xp.moveaxis(xp.concat([low, gap, high], axis=0), 0, axis)
+
+
+def _layer_factor(rule: KappaMap, kappa: Any, across: Any, l: Any) -> Any:  # noqa: E741
+    """Return the factor of the layers above (:class:`KappaMap`)."""
+    if not len(rule.overlying):
+        return 1.0
+    turns, passed = -rule.shift * l, True
+    for a, b in rule.overlying:
+        root = a * kappa**2 - b * across**2
+        turns, passed = turns + np.sqrt(np.maximum(root, 0)), passed & (root > 0)
+    return passed * np.exp(2j * np.pi * turns)
 
 
 def _interpolate_response(table: Any, steps: Any, kappa: Any, sine: Any) -> Any:

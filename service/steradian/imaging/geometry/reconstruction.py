@@ -14,6 +14,7 @@ from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensor_areas
+from steradian.imaging.medium import LayerPath
 from steradian.imaging.options import ImageGrid
 from steradian.imaging.transforms.grid_sizes import fast_multiple, fast_record_length
 from steradian.imaging.volume import VoxelAxes
@@ -50,6 +51,9 @@ class ReconstructionGeometry:
         First depth index and one past the last; index n is the depth n·Δz below the film.
     upsampling
         Image points per mode.
+    path
+        Layers that the sound crosses, where the medium has several; ``record`` is then not a whole number, so that all
+        layers' images have the same depth step.
     """
 
     positions: NDArray[np.float64]
@@ -59,7 +63,7 @@ class ReconstructionGeometry:
     period: tuple[float, ...]
     padded_modes: tuple[int, ...]
     samples: int
-    record: int
+    record: float
     sampling_interval: float
     sound_speed: float
     time_zero: float
@@ -67,6 +71,7 @@ class ReconstructionGeometry:
     depth_points: int
     depth: tuple[int, int]
     upsampling: int
+    path: LayerPath | None = None
 
     @property
     def sensed_area(self) -> float:

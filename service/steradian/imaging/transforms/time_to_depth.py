@@ -70,6 +70,9 @@ class KappaMap:
         As above.
     table, steps
         R as :func:`steradian.imaging.film_response.tabulate` gives it.
+    overlying, shift
+        Layers above: with rows (a, b) of ``overlying``, R(κ) above is multiplied by e^{2πi φ},
+        φ = Σ √(a·κ² − b·|scales·j|²) − shift·l, and 0 where a root is imaginary (:mod:`steradian.imaging.medium`).
     """
 
     scales: tuple[float, float]
@@ -78,6 +81,8 @@ class KappaMap:
     waves: Literal["rising", "both"]
     table: Floats
     steps: Floats
+    overlying: Floats
+    shift: float
 
 
 def window_interpolation(

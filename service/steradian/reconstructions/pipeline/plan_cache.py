@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.validation import content_hash
-from steradian.imaging import AcquisitionGeometry, Compute, DirectMethod, ImageGrid, ReconstructionPlan
+from steradian.imaging import AcquisitionGeometry, Compute, DirectMethod, ImageGrid, Medium, ReconstructionPlan
 
 MAX_PLANS = 4
 MAX_BYTES = 256 * 2**20
@@ -45,7 +45,10 @@ class PlanCache:
         others: dict[str, Any] = {"method": method.name}
         for part in (vars(geometry), vars(grid), asdict(method), vars(compute)):
             for name, value in part.items():
-                (arrays if isinstance(value, np.ndarray) else others)[name] = value
+                if isinstance(value, np.ndarray):
+                    arrays[name] = value
+                else:
+                    others[name] = asdict(value) if isinstance(value, Medium) else value
         key = content_hash("k", {"arrays": sorted(arrays), **others}, *(arrays[name] for name in sorted(arrays)))
         if key in self._plans and not self._plans[key][0].chosen.notes:  # a GPU that was full may have room by now
             self._plans.move_to_end(key)

@@ -109,7 +109,7 @@ def axis_of(tables: TransformTables, axis: int) -> Axis:
     if tables.rule.waves == "both":  # the model leaves out N/2, which is −N/2 as well
         factors = np.where((2 * numbers == -count) & (count > 1), 0, factors)
     if axis == 0:
-        factors = factors / (lateral.modes[0] * lateral.modes[1] * tables.geometry.record)
+        factors = factors / (lateral.modes[0] * lateral.modes[1] * tables.spectrum_length)
     orbits = np.arange(count // 2 + 1)
     modes = np.stack([orbits, -orbits % count], axis=1)
     lines = numbers % lateral.grid[axis]
@@ -149,6 +149,7 @@ def kappa_map(tables: TransformTables, found: Frequencies) -> KappaMap:
     """Return the kernels' parameters of the interpolation at κ."""
     rule, time, points = tables.rule, tables.time, tables.geometry.depth_points
     return KappaMap(
-        time.taps.astype(tables.dtype), rule.table, rule.steps, time.length / time.record, rule.turns, rule.band,
+        time.taps.astype(tables.dtype), rule.table, rule.steps, rule.overlying, rule.shift,
+        time.length / time.record, rule.turns, rule.band,
         found.lowest, (points + 1) // 2, rule.waves == "both", time.nearest,
     )  # fmt: skip

@@ -43,6 +43,8 @@ class KappaMap(NamedTuple):
         (w, D + 1) polynomials.
     table, steps
         The response.
+    overlying, shift
+        Phase of the layers above.
     ratio
         Frequencies a unit of κ.
     turns, band
@@ -58,6 +60,8 @@ class KappaMap(NamedTuple):
     taps: Any
     table: Any
     steps: Any
+    overlying: Any
+    shift: float
     ratio: float
     turns: float
     band: float

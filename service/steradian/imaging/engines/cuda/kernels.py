@@ -64,6 +64,14 @@ def gain_and_phase(l: int, kappa: float, square: float, rule: Any) -> tuple[floa
         amplitude, more = interpolate_response(rule.table, rule.steps, square, kappa)
         gain *= amplitude
         turn += more
+    if rule.overlying.shape[0] > 0:
+        turn -= rule.shift * l
+        for i in range(rule.overlying.shape[0]):
+            root = rule.overlying[i, 0] * kappa * kappa - rule.overlying[i, 1] * square
+            if root > 0:
+                turn += math.sqrt(root)
+            else:
+                gain = 0.0
     return gain, turn - math.floor(turn + 0.5)
 
 

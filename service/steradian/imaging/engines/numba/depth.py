@@ -107,6 +107,19 @@ def _count_in_band(square: float, band: float) -> int:
 
 
 @jit_inline
+def _layer_phase(rule: KappaMap, kappa2: float, square: float, l: float) -> tuple[float, float]:  # noqa: E741
+    """Return the phase of the layers above in turns, and 1, or 0 where the wave is evanescent in one of them."""
+    turn, gained = -rule.shift * l, 1.0
+    for i in range(rule.overlying.shape[0]):
+        root = rule.overlying[i, 0] * kappa2 - rule.overlying[i, 1] * square
+        if root > 0:
+            turn += np.sqrt(root)
+        else:
+            gained = 0.0
+    return turn - np.rint(turn), gained
+
+
+@jit_inline
 def _stencils(square: float, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
     """Compute first grid points, taps and factors for a chunk of values of l.
 
@@ -132,6 +145,12 @@ def _stencils(square: float, part: DepthChunk, rule: KappaMap, space: DepthWorks
             kappa = np.sqrt(float(first + n) * float(first + n) + square)
             amplitude, turn = interpolate_response(table, steps, square, kappa)
             gain[n] *= amplitude
+            phase[n] -= turn + np.rint(phase[n] - turn)
+    if rule.overlying.shape[0] > 0:
+        for n in range(count):
+            l = float(first + n)  # noqa: E741
+            turn, gained = _layer_phase(rule, l * l + square, square, l)
+            gain[n] *= gained
             phase[n] -= turn + np.rint(phase[n] - turn)
     degree = polynomials.shape[1] - 1
     pi = broadcast16(fraction.dtype.type(np.pi))

@@ -242,7 +242,8 @@ class NumbaEngine:
         cosine = np.array([(-1) ** i / factorial(2 * i) for i in terms], t.dtype)
         return KappaMap(
             self._blocks.squares, self._blocks.edges, t.time.length / t.time.record, rule.turns, rule.band,
-            rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps, sine, cosine,
+            rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps,
+            rule.overlying, rule.shift, sine, cosine,
         )  # fmt: skip
 
     def _column_space(self, tmp: int) -> Callable[[], DepthWorkspace]:

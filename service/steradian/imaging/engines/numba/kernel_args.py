@@ -125,6 +125,8 @@ class KappaMap(NamedTuple):
     polynomials: Any
     table: Any
     steps: Any
+    overlying: Any
+    shift: float
     sine: Any
     cosine: Any
 

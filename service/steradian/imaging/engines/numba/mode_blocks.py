@@ -83,7 +83,7 @@ def group_modes(tables: TransformTables, stored: StoredModes) -> ModeBlocks:
     straight = np.where(copy == 0, minus[1][lane_mode], plus[1][lane_mode])
     number = [np.where(copy == 0, a[lane_mode], b[lane_mode]) for a, b in ((jx, px), (jy, py))]
     # one half as the two halves of the spectrum are left added up
-    norm = 0.5 / (modes[0] * modes[1] * tables.geometry.record)
+    norm = 0.5 / (modes[0] * modes[1] * tables.spectrum_length)
     factor = norm * lateral.factor(0, number[0]) * lateral.factor(1, number[1])
     if tables.rule.waves == "both":
         factor[(2 * np.abs(number[0]) == modes[0]) | (2 * np.abs(number[1]) == modes[1])] = 0
