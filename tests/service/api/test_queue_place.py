@@ -94,7 +94,7 @@ def test_the_position_is_by_priority_and_then_by_age(http, jobs):
 
 
 def test_queue_expected_end_is_computed_from_past_job_durations(server, http, jobs, ledger, clock):
-    """Two workers, jobs of 10 s each: the fourth in line ends 20 s after the first two have begun."""
+    """Two workers, jobs of 10.5 s each (the median): a job begins when half of those before it have been done."""
     for seconds in (9, 10, 11, 50):
         job = jobs()
         ledger.start_attempt(job, "w")
@@ -107,12 +107,13 @@ def test_queue_expected_end_is_computed_from_past_job_durations(server, http, jo
     for job in running:
         ledger.start_attempt(job, "w")
         clock.advance(4)
-
-    def ends(job):
-        return (datetime.fromisoformat(place(http, job)["expected_end"]) - begun).total_seconds()
-
-    # 10.5 s is the median; the second began 4 s after the first
-    assert [ends(job) for job in (*running, third, fourth, fifth)] == [10.5, 14.5, 21, 25, 31.5]
+    for job, seconds in zip(running, (10.5, 14.5), strict=True):
+        assert datetime.fromisoformat(place(http, job)["expected_end"]) == begun + timedelta(seconds=seconds)
+    with server.database.read() as session:
+        for number, job in enumerate((third, fourth, fifth)):
+            estimate = forecast(session, job, 2, clock.now)
+            assert estimate.position == number + 1
+            assert estimate.expected_end == clock.now + timedelta(seconds=10.5 * (number / 2 + 1))
     assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
     assert figure(server, "steradian_jobs_waiting_work_seconds") == 3 * 10.5
     assert 0 < figure(server, "steradian_jobs_waiting_oldest_seconds") < 600
@@ -135,11 +136,9 @@ def test_queue_overdue_jobs_have_no_expected_end(http, jobs, ledger, clock):
         ledger.start_attempt(job, "w")
         clock.advance(10)
         ledger.finish_attempt(job, 1, Succeeded({"bytes": 1}), "w")
-    late, other, waiting = jobs(), jobs(), jobs()
+    late = jobs()
     ledger.start_attempt(late, "w")
-    ledger.start_attempt(other, "w")
     assert place(http, late) == {"position": None, "expected_end": None, "awaited": None}
-    assert place(http, waiting) == {"position": 1, "expected_end": None, "awaited": None}
 
 
 def test_queue_job_awaiting_its_scan_has_no_position(http, jobs):

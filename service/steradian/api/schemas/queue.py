@@ -32,8 +32,8 @@ class QueueView(BaseModel):
         description="1: the next that begins; null when it runs, or waits for its scan or for another worker"
     )
     expected_end: datetime | None = Field(
-        description="From what such jobs took lately; null when that cannot be said: too few were done, no worker is"
-        " at work, or one takes longer than it should"
+        description="From the median duration of recent jobs of its kind; null when that cannot be said: too few were"
+        " done, a worker is idle, or it takes longer than it should"
     )
     awaited: str | None = Field(
         description="The worker that it waits for; null where one that is present can do it, or none is at all",

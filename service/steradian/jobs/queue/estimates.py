@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from statistics import fmean, median
-from typing import Any, Final
+from statistics import median
+from typing import Any
 
 from sqlalchemy import ColumnElement, func, or_, select, tuple_
 from sqlalchemy.orm import Session
@@ -21,13 +19,8 @@ from steradian.storage.db.tables import JobRow
 from steradian.storage.state_machines import ReconstructionState
 
 HISTORY, MIN_SAMPLES = 50, 3
-"""Newest jobs of a kind that are looked at, and how many of a sort tell how long one takes."""
-MAX_JOBS: Final = 200
-"""Place in the queue beyond which nothing is said about the end."""
+"""Newest jobs of a kind that are looked at, and how many of them tell how long one takes."""
 _R = ReconstructionState
-_METHOD, _FORMAT = JobRow.payload["parameters"]["method"].as_string(), JobRow.payload["format"].as_string()
-_SORT: Final = (JobRow.kind, _METHOD, _FORMAT, JobRow.promised)
-"""What tells which jobs take about as long, read without the rest of hundreds of rows."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +32,8 @@ class QueueEstimate:
     position
         1 for the next that begins; ``None`` when it runs, or waits for its scan or for another worker.
     expected_end
-        ``None`` when it cannot be said: too few such jobs have been done, no worker is busy, or one takes longer than
-        it should.
+        The jobs before it, each with the median duration of this job's kind, on so many workers. ``None`` when too few
+        such jobs have been done, a worker is idle, or it takes longer than it should.
     awaited
         The worker that it waits for, in words, where none that is present can do it.
     """
@@ -61,9 +54,11 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Queu
     row = session.scalar(select(JobRow).where(JobRow.id == job_id))
     if row is None or row.state not in {_R.QUEUED, _R.RUNNING}:
         return None
-    pace = _DurationModel(session)
+    seconds = _median_duration(session, row.kind)
     if row.state is _R.RUNNING:
-        return QueueEstimate(None, _in_future(pace.end_of(row), now))
+        begun = datetime.fromisoformat(row.attempts[-1]["started"]) if row.attempts else None
+        end = None if begun is None or seconds is None else begun + timedelta(seconds=seconds)
+        return QueueEstimate(None, end if end is not None and end > now else None)
     waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
         return QueueEstimate()
@@ -74,16 +69,10 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Queu
     waiting += _skipped(present)
     earlier = [*waiting, tuple_(*QUEUE_ORDER) < (row.priority, row.turn, row.sequence)]
     ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
-    if ahead >= MAX_JOBS:
+    running = session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == _R.RUNNING)) or 0
+    if seconds is None or not workers or running < workers:
         return QueueEstimate(ahead + 1)
-    running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
-    ends = [_in_future(pace.end_of(one), now) for one in running]
-    before = session.execute(select(*_SORT).where(*earlier).order_by(*QUEUE_ORDER)).all()
-    lasting = [*(pace.of(*one) for one in before), pace.seconds(row)]
-    known, taking = [end for end in ends if end], [seconds for seconds in lasting if seconds is not None]
-    if not workers or len(known) < workers or len(known) < len(ends) or len(taking) < len(lasting):
-        return QueueEstimate(ahead + 1)
-    return QueueEstimate(ahead + 1, _last_end(known, taking))
+    return QueueEstimate(ahead + 1, now + timedelta(seconds=seconds * (ahead / workers + 1)))
 
 
 @dataclass(frozen=True)
@@ -93,7 +82,7 @@ class Backlog:
     Attributes
     ----------
     seconds
-        How long one worker would take for all of it, extrapolated from the first that wait; jobs of a sort of which too
+        How long one worker would take for all of it, by the median duration of each kind; jobs of a kind of which too
         few have been done count as the mean of the others. ``None`` where nothing can be said of any.
     oldest
         Seconds since the oldest job that waits was asked for; 0 when none waits.
@@ -106,13 +95,16 @@ class Backlog:
 def backlog(session: Session, now: datetime, present: Mapping[str, capabilities.Capabilities]) -> Backlog:
     """Estimate the seconds of queued work for the present workers, and the age of the oldest queued job."""
     waits = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN, *_skipped(present)]
-    count, oldest = session.execute(select(func.count(), func.min(JobRow.created)).where(*waits)).one()
-    if not count:
+    kinds = session.execute(
+        select(JobRow.kind, func.count(), func.min(JobRow.created)).where(*waits).group_by(JobRow.kind)
+    ).all()
+    if not kinds:
         return Backlog(0.0, 0.0)
-    pace = _DurationModel(session)
-    first = session.execute(select(*_SORT).where(*waits).order_by(*QUEUE_ORDER).limit(MAX_JOBS))
-    known = [seconds for one in first if (seconds := pace.of(*one)) is not None]
-    return Backlog(count * fmean(known) if known else None, max(0.0, (now - oldest).total_seconds()))
+    waiting = sum(count for _, count, _ in kinds)
+    medians = [(count, _median_duration(session, kind)) for kind, count, _ in kinds]
+    known = [(count, seconds) for count, seconds in medians if seconds is not None]
+    work = waiting * sum(n * each for n, each in known) / sum(n for n, _ in known) if known else None
+    return Backlog(work, max(0.0, (now - min(oldest for _, _, oldest in kinds)).total_seconds()))
 
 
 def _skipped(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnElement[bool]]:
@@ -121,68 +113,20 @@ def _skipped(present: Mapping[str, capabilities.Capabilities]) -> list[ColumnEle
     return [or_(JobRow.kind.in_(LIVE_KINDS), capabilities.satisfiable_clause(able))] if able else []
 
 
-def _last_end(free: list[datetime], lasting: list[float]) -> datetime:
-    """Simulate the assignment of queued jobs to the first free worker, and return the end of the last job."""
-    heapq.heapify(free)
-    end = free[0]
-    for seconds in lasting:
-        end = heapq.heappop(free) + timedelta(seconds=seconds)
-        heapq.heappush(free, end)
-    return end
+def _median_duration(session: Session, kind: str) -> float | None:
+    """Return the median duration in seconds of the newest jobs of a kind; ``None`` for live jobs or with too few."""
+    if kind in LIVE_KINDS:
+        return None
+    # The column, not rows: a row that this session has read before would have its earlier values.
+    newest = select(JobRow.attempts).where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
+    done = session.scalars(newest.order_by(JobRow.sequence.desc()).limit(HISTORY))
+    taken = [seconds for attempts in done if (seconds := _last_duration(attempts)) is not None]
+    return median(taken) if len(taken) >= MIN_SAMPLES else None
 
 
-def _in_future(end: datetime | None, now: datetime) -> datetime | None:
-    return end if end is not None and end > now else None
-
-
-class _DurationModel:
-    """Estimator of job durations: the median of recent jobs of the same class."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-        self._past: dict[str, dict[Hashable, list[float]]] = {}
-
-    def seconds(self, row: JobRow) -> float | None:
-        """Return the estimated duration of a job in seconds; ``None`` for live jobs or with too few similar jobs."""
-        parameters = row.payload.get("parameters") or {}
-        return self.of(row.kind, parameters.get("method"), row.payload.get("format"), row.promised)
-
-    def of(self, kind: str, method: str | None, form: str | None, promised: int) -> float | None:
-        """Return the median duration in seconds of recent jobs of a class; ``None`` with too few jobs."""
-        if kind in LIVE_KINDS:
-            return None
-        taken = self._of_kind(kind).get(_job_class(method, form, promised), [])
-        return median(taken) if len(taken) >= MIN_SAMPLES else None
-
-    def end_of(self, row: JobRow) -> datetime | None:
-        """Return the estimated end time of a running job."""
-        seconds = self.seconds(row)
-        if seconds is None or not row.attempts:
-            return None
-        return datetime.fromisoformat(row.attempts[-1]["started"]) + timedelta(seconds=seconds)
-
-    def _of_kind(self, kind: str) -> dict[Hashable, list[float]]:
-        if kind not in self._past:
-            found: dict[Hashable, list[float]] = {}
-            # Columns, no rows: one that ran when this session read it would be given again as it was then.
-            query = select(_METHOD, _FORMAT, JobRow.promised, JobRow.attempts)
-            query = query.where(JobRow.kind == kind, JobRow.state == _R.SUCCEEDED)
-            newest = self._session.execute(query.order_by(JobRow.sequence.desc()).limit(HISTORY))
-            for method, form, promised, attempts in newest:
-                if (seconds := _lasted(attempts)) is not None:
-                    found.setdefault(_job_class(method, form, promised), []).append(seconds)
-            self._past[kind] = found
-        return self._past[kind]
-
-
-def _lasted(attempts: Sequence[Mapping[str, Any]]) -> float | None:
+def _last_duration(attempts: Sequence[Mapping[str, Any]]) -> float | None:
     """Return the duration of a job's last attempt in seconds; ``None`` if it was not recorded."""
     last = attempts[-1] if attempts else {}
     if not (last.get("started") and last.get("ended")):
         return None
     return (datetime.fromisoformat(last["ended"]) - datetime.fromisoformat(last["started"])).total_seconds()
-
-
-def _job_class(method: str | None, form: str | None, promised: int) -> Hashable:
-    """Return the key of jobs with similar durations: method, format and order of magnitude of the output."""
-    return method, form, round(math.log2(promised + 1))
