@@ -28,7 +28,6 @@ from fabry_perot.errors import (
 from fabry_perot.hardware import ComposedInstrument, Instrument, InstrumentError
 from fabry_perot.host import RecoveryPolicy, ScanReport
 from fabry_perot.host.aline import ALine, ALineBatch
-from fabry_perot.host.asyncio_scanner import AsyncScanner, connect_async
 from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.discovery import DiscoveredPort, connect, discover
 from fabry_perot.host.emergency_stop import emergency_stop, port_status
@@ -40,7 +39,6 @@ from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 __all__ = [
     "ALine",
     "ALineBatch",
-    "AsyncScanner",
     "Capabilities",
     "ComposedInstrument",
     "DeviceError",
@@ -73,7 +71,6 @@ __all__ = [
     "TuningDrift",
     "TuningMap",
     "connect",
-    "connect_async",
     "discover",
     "emergency_stop",
     "fault_codes",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,84 +22,102 @@ from fabry_perot.wire.states import DeviceState
 WHERE = np.column_stack([np.linspace(-2e-3, 2e-3, 60), np.zeros(60)])
 
 
-async def until(ready, limit: float = 20.0) -> None:
+def until(ready, limit: float = 20.0) -> None:
     """Bounded wait for something to come true."""
     deadline = time.monotonic() + limit
     while not ready():
         assert time.monotonic() < deadline, "it did not come true"
-        await asyncio.sleep(0.01)
+        time.sleep(0.01)
 
 
-def test_a_cancelled_consumers_lease_is_not_renewed_while_the_next_a_line_takes_minutes():
-    async def consume(scanner) -> None:
-        async for _ in scanner.alines():
-            raise AssertionError("a thousand shots at 1 Hz take longer")
-
-    async def cancel(simulator) -> None:
-        async with await fabry_perot.connect_async(simulator.url) as scanner:
-            await scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=1.0, averages=1000)
-            await scanner.start(await scanner.arm())
-            task = asyncio.create_task(consume(scanner))
-            began = scanner.status.lease_until
-            await until(lambda: scanner.status.lease_until > began)  # it renews
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            await until(lambda: simulator.send_command("report")["state"] == "safe_hold")
-
-    with launch() as simulator:
-        asyncio.run(cancel(simulator))
+def test_lease_of_abandoned_iterator_is_not_renewed():
+    """A thousand shots at 1 Hz take longer than the lease; each look at the iterator renews it once."""
+    with launch() as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=1.0, averages=1000)
+        scanner.start(scanner.arm())
+        began = scanner.status.lease_until
+        batches = scanner.alines(idle=True)
+        until(lambda: not next(batches) and scanner.status.lease_until > began)
+        until(lambda: simulator.send_command("report")["state"] == "safe_hold")
 
 
-def test_cancelled_consumer_pending_alines_go_to_next_consumer():
-    async def take_all(simulator) -> list[int]:
-        numbers: list[int] = []
-        async with await fabry_perot.connect_async(simulator.url) as scanner:
-            await scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
-            await scanner.start(await scanner.arm())
-            wait = 0.001
-            deadline = time.monotonic() + 60
-            while len(numbers) < len(WHERE):
-                assert time.monotonic() < deadline, f"came: {numbers}"
-                try:
-                    async with asyncio.timeout(wait):
-                        async for batch in scanner.alines():
-                            numbers += [line.number for line in batch]
-                            await scanner.acknowledge(batch[-1])
-                except TimeoutError:
-                    wait = 0.001 + (7 * wait) % 0.05
-                except fabry_perot.LeaseExpired:
-                    await scanner.resume()
-        return numbers
-
-    with launch(speed=5) as simulator:
-        assert asyncio.run(take_all(simulator)) == list(range(len(WHERE)))
+def test_abandoned_iterators_alines_come_from_the_next():
+    numbers: list[int] = []
+    with launch(speed=5) as simulator, fabry_perot.connect(simulator.url) as scanner:
+        scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
+        scanner.start(scanner.arm())
+        deadline = time.monotonic() + 60
+        while len(numbers) < len(WHERE):
+            assert time.monotonic() < deadline, f"came: {numbers}"
+            for batch in scanner.alines(idle=True):
+                if batch:
+                    numbers += [line.number for line in batch]
+                    scanner.acknowledge(batch[-1])
+                break
+    assert numbers == list(range(len(WHERE)))
 
 
 def test_after_a_lapse_and_a_resume_a_lines_come_again():
-    async def take_all(simulator) -> tuple[list[int], int]:
-        numbers: list[int] = []
-        lapses = 0
-        recovery = fabry_perot.RecoveryPolicy(within=0.0)
-        async with await fabry_perot.connect_async(simulator.url, recovery=recovery) as scanner:
-            await scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
-            await scanner.start(await scanner.arm())
-            await until(lambda: scanner.state == "safe_hold")  # nobody consumes, so the lease lapses
-            while len(numbers) < len(WHERE):
-                assert lapses < 100, f"came: {numbers}"
-                try:
-                    async for batch in scanner.alines():
-                        numbers += [line.number for line in batch]
-                        await scanner.acknowledge(batch[-1])
-                except fabry_perot.LeaseExpired:
-                    lapses += 1
-                    await scanner.resume()
-        return numbers, lapses
-
-    with launch() as simulator:
-        numbers, lapses = asyncio.run(take_all(simulator))
+    numbers: list[int] = []
+    lapses = 0
+    recovery = fabry_perot.RecoveryPolicy(within=0.0)
+    with launch() as simulator, fabry_perot.connect(simulator.url, recovery=recovery) as scanner:
+        scanner.upload(WHERE, samples=64, sampling_interval=8e-9, pulse_rate=100.0)
+        scanner.start(scanner.arm())
+        until(lambda: scanner.state == "safe_hold")  # nothing consumes, so the lease lapses
+        while len(numbers) < len(WHERE):
+            assert lapses < 100, f"came: {numbers}"
+            try:
+                for batch in scanner.alines():
+                    numbers += [line.number for line in batch]
+                    scanner.acknowledge(batch[-1])
+            except fabry_perot.LeaseExpired:
+                lapses += 1
+                scanner.resume()
     assert numbers == list(range(len(WHERE)))
     assert lapses > 0
+
+
+@pytest.fixture
+def scan():
+    """The function of the README for asyncio."""
+    readme = (Path(__file__).parents[2] / "driver" / "README.md").read_text(encoding="utf-8")
+    code = re.search(r"## Under asyncio.*?```python\n(.*?)```", readme, re.DOTALL).group(1)
+    names: dict = {}
+    exec(compile(code, "README.md", "exec"), names)  # noqa: S102
+    return names["scan"]
+
+
+def test_readme_recipe_scans_under_asyncio(scan):
+    numbers: list[int] = []
+
+    async def store(batch):
+        numbers.extend(line.number for line in batch)
+
+    with launch(speed=5) as simulator:
+        report = asyncio.run(scan(simulator.url, WHERE, store, samples=64, sampling_interval=8e-9, pulse_rate=100.0))
+    assert numbers == list(range(len(WHERE)))
+    assert report.is_balanced
+
+
+def test_readme_recipe_turns_laser_off_when_cancelled(scan):
+    async def cancel(simulator):
+        stored = asyncio.Event()
+
+        async def store(_):
+            stored.set()
+
+        parameters = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 20.0}
+        task = asyncio.create_task(scan(simulator.url, WHERE, store, **parameters))
+        await asyncio.wait_for(stored.wait(), 60)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        report = await asyncio.to_thread(simulator.send_command, "report")
+        assert report["state"] not in ("running", "armed", "paused"), report
+
+    with launch() as simulator:
+        asyncio.run(cancel(simulator))
 
 
 def waiting(bench: Bench) -> list[Frame]:

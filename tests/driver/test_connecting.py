@@ -1,8 +1,7 @@
-"""Finding scanners, the asyncio driver, and the small things of ports."""
+"""Finding scanners, sessions, and the small things of ports."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import contextvars
 import logging
@@ -62,35 +61,30 @@ def test_connect_without_cobs_c_extension_logs_warning(simulator, monkeypatch, c
         assert "C extension" in caplog.text
 
 
-def test_the_asyncio_driver_scans_tunes_and_reports_like_the_synchronous_one(simulator):
-    async def scan() -> tuple[list, fabry_perot.ScanReport]:
-        lines: list = []
-        async with await fabry_perot.connect_async(simulator.url, timing=PATIENT) as scanner:
-            assert scanner.capabilities.simulated
-            assert (await scanner.tune(0.0, 0.0, steps=11)).levels.shape == (11,)
-            assert len((await scanner.measure_tuning_map(where(2), steps=11)).wavelength) == 2
-            assert (await scanner.set(interrogation_uw=900))["interrogation_uw"] == 900
-            await scanner.park()
-            await scanner.upload(where(600), **PARAMETERS)  # more than the device holds: its end waits for the host
-            token = await scanner.arm()
-            await scanner.disarm()
-            assert scanner.state == "ready"
-            token = await scanner.arm()
-            await scanner.start(token)
-            async for batch in scanner.alines():
-                if not lines:
-                    await scanner.pause()
-                    assert scanner.state == "paused"
-                    await scanner.resume()
-                lines += batch
-                await scanner.acknowledge(batch[-1])
-            assert (await scanner.statistics())["shots"] == scanner.status.shots
-            report = await scanner.report()
-            await scanner.abort("emergency-stop")
-            await scanner.clear_fault()
-            return lines, report
-
-    lines, report = asyncio.run(scan())
+def test_scanner_is_tuned_set_and_paused_within_one_session(simulator):
+    lines: list = []
+    with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
+        assert scanner.capabilities.simulated
+        assert scanner.tune(0.0, 0.0, steps=11).levels.shape == (11,)
+        assert len(scanner.pretune(where(2), steps=11).wavelength) == 2
+        assert scanner.set(interrogation_uw=900)["interrogation_uw"] == 900
+        scanner.park()
+        scanner.upload(where(600), **PARAMETERS)  # more than the device holds: its end waits for the host
+        scanner.arm()
+        scanner.disarm()
+        assert scanner.state == "ready"
+        scanner.start(scanner.arm())
+        for batch in scanner.alines():
+            if not lines:
+                scanner.pause()
+                assert scanner.state == "paused"
+                scanner.resume()
+            lines += batch
+            scanner.acknowledge(batch[-1])
+        assert scanner.statistics()["shots"] == scanner.status.shots
+        report = scanner.report()
+        scanner.abort("emergency-stop")
+        scanner.clear_fault()
     assert [line.number for line in lines] == list(range(600))
     assert report.is_balanced
     assert report.stored == 600
