@@ -16,7 +16,7 @@ import pytest
 
 import steradian
 from fabry_perot.simulator import shapes
-from fabry_perot.simulator.recorder import peak_pressure
+from fabry_perot.simulator.signal_path import peak_pressure
 from steradian import phantoms
 
 ROOT = Path(__file__).parents[1]

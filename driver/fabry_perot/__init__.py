@@ -32,8 +32,8 @@ from fabry_perot.host.capabilities import Capabilities
 from fabry_perot.host.discovery import DiscoveredPort, connect, discover
 from fabry_perot.host.emergency_stop import emergency_stop, port_status
 from fabry_perot.host.monitor import Monitor
-from fabry_perot.host.query_results import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.scanner import Scanner
+from fabry_perot.host.stop_and_status_results import FaultCleared, PortStatus, StopAnswer
 from fabry_perot.host.tuning import TuningCurve, TuningDrift, TuningMap
 
 __all__ = [

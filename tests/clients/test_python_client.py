@@ -252,7 +252,7 @@ def test_a_scan_that_is_aborted_is_a_failure_to_wait_for(service):
 def test_lists_are_read_page_by_page(service, monkeypatch):
     """What does not fit a page is on the next, each thing once."""
     made = [service.masks.grid(aperture=0.01, count=2, interval=1e-3 * (1 + step / 10)).id for step in range(5)]
-    monkeypatch.setattr("steradian_client.session.PAGE", 2)
+    monkeypatch.setattr("steradian_client.request_session.PAGE", 2)
     found = [mask.id for mask in service.masks.list(limit=5)]
     assert sorted(found) == sorted(made)
 
@@ -262,7 +262,7 @@ def test_filters_hold_on_every_page(service, monkeypatch):
     plan = service.plans.create(service.masks.grid(aperture=0.01, count=2, interval=1e-3).id, pulse_rate=100)
     made = [service.scans.create(plan.id, labels={"page": "a=b", "number": str(one)}) for one in range(3)]
     ended = [service.scans.wait(scan, timeout=250).state for scan in made]
-    monkeypatch.setattr("steradian_client.session.PAGE", 1)
+    monkeypatch.setattr("steradian_client.request_session.PAGE", 1)
     found = service.scans.list(limit=10, state=["queued", *set(ended)], label=["page=a=b", "number"], plan_id=plan.id)
     assert [scan.id for scan in found] == [scan.id for scan in reversed(made)]
     assert service.scans.list(label="page=c") == []

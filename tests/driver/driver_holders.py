@@ -36,7 +36,7 @@ ANOTHER_USER = """
 """A program of a user who may not open the port, which sends an emergency stop."""
 LIAR = """
     import sys, time
-    from fabry_perot.host.query_results import StopAnswer
+    from fabry_perot.host.stop_and_status_results import StopAnswer
     from fabry_perot.host.control_server import ControlServer
 
     class Liar:

@@ -21,7 +21,7 @@ from fabry_perot.host.shot_accounting import ShotLedger
 from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.simulator.options import pattern
-from fabry_perot.simulator.recorder import peak_pressure
+from fabry_perot.simulator.signal_path import peak_pressure
 from fabry_perot.wire.messages import POINT
 
 COMMON = {"samples": 200, "sampling_interval": 8e-9, "pulse_rate": 500.0}

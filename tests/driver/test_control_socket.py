@@ -12,11 +12,11 @@ import pytest
 from driver_holders import FAST, program, report, scan_of
 
 import fabry_perot
-from fabry_perot.host import port_holders, port_identity
+from fabry_perot.host import control_client, port_usage
 from fabry_perot.simulator import launch
 from support.waiting import until
 
-pytestmark = pytest.mark.skipif(not port_holders.AVAILABLE, reason="Windows has no local sockets in Python")
+pytestmark = pytest.mark.skipif(not control_client.AVAILABLE, reason="Windows has no local sockets in Python")
 
 
 @pytest.fixture
@@ -26,13 +26,13 @@ def simulator():
 
 
 def sockets_of(url):
-    return [each for each in port_holders.listeners(url) if each.pid == os.getpid()]
+    return [each for each in control_client.listeners(url) if each.pid == os.getpid()]
 
 
 def test_port_names_are_equal_for_a_link_and_its_target(simulator):
-    assert set(port_identity.aliases(simulator.url)) & set(port_identity.aliases(os.path.realpath(simulator.url)))
-    assert port_identity.aliases("socket://LOCALHOST:4001") == port_identity.aliases("socket://127.0.0.1:4001")
-    assert port_identity.aliases("socket://127.0.0.1:4001") != port_identity.aliases("socket://127.0.0.1:4002")
+    assert set(port_usage.aliases(simulator.url)) & set(port_usage.aliases(os.path.realpath(simulator.url)))
+    assert port_usage.aliases("socket://LOCALHOST:4001") == port_usage.aliases("socket://127.0.0.1:4001")
+    assert port_usage.aliases("socket://127.0.0.1:4001") != port_usage.aliases("socket://127.0.0.1:4002")
 
 
 def test_a_holder_found_by_the_target_of_a_link_answers_with_its_state(simulator):
@@ -63,7 +63,7 @@ def test_a_malformed_request_is_answered_with_an_error_or_not_at_all_and_the_nex
             except OSError:
                 answer = b""
         assert answer == b"" or "error" in json.loads(answer)
-        assert port_holders.ask(listener, 60.0, do="status").body["status"]["state"] == "linked"
+        assert control_client.ask(listener, 60.0, do="status").body["status"]["state"] == "linked"
         assert scanner.state == "linked"
 
 
@@ -84,24 +84,24 @@ def test_clients_that_say_nothing_hold_up_no_stop(simulator):
 
 def test_nothing_remains_of_a_holder_that_was_killed(tmp_path):
     with launch(**FAST) as simulator, scan_of(simulator, tmp_path) as scan:
-        assert [each.pid for each in port_holders.listeners(simulator.url)] == [scan.pid]
+        assert [each.pid for each in control_client.listeners(simulator.url)] == [scan.pid]
         scan.kill()
         scan.wait()
-        assert scan.pid not in [each.pid for each in port_holders.listeners(simulator.url)]
+        assert scan.pid not in [each.pid for each in control_client.listeners(simulator.url)]
         answer = fabry_perot.emergency_stop(simulator.url, timeout=20.0)
         assert answer.laser == "off"
         assert not report(simulator)["shutter"]
 
 
 def files_of(holder):
-    return list(port_holders._folder().glob(f"fabry-perot-*-{holder.pid}-*"))
+    return list(control_client._folder().glob(f"fabry-perot-*-{holder.pid}-*"))
 
 
 HOLDER = """
     import sys, time
     import fabry_perot
-    from fabry_perot.host import port_holders
-    port_holders.ABSTRACT = False
+    from fabry_perot.host import control_client
+    control_client.ABSTRACT = False
     with fabry_perot.connect(sys.argv[1]) as scanner:
         print("held", flush=True)
         time.sleep(1000)
@@ -109,7 +109,7 @@ HOLDER = """
 
 
 def test_control_socket_files_of_killed_holder_are_removed(simulator, monkeypatch):
-    monkeypatch.setattr(port_holders, "ABSTRACT", False)
+    monkeypatch.setattr(control_client, "ABSTRACT", False)
     with program(HOLDER, simulator.url) as holder:
         assert holder.stdout.readline() == "held\n"
         assert fabry_perot.port_status(simulator.url).state == "linked"
@@ -121,7 +121,7 @@ def test_control_socket_files_of_killed_holder_are_removed(simulator, monkeypatc
     assert files_of(holder) == [], "they were removed"
     with fabry_perot.connect(simulator.url):
         assert fabry_perot.port_status(simulator.url).state == "linked"
-    assert port_holders.listeners(simulator.url) == []
+    assert control_client.listeners(simulator.url) == []
 
 
 def test_a_session_does_not_give_its_port_away(simulator):
@@ -175,12 +175,12 @@ def test_a_holder_is_found_under_the_number_that_its_port_has_after_it_was_unplu
 def test_control_socket_rejects_requests_for_reused_port_number():
     with launch(speed=5) as simulator, fabry_perot.connect(simulator.url) as scanner:
         (listener,) = sockets_of(simulator.url)
-        number = [name for name in port_identity.aliases(simulator.url) if name.startswith("device")]
+        number = [name for name in port_usage.aliases(simulator.url) if name.startswith("device")]
         simulator.send_command("unplug", seconds=1000)
         until(lambda: not os.path.exists(simulator.url))
         for do in ("stop", "status", "yield"):
-            assert "another port" in port_holders.ask(listener, 60.0, do=do, port=number).body["error"]
+            assert "another port" in control_client.ask(listener, 60.0, do=do, port=number).body["error"]
         assert scanner._session.stopped_by == ""
         assert (
-            "error" not in port_holders.ask(listener, 60.0, do="status", port=port_identity.aliases(simulator.url)).body
+            "error" not in control_client.ask(listener, 60.0, do="status", port=port_usage.aliases(simulator.url)).body
         )

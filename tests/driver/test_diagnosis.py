@@ -7,7 +7,7 @@ import random
 import pytest
 from driver_lines import same, seven_bits, with_crlf, without_flow_control
 
-from fabry_perot.host.diagnosis import Trouble, classify, explain, other_version
+from fabry_perot.host.diagnosis import LineFault, classify, explain, other_version
 from fabry_perot.host.handshake import new_nonce
 from fabry_perot.wire.constants import PROTOCOL, Type
 from fabry_perot.wire.framing import Frame, encode_frame
@@ -57,34 +57,34 @@ NOISE = random.Random(1).randbytes(4000)
 MARLIN = b"start\necho: Marlin 2.1\nok T:20.1 /0.0\n"
 HELLO = encode_frame(Frame(Type.HELLO, 0, 0, 0, 3, pack(Hello(PROTOCOL, PROTOCOL, 32768, 0x01020304))))
 TABLE = [
-    ("nothing", b"", Trouble.SILENCE, "nothing was received"),
-    ("XON/XOFF of STATUS", without_flow_control(statuses()), Trouble.FLOW_CONTROL, "software flow control"),
-    ("XON/XOFF of HELLO_ACK", without_flow_control(answers(40)), Trouble.FLOW_CONTROL, "software flow control"),
-    ("LF to CR LF", with_crlf(statuses()), Trouble.TRANSLATED, "line ends"),
-    ("LF to CR", statuses().replace(b"\n", b"\r"), Trouble.TRANSLATED, "line ends"),
-    ("CR to LF", statuses().replace(b"\r", b"\n"), Trouble.TRANSLATED, "line ends"),
-    ("CR dropped", statuses(60).replace(b"\r", b""), Trouble.TRANSLATED, "line ends"),
-    ("7 bits", seven_bits(statuses()), Trouble.SEVEN_BITS, "8 data bits"),
-    ("7 bits, 0x80 near the start", seven_bits(statuses(boot=0x80)), Trouble.SEVEN_BITS, "8 data bits"),
-    ("7 bits of HELLO_ACK", seven_bits(answers()), Trouble.SEVEN_BITS, "8 data bits"),
-    ("read too fast", read_at(statuses(), 921_600, 3_000_000), Trouble.SLOWER, "a lower one"),
-    ("read much too fast", read_at(statuses(8), 115_200, 921_600), Trouble.SLOWER, "a lower one"),
-    ("read too slowly", read_at(statuses(), 3_000_000, 921_600), Trouble.NOISE, "another baud rate than"),
-    ("random bytes", NOISE, Trouble.NOISE, "or another device"),
-    ("zeros", bytes(2000), Trouble.ZEROS, "only zero bytes"),
-    ("nearly zeros", bytes(990) + b"\x80" * 10, Trouble.ZEROS, "only zero bytes"),
-    ("one byte", b"\x55" * 2000, Trouble.CONSTANT, "0x55"),
-    ("Marlin", 5 * MARLIN, Trouble.TEXT, "a 3D printer with Marlin firmware ('echo: Marlin 2.1')"),
-    ("grbl", b"\r\nGrbl 1.1f ['$' for help]\r\n", Trouble.TEXT, "grbl firmware"),
-    ("web server", b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n", Trouble.TEXT, "a web server"),
-    ("log text", b"I (312) boot: done\r\nready\r\n", Trouble.TEXT, "another device ('I (312) boot: done')"),
-    ("echo", 3 * HELLO, Trouble.ECHO, "echoes"),
-    ("frame version 0xF0", with_version(answers(), 0xF0), Trouble.OTHER_FRAMES, "0xF0, those of this driver of 0xF1"),
-    ("frame version 0xF2", with_version(answers(), 0xF2), Trouble.OTHER_FRAMES, "0xF2"),
-    ("version byte alone", answers().replace(b"\xf1\x81", b"\xf0\x81"), Trouble.OTHER_FRAMES, "0xF0, those of this"),
-    ("sound frames", statuses(), Trouble.UNANSWERED, "does not answer"),
-    ("half a frame first", statuses()[40:], Trouble.UNANSWERED, "does not answer"),
-    ("some changed bits", statuses().replace(b"\xb0", b"\xb1", 9), Trouble.DAMAGED, "frames are damaged"),
+    ("nothing", b"", LineFault.SILENCE, "nothing was received"),
+    ("XON/XOFF of STATUS", without_flow_control(statuses()), LineFault.FLOW_CONTROL, "software flow control"),
+    ("XON/XOFF of HELLO_ACK", without_flow_control(answers(40)), LineFault.FLOW_CONTROL, "software flow control"),
+    ("LF to CR LF", with_crlf(statuses()), LineFault.TRANSLATED, "line ends"),
+    ("LF to CR", statuses().replace(b"\n", b"\r"), LineFault.TRANSLATED, "line ends"),
+    ("CR to LF", statuses().replace(b"\r", b"\n"), LineFault.TRANSLATED, "line ends"),
+    ("CR dropped", statuses(60).replace(b"\r", b""), LineFault.TRANSLATED, "line ends"),
+    ("7 bits", seven_bits(statuses()), LineFault.SEVEN_BITS, "8 data bits"),
+    ("7 bits, 0x80 near the start", seven_bits(statuses(boot=0x80)), LineFault.SEVEN_BITS, "8 data bits"),
+    ("7 bits of HELLO_ACK", seven_bits(answers()), LineFault.SEVEN_BITS, "8 data bits"),
+    ("read too fast", read_at(statuses(), 921_600, 3_000_000), LineFault.SLOWER, "a lower one"),
+    ("read much too fast", read_at(statuses(8), 115_200, 921_600), LineFault.SLOWER, "a lower one"),
+    ("read too slowly", read_at(statuses(), 3_000_000, 921_600), LineFault.NOISE, "another baud rate than"),
+    ("random bytes", NOISE, LineFault.NOISE, "or another device"),
+    ("zeros", bytes(2000), LineFault.ZEROS, "only zero bytes"),
+    ("nearly zeros", bytes(990) + b"\x80" * 10, LineFault.ZEROS, "only zero bytes"),
+    ("one byte", b"\x55" * 2000, LineFault.CONSTANT, "0x55"),
+    ("Marlin", 5 * MARLIN, LineFault.TEXT, "a 3D printer with Marlin firmware ('echo: Marlin 2.1')"),
+    ("grbl", b"\r\nGrbl 1.1f ['$' for help]\r\n", LineFault.TEXT, "grbl firmware"),
+    ("web server", b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n", LineFault.TEXT, "a web server"),
+    ("log text", b"I (312) boot: done\r\nready\r\n", LineFault.TEXT, "another device ('I (312) boot: done')"),
+    ("echo", 3 * HELLO, LineFault.ECHO, "echoes"),
+    ("frame version 0xF0", with_version(answers(), 0xF0), LineFault.OTHER_FRAMES, "0xF0, those of this driver of 0xF1"),
+    ("frame version 0xF2", with_version(answers(), 0xF2), LineFault.OTHER_FRAMES, "0xF2"),
+    ("version byte alone", answers().replace(b"\xf1\x81", b"\xf0\x81"), LineFault.OTHER_FRAMES, "0xF0, those of this"),
+    ("sound frames", statuses(), LineFault.UNANSWERED, "does not answer"),
+    ("half a frame first", statuses()[40:], LineFault.UNANSWERED, "does not answer"),
+    ("some changed bits", statuses().replace(b"\xb0", b"\xb1", 9), LineFault.DAMAGED, "frames are damaged"),
 ]
 
 
@@ -101,9 +101,9 @@ def test_classify_line_fault_is_independent_of_start_offset(name):
 
 
 def test_every_trouble_is_in_the_table_and_has_a_sentence_of_its_own():
-    assert {row[2] for row in TABLE} == set(Trouble)
-    first = {trouble: explain(next(row[1] for row in TABLE if row[2] is trouble)) for trouble in Trouble}
-    assert len(set(first.values())) == len(Trouble)
+    assert {row[2] for row in TABLE} == set(LineFault)
+    first = {trouble: explain(next(row[1] for row in TABLE if row[2] is trouble)) for trouble in LineFault}
+    assert len(set(first.values())) == len(LineFault)
 
 
 def test_explain_without_a_baud_rate_names_none():

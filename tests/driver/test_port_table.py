@@ -22,7 +22,7 @@ from test_diagnosis import MARLIN, NOISE, read_at, statuses, with_version
 import fabry_perot
 from fabry_perot import PlanInvalid, PortBusy, PortForbidden, PortUnavailable, ResponseTimeout, ScannerError
 from fabry_perot.errors import LinkLost, ProtocolMismatch
-from fabry_perot.host import HostTiming, port_identity
+from fabry_perot.host import HostTiming, port_usage
 from fabry_perot.host.transport import open_transport
 from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Type
@@ -344,7 +344,7 @@ def test_baud_rate_of_a_port_sets_the_line_and_counts_more_than_the_argument():
 
 def test_names_of_a_port_are_the_same_with_and_without_a_baud_rate():
     with stranger() as url:
-        assert port_identity.aliases(f"{url}?baud=921600") == port_identity.aliases(url)
+        assert port_usage.aliases(f"{url}?baud=921600") == port_usage.aliases(url)
         with open(url, "rb+", buffering=0) as file:
             fcntl.flock(file, fcntl.LOCK_EX)
-            assert port_identity.lock_owner(f"{url}?baud=921600") == port_identity.lock_owner(url) == os.getpid()
+            assert port_usage.lock_owner(f"{url}?baud=921600") == port_usage.lock_owner(url) == os.getpid()

@@ -14,7 +14,7 @@ from driver_world import World
 import fabry_perot
 from fabry_perot import RecoveryPolicy
 from fabry_perot.simulator import launch, line_faults, phantoms
-from fabry_perot.simulator.recorder import peak_pressure
+from fabry_perot.simulator.signal_path import peak_pressure
 from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.states import DeviceState
 from support.waiting import until

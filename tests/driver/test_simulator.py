@@ -18,7 +18,7 @@ from driver_collected import collect
 
 import fabry_perot
 from fabry_perot.simulator import launch, phantoms
-from fabry_perot.simulator.recorder import peak_pressure
+from fabry_perot.simulator.signal_path import peak_pressure
 
 PARAMETERS = {"samples": 600, "sampling_interval": 8e-9, "pulse_rate": 50.0}
 

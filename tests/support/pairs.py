@@ -4,7 +4,7 @@ import httpx
 
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from support.apis import ApiProcess
 
 SECRET = "-".join(["nodes", "of", "tests", "know", "this", "and", "no", "log", "does"])

@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from support.waiting import until
 
 FIELD = "#field-{}"

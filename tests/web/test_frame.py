@@ -10,7 +10,7 @@ from sqlalchemy import delete
 
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScannerRow
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.web.pages import PAGES
 from support.scanners import scanner_of
 from support.services import Service

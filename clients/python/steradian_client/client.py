@@ -9,6 +9,7 @@ from steradian_client import routes
 from steradian_client.config import Address
 from steradian_client.events import Events
 from steradian_client.models import Health, Readiness, Service, Storage
+from steradian_client.request_session import RETRY_TIMEOUT, RequestSession
 from steradian_client.resources.batches import Batches
 from steradian_client.resources.jobs import Jobs
 from steradian_client.resources.masks import Masks
@@ -17,7 +18,6 @@ from steradian_client.resources.reconstructions import Reconstructions
 from steradian_client.resources.scanners import Scanners
 from steradian_client.resources.scans import Scans
 from steradian_client.resources.transfers import Exports, Imports, Uploads
-from steradian_client.session import RETRY_TIMEOUT, RequestSession
 from steradian_client.sync_async import AsyncMode, Mode, Resource, SyncMode, dual_method
 from steradian_client.transport import AsyncTransport, SyncTransport
 

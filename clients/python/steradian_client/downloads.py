@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from steradian_client.errors import ConnectionFailed, CorruptTransfer, ServiceError
+from steradian_client.request_session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
 from steradian_client.routes import Route
-from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
 from steradian_client.transport import StreamedResponse
 
 Report = Callable[[int, int], None]

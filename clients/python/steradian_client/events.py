@@ -12,7 +12,7 @@ from typing import Any, Final
 from steradian_client import routes
 from steradian_client.errors import ConnectionFailed, ServiceError
 from steradian_client.models import Event, Ticket
-from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
+from steradian_client.request_session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
 from steradian_client.sync_async import Mode, Resource, dual_iterator, dual_method
 
 KEEPALIVE_TIMEOUT: Final = 30.0

@@ -10,7 +10,7 @@ from typing import Final, Generic, TypeVar
 from steradian_client.errors import JobFailed, ServiceError
 from steradian_client.events import follow
 from steradian_client.models import Batch, Event, LongRunning
-from steradian_client.session import RequestSession
+from steradian_client.request_session import RequestSession
 
 Report = Callable[[str, int, int], None]
 """Called as ``progress(stage, done, total)`` while waiting."""

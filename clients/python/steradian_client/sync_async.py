@@ -19,7 +19,7 @@ from collections.abc import (
 from typing import TYPE_CHECKING, Any, Concatenate, Final, Generic, ParamSpec, Self, TypeVar, overload
 
 if TYPE_CHECKING:
-    from steradian_client.session import RequestSession
+    from steradian_client.request_session import RequestSession
 
 
 class SyncMode:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import secrets
 
-from fabry_perot.conformance.active_scan import (
+from fabry_perot.conformance.peer import QUIET_PERIOD, ConformanceHost
+from fabry_perot.conformance.registry import ConformanceFunction, conformance_test
+from fabry_perot.conformance.scan_helpers import (
     expect_lease_expiry,
     expect_no_emission,
     many,
     renew_without_proof,
     start_scan,
 )
-from fabry_perot.conformance.peer import QUIET_PERIOD, ConformanceHost
-from fabry_perot.conformance.registry import ConformanceFunction, conformance_test
 from fabry_perot.wire.constants import SAFE_BITS, AbortLevel, Operation, Result
 from fabry_perot.wire.states import DeviceState, HoldCause
 

@@ -286,7 +286,7 @@ class ConformanceHost:
 
     @property
     def rate(self) -> float:
-        """Speed of the device's clock, in device seconds per second."""
+        """Declared rate of the device's clock, in device seconds per second."""
         return float(self.limits.get("clock_rate", 1.0))
 
     @property

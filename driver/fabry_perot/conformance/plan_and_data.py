@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from fabry_perot.conformance.active_scan import RING_HEADROOM, many
 from fabry_perot.conformance.peer import QUIET_PERIOD, ConformanceHost, Failed
 from fabry_perot.conformance.registry import ConformanceFunction, conformance_test
+from fabry_perot.conformance.scan_helpers import RING_HEADROOM, many
 from fabry_perot.host.aline import parse_record
 from fabry_perot.wire.constants import ALL_FRAGMENTS, FLAG_FIDUCIAL, FLAG_GATE, MOST_BEAMS, Operation
 from fabry_perot.wire.messages import ALineMeta, unpack

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fabry_perot.host.query_results import is_off
+from fabry_perot.host.stop_and_status_results import is_off
 from fabry_perot.wire.constants import AbortLevel
 from fabry_perot.wire.messages import Abort, AbortAck, Status, pack
 from fabry_perot.wire.states import LATCHED_STATES

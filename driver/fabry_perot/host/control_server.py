@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from fabry_perot.host import port_holders
-from fabry_perot.host.port_identity import aliases, may_open, own_name, program_of
-from fabry_perot.host.query_results import PortStatus, StopAnswer, as_map
+from fabry_perot.host import control_client
+from fabry_perot.host.port_usage import aliases, may_open, own_name, program_of
+from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, as_map
 
 log = logging.getLogger(__name__)
 _READING = 1.0
@@ -60,7 +60,7 @@ class ControlServer:
         self._closed = False
         ControlServer._count += 1
         self._number = ControlServer._count
-        if not port_holders.AVAILABLE:
+        if not control_client.AVAILABLE:
             return
         self._wake, self._woken = socket.socketpair()
         self.bind()
@@ -68,14 +68,14 @@ class ControlServer:
 
     def bind(self) -> None:
         """Listen under all present names of the port."""
-        if not port_holders.AVAILABLE:
+        if not control_client.AVAILABLE:
             return
         for alias in aliases(self._url):
             with self._lock:
                 if alias in self._bound or self._closed:
                     continue
                 try:
-                    self._bound[alias] = _listen(port_holders.address(alias, os.getpid(), self._number))
+                    self._bound[alias] = _listen(control_client.address(alias, os.getpid(), self._number))
                 except OSError as error:
                     log.warning("no control socket for %s: %s", alias, error)
         with suppress(OSError):
@@ -83,7 +83,7 @@ class ControlServer:
 
     def close(self) -> None:
         """Close the control sockets."""
-        if not port_holders.AVAILABLE:
+        if not control_client.AVAILABLE:
             return
         with self._lock:
             self._closed = True
@@ -132,12 +132,12 @@ class ControlServer:
     def _attend(self, client: socket.socket) -> None:
         try:
             with client:
-                line = port_holders.read_line(client, _READING)
+                line = control_client.read_line(client, _READING)
                 with self._lock:  # a request that is complete does not count among those that may be slow
                     if client in self._clients:
                         self._clients.remove(client)
                 client.settimeout(_READING)
-                client.sendall(json.dumps(self._answer(line, port_holders.peer_of(client))).encode() + b"\n")
+                client.sendall(json.dumps(self._answer(line, control_client.peer_of(client))).encode() + b"\n")
         except OSError:
             return
         finally:
@@ -145,7 +145,7 @@ class ControlServer:
                 if client in self._clients:
                     self._clients.remove(client)
 
-    def _answer(self, line: bytes, peer: port_holders.Peer) -> dict[str, Any]:
+    def _answer(self, line: bytes, peer: control_client.Peer) -> dict[str, Any]:
         head = {"holder": f"{own_name()} (process {os.getpid()})"}
         try:
             asked = json.loads(line)
@@ -154,7 +154,7 @@ class ControlServer:
                 # the number of a port that is unplugged may be another one's by now
                 return head | {"error": f"this program holds {self._url}, which is another port"}
             if do == "stop":
-                who = port_holders.printable(asked.get("who")) or _user(peer)
+                who = control_client.printable(asked.get("who")) or _user(peer)
                 timeout = min(5.0, max(0.1, float(asked.get("seconds", 1.5))))
                 log.warning("emergency stop from %s (%s)", who, program_of(peer.pid))
                 outcome = self._holder.stop(who, timeout)
@@ -168,7 +168,7 @@ class ControlServer:
             return head | {"error": f"{type(error).__name__}: {error}"}
         return head | {"error": f"do is {str(do)[:40]!r}; allowed: stop | status | yield"}
 
-    def _may_ask(self, peer: port_holders.Peer) -> bool:
+    def _may_ask(self, peer: control_client.Peer) -> bool:
         """Return whether a process may control the port: same user, administrator, or permitted to open the port."""
         if peer.uid in (0, os.geteuid()) or "://" in self._url:
             return True
@@ -191,7 +191,7 @@ def _listen(address: str) -> socket.socket:
     return listener
 
 
-def _user(peer: port_holders.Peer) -> str:
+def _user(peer: control_client.Peer) -> str:
     with suppress(ImportError, KeyError):
         import pwd
 

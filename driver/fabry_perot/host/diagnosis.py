@@ -40,7 +40,7 @@ _DEVICES = (
 """What text tells its sender; compared without regard to case."""
 
 
-class Trouble(StrEnum):
+class LineFault(StrEnum):
     """Kind of line fault, as diagnosed."""
 
     SILENCE = "silence"
@@ -60,7 +60,7 @@ class Trouble(StrEnum):
     """Whole frames only, but none that answers."""
 
 
-def classify(data: bytes) -> Trouble:
+def classify(data: bytes) -> LineFault:
     """Return the line fault that explains the bytes ``data`` received instead of the expected answer.
 
     Parameters
@@ -69,32 +69,32 @@ def classify(data: bytes) -> Trouble:
         Bytes as received, from whichever place in the stream; some kilobytes suffice.
     """
     if not data:
-        return Trouble.SILENCE
+        return LineFault.SILENCE
     frames, chunks = _taken_apart(data)
     if any(kind < 0x80 for kind in frames):
-        return Trouble.ECHO
+        return LineFault.ECHO
     if not frames and other_version(data) is not None:
-        return Trouble.OTHER_FRAMES
+        return LineFault.OTHER_FRAMES
     if data.count(0) >= 0.98 * len(data):
-        return Trouble.ZEROS
+        return LineFault.ZEROS
     if len(set(data)) == 1:
-        return Trouble.CONSTANT
+        return LineFault.CONSTANT
     if frames and not chunks:
-        return Trouble.UNANSWERED
+        return LineFault.UNANSWERED
     damaged = chunks[:EXAMINED]
     masked = any(one[1:2] == MASKED for one in damaged)  # of any length: 0x80 becomes a delimiter
     if not frames and max(data) < 0x80 and masked and not _is_text(data):
-        return Trouble.SEVEN_BITS
+        return LineFault.SEVEN_BITS
     if any(map(_was_translated, damaged)):
-        return Trouble.TRANSLATED
+        return LineFault.TRANSLATED
     if any(map(_lost_flow_control, damaged)) or any(map(_lost_it_twice, damaged[:PAIRED])):
-        return Trouble.FLOW_CONTROL
+        return LineFault.FLOW_CONTROL
     if frames:
         stopped = len(data) >= ENOUGH and not {XON, XOFF} & set(data)
-        return Trouble.FLOW_CONTROL if stopped else Trouble.DAMAGED
+        return LineFault.FLOW_CONTROL if stopped else LineFault.DAMAGED
     if _is_text(data):
-        return Trouble.TEXT
-    return Trouble.SLOWER if _changes_seldom(data) else Trouble.NOISE
+        return LineFault.TEXT
+    return LineFault.SLOWER if _changes_seldom(data) else LineFault.NOISE
 
 
 def explain(data: bytes, *, baud: int | None = None) -> str:
@@ -110,34 +110,34 @@ def explain(data: bytes, *, baud: int | None = None) -> str:
     trouble = classify(data)
     rate = f"another baud rate than {baud:,} Bd (PORT?baud=921600 sets it)" if baud else "another baud rate"
     match trouble:
-        case Trouble.SILENCE:
+        case LineFault.SILENCE:
             return f"nothing was received: it is off, at another port, has {rate} or 7 bits, or a wire is wrong"
-        case Trouble.ECHO:
+        case LineFault.ECHO:
             return "the port echoes the sent bytes: a loop-back plug, or a terminal or adapter with echo"
-        case Trouble.OTHER_FRAMES:
+        case LineFault.OTHER_FRAMES:
             return (
                 f"its frames are of version 0x{other_version(data) or 0:02X}, those of this driver of 0x{VERSION:02X}:"
                 " its firmware is older or newer than this driver"
             )
-        case Trouble.ZEROS:
+        case LineFault.ZEROS:
             return "only zero bytes came: the line is held low, as by a device without power or swapped wires"
-        case Trouble.CONSTANT:
+        case LineFault.CONSTANT:
             return f"only the byte 0x{data[0]:02X} came, over and over: no scanner, or {rate}"
-        case Trouble.SEVEN_BITS:
+        case LineFault.SEVEN_BITS:
             return "the line carries 7 bits a byte: set 8 data bits and no parity everywhere on the way"
-        case Trouble.TRANSLATED:
+        case LineFault.TRANSLATED:
             return "the line changes line ends (CR, LF): set every program and server on the way to raw, binary"
-        case Trouble.FLOW_CONTROL:
+        case LineFault.FLOW_CONTROL:
             return "the line takes XON and XOFF (0x11, 0x13) out of the data: turn software flow control off"
-        case Trouble.TEXT:
+        case LineFault.TEXT:
             return f"text came from {_sender(data)} ({_first_line(data)!r}), no scanner"
-        case Trouble.SLOWER:
+        case LineFault.SLOWER:
             return f"the bytes look as if sent more slowly than they are read: {rate}, a lower one"
-        case Trouble.NOISE:
+        case LineFault.NOISE:
             return f"bytes without any frame came: {rate}, or another device"
-        case Trouble.DAMAGED:
+        case LineFault.DAMAGED:
             return "frames are damaged on the way: a bad cable, or a line that loses or changes bytes"
-        case Trouble.UNANSWERED:
+        case LineFault.UNANSWERED:
             return (
                 "the scanner sends but does not answer: requests to it are lost or changed on the line"
                 " (flow control, line ends, a wire)"

@@ -13,8 +13,8 @@ from fabry_perot.hardware.instrument import Instrument
 from fabry_perot.host import HostTiming, RecoveryPolicy
 from fabry_perot.host.emergency_stop import after_yield
 from fabry_perot.host.in_process import LocalTransport
-from fabry_perot.host.monitoring_transport import MonitoringTransport
-from fabry_perot.host.port_identity import holder_of, opened_by
+from fabry_perot.host.monitoring_transport import TracingTransport
+from fabry_perot.host.port_usage import holder_of, opened_by
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.transport import Transport, open_transport
 from fabry_perot.wire.framing import has_native_cobs
@@ -69,7 +69,7 @@ def connect(
 
     def reopen() -> Transport:
         transport = open_transport(url, baudrate) if isinstance(url, str) else LocalTransport(url)
-        return transport if tap is None else MonitoringTransport(transport, tap)
+        return transport if tap is None else TracingTransport(transport, tap)
 
     port = url if isinstance(url, str) else None
     again = None if recovery is None or port is None else lambda: after_yield(reopen, port)

@@ -11,13 +11,13 @@ from contextlib import suppress
 from typing import TypeVar
 
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
-from fabry_perot.host import port_holders
+from fabry_perot.host import control_client
 from fabry_perot.host.address import split
+from fabry_perot.host.control_client import Listener, Reply
 from fabry_perot.host.passive_listener import Passive
-from fabry_perot.host.port_holders import Listener, Reply
-from fabry_perot.host.port_identity import aliases, lock_owner, program_of
-from fabry_perot.host.query_results import PortStatus, StopAnswer, answer, unconfirmed
-from fabry_perot.host.stop_lines import TURN, SecondOpening, TcpLine, opened
+from fabry_perot.host.port_usage import aliases, lock_owner, program_of
+from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, answer, unconfirmed
+from fabry_perot.host.stop_lines import TURN, SecondConnection, TcpLine, opened
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.states import DeviceState
 
@@ -83,9 +83,9 @@ def port_status(url: str, *, timeout: float = 1.0) -> PortStatus | None:
     timeout
         Longest wait in s.
     """
-    for listener in port_holders.listeners(url):
-        reply = port_holders.ask(listener, timeout, do="status", port=aliases(url))
-        if reply is not None and port_holders.is_trusted(url, listener, reply):
+    for listener in control_client.listeners(url):
+        reply = control_client.ask(listener, timeout, do="status", port=aliases(url))
+        if reply is not None and control_client.is_trusted(url, listener, reply):
             status = status_in(reply)
             if status is not None:
                 return status
@@ -104,7 +104,7 @@ def status_in(reply: Reply) -> PortStatus | None:
 def ask_to_yield(url: str) -> bool:
     """Request the holder of a port to release it, and return whether a holder did."""
     replies = [
-        port_holders.ask(listener, 1.0, do="yield", port=aliases(url)) for listener in port_holders.listeners(url)
+        control_client.ask(listener, 1.0, do="yield", port=aliases(url)) for listener in control_client.listeners(url)
     ]
     return any(reply is not None and reply.body.get("yielded") is True for reply in replies)
 
@@ -131,7 +131,7 @@ class _Stop:
 
     def run(self) -> StopAnswer:
         """Stop the laser by the first way that reaches the device, and return the outcome."""
-        for listener in port_holders.listeners(self._url):
+        for listener in control_client.listeners(self._url):
             self._asked += 1
             threading.Thread(target=self._ask, args=(listener,), name="fabry-perot-stop", daemon=True).start()
         if self._told_off(time.monotonic() + _ASKING) and self._told is not None:
@@ -152,8 +152,8 @@ class _Stop:
         """Request a stop from one holder, and record its reply if it is authentic."""
         left = self._left()
         request = {"do": "stop", "who": self._who, "seconds": max(0.1, left - 0.05), "port": aliases(self._url)}
-        reply = port_holders.ask(listener, left, **request)
-        if reply is None or not port_holders.is_trusted(self._url, listener, reply):
+        reply = control_client.ask(listener, left, **request)
+        if reply is None or not control_client.is_trusted(self._url, listener, reply):
             self._replies.put(None)
             return
         self._holder = reply.holder
@@ -201,7 +201,7 @@ class _Stop:
             except PortBusy:
                 if "://" in self._url or sys.platform == "win32":
                     raise
-        line = SecondOpening(self._url)
+        line = SecondConnection(self._url)
         self._holder = program_of(owner) if owner else "another program"
         return line
 
@@ -215,7 +215,7 @@ class _Stop:
 
     def _talk(self, line: Transport) -> StopAnswer:
         """Send ABORT until it is acknowledged, and read the device's state afterwards."""
-        beside = isinstance(line, SecondOpening)
+        beside = isinstance(line, SecondConnection)
         passive = Passive(time.monotonic(), _SILENCE_BESIDE if beside else _SILENCE)
         passive.stop(time.monotonic())
         while self._left() and not passive.aborts.is_off:

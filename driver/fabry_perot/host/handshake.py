@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 
 from fabry_perot.errors import LinkError, ProtocolMismatch, ResponseTimeout
-from fabry_perot.host.diagnosis import Trouble
+from fabry_perot.host.diagnosis import LineFault
 from fabry_perot.host.timing import HostTiming
 from fabry_perot.host.traffic import Traffic
 from fabry_perot.wire.constants import PROTOCOL
@@ -29,7 +29,7 @@ def new_nonce() -> int:
     return int.from_bytes(bytes([first, 0, third, fourth]), "little")
 
 
-class Greeting:
+class Handshake:
     """State of the session handshake; times are of the host, in µs.
 
     Parameters
@@ -102,7 +102,7 @@ class Greeting:
         if self.versions == ANY_VERSION:
             return ProtocolMismatch(_other(0))
         told = f"no scanner answered after {self._tries} tries: {self._traffic.explain(self._since, now)}"
-        other = self._traffic.trouble(self._since) is Trouble.OTHER_FRAMES
+        other = self._traffic.trouble(self._since) is LineFault.OTHER_FRAMES
         return ProtocolMismatch(told) if other else ResponseTimeout(told)
 
 

@@ -8,7 +8,7 @@ from fabry_perot.errors import DeviceRestarted, LinkError, LinkLost, ScannerErro
 from fabry_perot.host.aborts import Aborts
 from fabry_perot.host.aline import ALineBatch
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.handshake import Greeting
+from fabry_perot.host.handshake import Handshake
 from fabry_perot.host.link_states import HostState
 from fabry_perot.host.plan import WirePlan
 from fabry_perot.host.reassembly import AlineReassembler
@@ -51,7 +51,7 @@ class HostBody:
         self.nonce, self.max_payload = nonce, max_payload
         self.deframer = Deframer()
         self.traffic = Traffic(self.deframer.counters)
-        self.greeting = Greeting(self.timing, self.traffic)
+        self.greeting = Handshake(self.timing, self.traffic)
         self.calls = RequestTracker(self.timing, self.traffic)
         self.hello: HelloAck | None = None
         self.status: Status | None = None

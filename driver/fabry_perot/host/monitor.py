@@ -10,9 +10,9 @@ from typing import Any, Literal, Self
 from fabry_perot import fault_codes
 from fabry_perot.errors import FaultStands, PortBusy, RequestRejected, ResponseTimeout
 from fabry_perot.host.emergency_stop import emergency_stop
-from fabry_perot.host.monitor_thread import Watching
+from fabry_perot.host.monitor_thread import MonitorThread
 from fabry_perot.host.passive_listener import Passive
-from fabry_perot.host.query_results import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
+from fabry_perot.host.stop_and_status_results import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
 from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import Status
 from fabry_perot.wire.states import LATCHED_STATES, DeviceState
@@ -24,7 +24,7 @@ _PATIENCE = 2.0
 Connection = Literal["connected", "disconnected", "busy"]
 
 
-class Monitor(Watching):
+class Monitor(MonitorThread):
     """Monitor of one port, in a daemon thread, until it is closed.
 
     It listens to the STATUS messages that the device sends ten times a second and says nothing itself, but HELLO to a

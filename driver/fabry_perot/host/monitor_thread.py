@@ -11,14 +11,14 @@ from contextlib import suppress
 
 from fabry_perot.clock import RealClock
 from fabry_perot.errors import LinkLost, PortBusy, ScannerError
-from fabry_perot.host import port_holders
+from fabry_perot.host import control_client
 from fabry_perot.host.address import split
+from fabry_perot.host.control_client import Listener
 from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.emergency_stop import status_in
 from fabry_perot.host.passive_listener import Passive
-from fabry_perot.host.port_holders import Listener
-from fabry_perot.host.port_identity import aliases, lock_owner, program_of
-from fabry_perot.host.query_results import PortStatus, StopAnswer, in_words
+from fabry_perot.host.port_usage import aliases, lock_owner, program_of
+from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, in_words
 from fabry_perot.host.stop_lines import opened
 from fabry_perot.host.transport import Transport
 
@@ -35,7 +35,7 @@ _AWAY = 3.0
 """A port that was given up for another program is left alone for so many s, if that does not come."""
 
 
-class Watching:
+class MonitorThread:
     """Base class of :class:`fabry_perot.Monitor`: monitoring of a port in a daemon thread.
 
     Parameters
@@ -133,7 +133,7 @@ class Watching:
         """Monitor the port once, through its holder or directly; return whether the device was heard."""
         if self._yielding:
             self._stay_away()
-        others = port_holders.listeners(self.url)
+        others = control_client.listeners(self.url)
         if others and self._follow(others[0]):
             return True
         self._must_be_free()
@@ -165,7 +165,7 @@ class Watching:
         until, self._yielding = self._now() + _AWAY, False
         self._note(f"{self.url} was given up for another program", busy=True)
         while self._now() < until and not self._closing:
-            if port_holders.listeners(self.url) or lock_owner(self.url) is not None:
+            if control_client.listeners(self.url) or lock_owner(self.url) is not None:
                 return
             self._pause(0.05)
 
@@ -173,8 +173,8 @@ class Watching:
         """Poll the status from another holder as long as it replies; return whether it replied at all."""
         answered = False
         while not self._closing:
-            reply = port_holders.ask(listener, 1.0, do="status", port=aliases(self.url))
-            if reply is None or "error" in reply.body or not port_holders.is_trusted(self.url, listener, reply):
+            reply = control_client.ask(listener, 1.0, do="status", port=aliases(self.url))
+            if reply is None or "error" in reply.body or not control_client.is_trusted(self.url, listener, reply):
                 return answered
             answered, status = True, status_in(reply)
             self._note("" if status else f"{reply.holder} has received nothing yet", busy=True, holder=reply.holder)

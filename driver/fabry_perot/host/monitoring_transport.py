@@ -58,7 +58,7 @@ _NUMBERS: dict[int, tuple[struct.Struct, tuple[str, ...]]] = {
 }
 
 
-class MonitoringTransport:
+class TracingTransport:
     """Transport decorator that passes every sent and received frame, as text, to a callback.
 
     Parameters

@@ -20,8 +20,8 @@ from fabry_perot.errors import (
 )
 from fabry_perot.host import RecoveryPolicy, ScanRecovery
 from fabry_perot.host.capabilities import Capabilities
-from fabry_perot.host.query_results import FaultCleared, StopAnswer, standing
 from fabry_perot.host.session import Session
+from fabry_perot.host.stop_and_status_results import FaultCleared, StopAnswer, standing
 from fabry_perot.host.tuning import TuningCurve, TuningMap
 from fabry_perot.wire.constants import AbortLevel, Operation
 from fabry_perot.wire.messages import Status

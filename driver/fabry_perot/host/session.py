@@ -13,7 +13,7 @@ from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.handshake import new_nonce
 from fabry_perot.host.io_pump import IoPump
 from fabry_perot.host.link_states import HostState
-from fabry_perot.host.query_results import PortStatus, StopAnswer, answer, in_words
+from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, answer, in_words
 from fabry_perot.host.transport import Transport
 from fabry_perot.wire.constants import AbortLevel, Operation
 

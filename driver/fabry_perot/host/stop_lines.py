@@ -15,7 +15,7 @@ TURN = 0.01
 """Longest wait for bytes of a line, in s."""
 
 
-class SecondOpening:
+class SecondConnection:
     """Second opening of a terminal that another program holds, which changes neither settings nor lock."""
 
     def __init__(self, path: str) -> None:

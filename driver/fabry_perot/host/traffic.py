@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from fabry_perot.host.diagnosis import Trouble, classify, explain
+from fabry_perot.host.diagnosis import LineFault, classify, explain
 from fabry_perot.wire.framing import LinkCounters
 
 KEPT = 16_384
@@ -44,7 +44,7 @@ class Traffic:
         counters = self._counters
         return Mark(now, counters.bytes_in, counters.good, counters.bad)
 
-    def trouble(self, since: Mark) -> Trouble:
+    def trouble(self, since: Mark) -> LineFault:
         """Return the line fault diagnosed from the bytes received since a point in time."""
         return classify(self._since(since))
 

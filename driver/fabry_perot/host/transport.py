@@ -16,7 +16,7 @@ import serial
 
 from fabry_perot.errors import LinkLost, PortBusy, PortForbidden, PortUnavailable
 from fabry_perot.host.address import BAUD, check_url, split
-from fabry_perot.host.port_identity import forbidden, holder_of
+from fabry_perot.host.port_usage import forbidden, holder_of
 
 try:
     import fcntl

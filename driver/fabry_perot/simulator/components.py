@@ -12,7 +12,7 @@ from typing import Any
 
 from fabry_perot.hardware import BeamPath, PlanSampling, TriggerRecord
 from fabry_perot.simulator.motion import Mirrors, PulseTrain
-from fabry_perot.simulator.recorder import Recorder
+from fabry_perot.simulator.signal_path import SignalPath
 
 TUNING_STEP = 200
 """Time that the interrogation laser takes to another wavelength unless told otherwise, in µs."""
@@ -81,7 +81,7 @@ class SimulatedLaser:
         Time to another wavelength, in µs.
     """
 
-    def __init__(self, recorder: Recorder, step: int = TUNING_STEP) -> None:
+    def __init__(self, recorder: SignalPath, step: int = TUNING_STEP) -> None:
         self._recorder, self._step = recorder, step
         self.free_at = 0
         """Until then a record is being taken, and it must not tune."""
@@ -164,7 +164,7 @@ class SimulatedExcitation:
     """
 
     def __init__(
-        self, recorder: Recorder, shutter: SimulatedShutter, galvo: SimulatedGalvo, seed: int, gate: int = 0
+        self, recorder: SignalPath, shutter: SimulatedShutter, galvo: SimulatedGalvo, seed: int, gate: int = 0
     ) -> None:
         self._gate = gate
         self._recorder, self._shutter, self._galvo = recorder, shutter, galvo
@@ -256,7 +256,7 @@ class SimulatedDigitiser:
     """
 
     def __init__(
-        self, recorder: Recorder, galvo: SimulatedGalvo, laser: SimulatedLaser, pattern: Sequence[tuple[int, int]]
+        self, recorder: SignalPath, galvo: SimulatedGalvo, laser: SimulatedLaser, pattern: Sequence[tuple[int, int]]
     ) -> None:
         self._recorder, self._galvo, self._laser = recorder, galvo, laser
         self._pattern, self._armed, self._beams = pattern, 0, 1

@@ -21,8 +21,8 @@ from fabry_perot.simulator.components import (
     SimulatedShutter,
 )
 from fabry_perot.simulator.phantoms import Balls
-from fabry_perot.simulator.recorder import Recorder
 from fabry_perot.simulator.shot_log import ShotLog
+from fabry_perot.simulator.signal_path import SignalPath
 
 SHOT_LOG_SIZE = 200_000
 """Shots remembered."""
@@ -53,7 +53,7 @@ class SimulatedInstrument(ComposedInstrument):
     beams
         (B, 2) where the interrogation beams are beside the first one, in nm.
     settings
-        Further ones of :class:`~fabry_perot.simulator.recorder.Recorder`.
+        Further ones of :class:`~fabry_perot.simulator.signal_path.SignalPath`.
     """
 
     galvo: SimulatedGalvo
@@ -74,7 +74,7 @@ class SimulatedInstrument(ComposedInstrument):
         beams: Sequence[tuple[int, int]] = ((0, 0),),
         **settings: Any,
     ) -> None:
-        self.recorder = Recorder(balls, seed=seed, **settings)
+        self.recorder = SignalPath(balls, seed=seed, **settings)
         galvo, shutter, laser = SimulatedGalvo(), SimulatedShutter(), SimulatedLaser(self.recorder, tuning)
         excitation = SimulatedExcitation(self.recorder, shutter, galvo, seed, gate)
         super().__init__(

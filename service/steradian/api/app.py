@@ -11,7 +11,7 @@ from starlette.types import ASGIApp
 from steradian._version import __version__
 from steradian.api.errors import handlers as problems
 from steradian.api.errors import problem_pages as problem_pages
-from steradian.api.http.urls import Prefixed, address
+from steradian.api.http.urls import PathPrefixMiddleware, address
 from steradian.api.middleware.authentication import AuthenticationMiddleware
 from steradian.api.middleware.base import (
     AccessLogMiddleware,
@@ -38,8 +38,8 @@ from steradian.api.routers import (
     metrics,
     plans,
     quality,
+    reconstruction_data,
     reconstructions,
-    results,
     root,
     scan_data,
     scanners,
@@ -56,20 +56,20 @@ from steradian.core.settings import Settings
 from steradian.web.pages import make_router
 
 ROUTER_MODULES = (
-    events, root, masks, plans, designs, scanners, scans, scan_data, signals, reconstructions, results, quality,
-    batches, uploads, jobs, deletion, storage, sessions, stops,
+    events, root, masks, plans, designs, scanners, scans, scan_data, signals, reconstructions, reconstruction_data,
+    quality, batches, uploads, jobs, deletion, storage, sessions, stops,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 
 
 class Application(FastAPI):
-    """FastAPI application inside of :class:`Prefixed`, which strips a proxy's path prefix before all middleware."""
+    """FastAPI application inside :class:`PathPrefixMiddleware`, which strips a proxy's path prefix first."""
 
     root = ""
 
     def build_middleware_stack(self) -> ASGIApp:
-        """Return the framework's middleware stack, wrapped in :class:`Prefixed`."""
-        return Prefixed(super().build_middleware_stack(), self.root)
+        """Return the framework's middleware stack, wrapped in :class:`PathPrefixMiddleware`."""
+        return PathPrefixMiddleware(super().build_middleware_stack(), self.root)
 
 
 def create_app(settings: Settings) -> FastAPI:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 from sqlalchemy.orm import Session
 
 from steradian.api.background.batcher import BatchLoader
-from steradian.api.background.delta_tracker import RowDeltaTracker
-from steradian.api.background.fault_clearing import FaultDesk
+from steradian.api.background.fault_clearing import FaultClearingService
 from steradian.api.background.local_emergency_stop import EmergencyStopController
 from steradian.api.background.peers import PeerRegistry
 from steradian.api.background.periodic_refresh import PeriodicRefresher
 from steradian.api.background.process_pool import ProcessPool
 from steradian.api.background.retention import apply_retention
+from steradian.api.background.scan_row_changes import RowDeltaTracker
 from steradian.api.background.stop_relay import EmergencyStopRelay
 from steradian.core.settings import Settings
 from steradian.jobs.job import JobRequest, JobStatus, QueueUnavailable
@@ -34,21 +34,21 @@ from steradian.storage.blobs.object_store import arrays_of
 from steradian.storage.capacity import quota
 from steradian.storage.capacity.usage import usage
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
-from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.fault_requests import ClearFaultRequest
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
 from steradian.storage.db.database import Database, advisory_xact_lock, metadata_url
 from steradian.storage.db.tables import JobRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
-from steradian.storage.maintenance.clock_trust import Ages
+from steradian.storage.maintenance.clock_trust import TrustedClock
 from steradian.storage.repositories.deletion import DeletionService, InUse, remove_files
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import is_terminal
 
@@ -74,7 +74,7 @@ class ServiceContainer:
     """
 
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
-        self.settings, self.clock, self.ages = settings, clock, Ages(clock)
+        self.settings, self.clock, self.ages = settings, clock, TrustedClock(clock)
         self.data = DataDirectory(settings.data)
         self.disk = quota.DiskQuota(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
         self.arrivals = quota.UploadReservations()
@@ -95,11 +95,11 @@ class ServiceContainer:
         secret = shared_secret(shared) if (shared := settings.node_secret) else stored_secret(self.data.stop_secret)
         self.stop_tickets = StopTickets(secret, clock)
         self.log = EventLog(self.database)
-        self.emergency = (
-            EmergencyStopController(EmergencyLatch(self.data.emergency), self.scanner) if settings.has_scanner else None
-        )
-        self.status = StatusBlock(self.data.emergency) if settings.has_scanner else None
-        self.faults = FaultDesk(Clearing(self.data.emergency), self.scanner) if settings.has_scanner else None
+        self.emergency = self.status = self.faults = None
+        if settings.has_scanner:
+            self.emergency = EmergencyStopController(EmergencyLatch(self.data.emergency), self.scanner)
+            self.status = StatusBlock(self.data.emergency)
+            self.faults = FaultClearingService(ClearFaultRequest(self.data.emergency), self.scanner)
         self.nodes = PeerRegistry(settings, self.scanner)
         self.courier = EmergencyStopRelay(self.nodes, self.scanner)
         self._memory = PeriodicRefresher(self.sessions.remember, self.nodes.refresh, self._stay)

@@ -19,7 +19,7 @@ from steradian.cli.console import (
 )
 from steradian.cli.frame_options import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
 from steradian.cli.import_ import DescriptionOption, parse_description
-from steradian.cli.report import show_report
+from steradian.cli.reconstruction_summary import show_report
 from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:

@@ -176,7 +176,7 @@ def _run_with_scanner(
     file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, SessionControl], ScanSummary]
 ) -> ScanSummary:
     """Call ``work(port, control)`` with Ctrl-C handling; start a simulated scanner first if one is requested."""
-    from steradian.cli.scan_signals import terminal_scan_control
+    from steradian.cli.terminal_scan_control import terminal_scan_control
     from steradian.reconstructions.warmup import warmup_in_background
 
     needed = () if phantom is None else ("--phantom", phantom)

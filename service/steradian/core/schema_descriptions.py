@@ -33,7 +33,7 @@ def _plain(text: str) -> str:
     return " ".join(_ROLE.sub(r"\1", _ASIDE.sub("", text)).replace("``", "").split())
 
 
-class Explained:
+class SchemaDescriptions:
     """Pydantic annotation that adds a dataclass's docstring descriptions and given units to its JSON schema."""
 
     def __init__(self, kind: type, **units: str) -> None:

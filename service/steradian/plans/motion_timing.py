@@ -51,5 +51,5 @@ class MotionTiming:
         return np.maximum(np.ceil(busy * self.pulse_rate - 1e-9), 1)
 
     def seconds(self, points: NDArray[np.float64], bias: NDArray[np.float64] | None) -> float:
-        """Return the time for one shot at each of the points in turn."""
+        """Return the total time in seconds of one shot at each point in turn."""
         return float(self.periods(points, bias).sum()) / self.pulse_rate

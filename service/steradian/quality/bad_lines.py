@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.progress import CancelCheck, Progress
-from steradian.quality.neighbour_correlation import Likeness, Neighbourhood, compare
+from steradian.quality.neighbour_correlation import CorrelationStatistics, Neighbourhood, compare
 
 NEIGHBOURS: Final = 6
 ALIKE: Final = 0.35
@@ -106,7 +106,7 @@ def find_bad_lines(
     return _as_lines(found, np.where(far, like.lag, like.near), details), bool(np.mean(decidable) >= MOSTLY)
 
 
-def _outlying(like: Likeness, around: Neighbourhood, step: float) -> NDArray[np.bool_]:
+def _outlying(like: CorrelationStatistics, around: Neighbourhood, step: float) -> NDArray[np.bool_]:
     """Return (n,) whether an A-line's lag to its neighbours is an outlier among its neighbours' lags.
 
     The lag has to exceed five robust standard deviations (1.4826 times the median absolute deviation) of all, three of

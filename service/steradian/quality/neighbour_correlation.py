@@ -48,7 +48,7 @@ class Neighbourhood:
 
 
 @dataclass(frozen=True, eq=False)
-class Likeness:
+class CorrelationStatistics:
     """Maximum cross-correlation coefficients of each A-line with its neighbours, averaged, each (n,).
 
     Attributes
@@ -90,7 +90,7 @@ def compare(
     sound_speed: float,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
-) -> Likeness:
+) -> CorrelationStatistics:
     """Cross-correlate A-lines with their neighbours; arguments as in :func:`.bad_lines.find_bad_lines`.
 
     A-lines are filtered to the band that holds signal: each frequency by the share of the mean power above its floor.
@@ -136,7 +136,9 @@ def compare(
         if progress is not None:
             progress("compare neighbours", min(first + CHUNK, count), count)
     reach = farthest / sound_speed + step
-    return Likeness(same, opposite, elsewhere, step * lag, step * near, step * scatter, reach, power, floor)
+    return CorrelationStatistics(
+        same, opposite, elsewhere, step * lag, step * near, step * scatter, reach, power, floor
+    )
 
 
 def _filtered(low: NDArray[np.complex64]) -> tuple[NDArray[np.complex64], NDArray[np.float32], float]:

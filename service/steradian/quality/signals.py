@@ -185,7 +185,7 @@ class Histogram:
         return cls(low, high, traces.dtype.kind in "iu" and high - low < 1 << 16)
 
     def add(self, block: NDArray[np.number[Any]]) -> None:
-        """Count the samples of a block of A-lines (n, N_t)."""
+        """Add the samples of a block of A-lines (n, N_t) to the histogram."""
         if self.is_codes:
             self.counts += np.bincount((block.ravel().astype(np.int32) - int(self.low)), minlength=len(self.counts))
         else:

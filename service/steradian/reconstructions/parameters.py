@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import LENGTH, MODES, PADDING, SOUND_SPEED, TOLERANCE, UPSAMPLING
-from steradian.core.schema_descriptions import Explained
+from steradian.core.schema_descriptions import SchemaDescriptions
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.iterative_options import IterativeOptions
 from steradian.imaging.signal.conditioning import Conditioning, Display
@@ -87,17 +87,19 @@ class ReconstructionParameters(Value):
         default="auto",
         description="auto: the worker's GPU, if it has one with memory enough; the result is the same",
     )
-    iterative: Annotated[IterativeOptions, Explained(IterativeOptions, highest_frequency="Hz")] = Field(
+    iterative: Annotated[IterativeOptions, SchemaDescriptions(IterativeOptions, highest_frequency="Hz")] = Field(
         default=IterativeOptions(), description="Regulariser and stopping rule of the method iterative"
     )
     film: Film = Field(default=Film(), description="Response of the sensor, corrected for")
     shots: ShotTreatment = Field(default=ShotTreatment(), description="Shot normalisation")
     conditioning: Annotated[
-        Conditioning, Explained(Conditioning, zero_first="samples", rim="m", band="Hz", delay="s")
+        Conditioning, SchemaDescriptions(Conditioning, zero_first="samples", rim="m", band="Hz", delay="s")
     ] = Field(default=Conditioning(), description="Preprocessing")
     display: Annotated[
         Display,
-        Explained(Display, gain_db_per_mm="dB/mm", log_range_db="dB", near_field="m", scale_bar="m", size="pixels"),
+        SchemaDescriptions(
+            Display, gain_db_per_mm="dB/mm", log_range_db="dB", near_field="m", scale_bar="m", size="pixels"
+        ),
     ] = Field(default=Display(), description="Image display")
 
     @model_validator(mode="after")

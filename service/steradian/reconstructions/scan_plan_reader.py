@@ -13,7 +13,7 @@ from steradian.scans.file import schema
 from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.source_metadata import notes_of, read_origin
-from steradian.scans.importing.plan_reader import read_plan
+from steradian.scans.importing.untrusted_plan_reader import read_plan
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,11 @@ from steradian.core.signal_safe_event import SignalSafeEvent
 from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.scanner_address import ScannerConnection
-from steradian.scans.acquisition.clear_fault_executor import FaultClerk
+from steradian.scans.acquisition.clear_fault_executor import ClearFaultExecutor
 from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.database_control import POLL, DatabaseControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
-from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.acquisition.port_monitor import PortMonitor
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.resumed_scan_file import create_from_partial
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
@@ -40,14 +40,14 @@ from steradian.scans.summary import count_alines, scan_summary
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, scan_name
 from steradian.storage.blobs.object_store import S3BlobStore, arrays_of
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
-from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.fault_requests import ClearFaultRequest
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path
 
@@ -97,9 +97,9 @@ class Acquisition:
         self._arrays = arrays or FolderBlobStore(data)
         self._scanner = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
         block = StatusBlock(data.emergency)
-        self._watch = PortWatch(port, block, self._scanner.note_status, listens=listens, shared=shared)
+        self._watch = PortMonitor(port, block, self._scanner.note_status, listens=listens, shared=shared)
         self._emergency = EmergencyWatchdog(EmergencyLatch(data.emergency), self._watch)
-        self._faults = FaultClerk(Clearing(data.emergency), self._watch)
+        self._faults = ClearFaultExecutor(ClearFaultRequest(data.emergency), self._watch)
 
     def run(self, prepare: Callable[[], object] = lambda: None) -> None:
         """Run scans until ``stopping`` is set, retrying while the database is unavailable.

@@ -13,7 +13,7 @@ from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.jobs.registry import JOB_TYPES
 from steradian.jobs.worker.memory_tuning import limit_malloc_arenas
-from steradian.jobs.worker.readiness import wait_until_ready
+from steradian.jobs.worker.startup_check import wait_until_ready
 from steradian.reconstructions.warmup import warm_up
 from steradian.runtime.gpu_detection import detect_gpu
 from steradian.runtime.heartbeat import Heartbeat

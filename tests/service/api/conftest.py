@@ -5,10 +5,10 @@ import httpx
 import numpy as np
 import pytest
 
-from steradian.scans.acquisition.clear_fault_executor import FaultClerk
-from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.acquisition.clear_fault_executor import ClearFaultExecutor
+from steradian.scans.acquisition.port_monitor import PortMonitor
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
-from steradian.storage.data_dir.fault_requests import Clearing
+from steradian.storage.data_dir.fault_requests import ClearFaultRequest
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scans import ScanRepository
@@ -80,8 +80,8 @@ class NoScanner:
 def fault_clerk(server):
     """What carries out requests to clear a fault in an acquisition process, which the API here has not."""
     folder = server.data.emergency
-    watch = PortWatch(NoScanner(), StatusBlock(folder), lambda status: None)
-    with FaultClerk(Clearing(folder), watch).working():
+    watch = PortMonitor(NoScanner(), StatusBlock(folder), lambda status: None)
+    with ClearFaultExecutor(ClearFaultRequest(folder), watch).working():
         yield
 
 

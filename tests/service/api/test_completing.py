@@ -8,7 +8,7 @@ from sqlalchemy import update
 
 from steradian.core.exceptions import NotFound
 from steradian.storage.db.tables import ScanRow
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import ScanState
 

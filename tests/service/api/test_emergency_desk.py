@@ -10,7 +10,7 @@ from steradian.api.background.local_emergency_stop import EmergencyStopControlle
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.repositories.scanners import SCANNER_ID, EmergencyStopped, ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import SCANNER_ID, EmergencyStopped, ScannerRepository
 from support.waiting import until
 
 HELD = 1.0

@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from steradian.security.keys import KeyStore, Scope
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState
 

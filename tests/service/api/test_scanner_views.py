@@ -9,7 +9,7 @@ from steradian.api.schemas.scanners import ScannerView
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import CURRENT_ELSEWHERE, ScannerStatus
 from steradian.storage.db.database import Database
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 
 FAULT = {"code": 1, "name": "interlock-opened", "title": "it opened", "remedy": "close it", "clearable": False}
 

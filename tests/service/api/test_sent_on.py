@@ -13,7 +13,7 @@ import pytest
 
 from steradian.api.background import peers as nodes
 from steradian.storage.data_dir.emergency_latch import StopOutcome
-from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing
+from steradian.storage.data_dir.fault_requests import ClearAnswer, ClearFaultRequest
 from steradian.storage.db.tables import EventRow
 from support.apis import ApiProcess
 from support.pairs import NOBODY, SECRET, Pair
@@ -44,7 +44,7 @@ def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
 
 
 def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_by_the_scanners_node(pair):
-    clearing = Clearing(pair.scanner.data.emergency)
+    clearing = ClearFaultRequest(pair.scanner.data.emergency)
 
     def answer_with(*about):
         request = until(clearing.asked)

@@ -10,7 +10,7 @@ from steradian.core.exit_with_parent import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.jobs.worker.main import run_worker
-from steradian.jobs.worker.readiness import wait_until_ready
+from steradian.jobs.worker.startup_check import wait_until_ready
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.storage.data_dir.layout import DataDirectory
 

@@ -15,7 +15,7 @@ from steradian.masks import grid_mask
 from steradian.plans import ScanPlan
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import EventRow
-from steradian.storage.maintenance.clock_trust import HELD, Ages
+from steradian.storage.maintenance.clock_trust import HELD, TrustedClock
 from steradian.storage.state_machines import ReconstructionState
 
 
@@ -54,7 +54,7 @@ def services(tmp_path):
     services.data.create()
     database.migrate()
     database.close()
-    services.ages = Ages(services.clock, steady=lambda: services.clock.now.timestamp() - services.clock.wrong)
+    services.ages = TrustedClock(services.clock, steady=lambda: services.clock.now.timestamp() - services.clock.wrong)
     assert services.ages.can_be_trusted(services.database)
     services._queue = Engine()
     services._opened.set()
@@ -223,7 +223,7 @@ def lines(caplog, level=logging.WARNING):
 
 def started(services):
     """Forget the clock as a start does."""
-    services.ages = Ages(services.clock, steady=lambda: services.clock.now.timestamp())
+    services.ages = TrustedClock(services.clock, steady=lambda: services.clock.now.timestamp())
 
 
 def test_each_retention_deletion_is_logged_with_reason(services, caplog):

@@ -11,7 +11,7 @@ from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import ReconstructionState, ScanState
 

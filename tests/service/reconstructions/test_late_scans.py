@@ -19,7 +19,7 @@ from steradian.plans import ScanPlan
 from steradian.reconstructions.live.follow import LiveReconstruction
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory, reconstruct_scan
-from steradian.reconstructions.studies import sound_speed_misfit as speed_fit
+from steradian.reconstructions.studies import sound_speed_fit as speed_fit
 from steradian.reconstructions.studies.sound_speed_search import find_sound_speed, scan_sound_speed
 from steradian.reconstructions.studies.what_if import compare_subset
 from steradian.reconstructions.volumes.file import read_volume

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.cli.report import _fit as told_of
+from steradian.cli.reconstruction_summary import _fit as told_of
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Volume
 from steradian.imaging.engines.cuda import array_backend

@@ -161,7 +161,7 @@ def test_import_centres_sensor_positions_and_records_shift(tmp_path, scan):
 
 def test_progress_counts_alines_and_a_stop_leaves_nothing(tmp_path, scan, monkeypatch):
     """Progress rises to the whole; a cancelled import removes everything it wrote and can be repeated."""
-    monkeypatch.setattr("steradian.scans.importing.trace_blocks.BLOCK_BYTES", 16 * foreign.SAMPLES * 4)
+    monkeypatch.setattr("steradian.scans.importing.aline_blocks.BLOCK_BYTES", 16 * foreign.SAMPLES * 4)
     source, description = foreign.npy_time_first(tmp_path)
     seen = []
     stop = iter([False, False, True])

@@ -7,7 +7,7 @@ import nrrd
 import numpy as np
 import pytest
 
-from steradian.masks.lattice_pitch import lattice_modes
+from steradian.masks.modes_from_lattice import lattice_modes
 from steradian.reconstructions.exporting import export_volume
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import modes_of

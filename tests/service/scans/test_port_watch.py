@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 
 import fabry_perot
-from fabry_perot.host.port_identity import lock_owner
+from fabry_perot.host.port_usage import lock_owner
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition.control import SessionControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
-from steradian.scans.acquisition.port_monitor import PortWatch
+from steradian.scans.acquisition.port_monitor import PortMonitor
 from steradian.scans.acquisition.run import run_scan
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.scanner_status import CURRENT, SILENT_ACQUISITION, ScannerStatus, StatusBlock
@@ -42,7 +42,7 @@ class Watched:
 
     def __init__(self, folder, url, **how):
         self.block, self.notes = StatusBlock(folder), []
-        self.watch = PortWatch(Port(url), self.block, self.notes.append, **how)
+        self.watch = PortMonitor(Port(url), self.block, self.notes.append, **how)
 
     def until(self, **expected):
         """Wait until the block says so."""

@@ -14,7 +14,7 @@ from steradian.storage.db.database import MIGRATIONS, Database
 from steradian.storage.db.tables import Base, MaskRow
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 
 

@@ -8,7 +8,7 @@ from steradian.storage.repositories.idempotency import IdempotencyKey, Idempoten
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.reconstructions import ReconstructionRepository
-from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped, ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState
 

@@ -18,8 +18,8 @@ from steradian_client.downloads import download
 from steradian_client.errors import Conflict, ConnectionFailed, CorruptTransfer, InvalidInput, NotFound, ServiceError
 from steradian_client.models import Job, Scan, Upload, UploadPreview
 from steradian_client.polling import Report
+from steradian_client.request_session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
 from steradian_client.resources.base import AwaitableResource, drop_none, id_of
-from steradian_client.session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
 from steradian_client.sync_async import Mode, Resource, dual_method
 from steradian_client.transport import UploadFile
 

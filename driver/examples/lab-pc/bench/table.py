@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fabry_perot.hardware import PlanSampling
 from fabry_perot.simulator import shapes
 from fabry_perot.simulator.film import LINEWIDTH, MAX_MODULATION, VISIBILITY, Response
-from fabry_perot.simulator.recorder import Recorder, peak_pressure
+from fabry_perot.simulator.signal_path import SignalPath, peak_pressure
 
 DELAY = 120e-9
 """From the laser pulse to the first sample, in s."""
@@ -77,7 +77,7 @@ class OpticalTable:
     """
 
     def __init__(self, laser: tuple[str, int], phantom: str = "yarn", seed: int = 0) -> None:
-        self.recorder = Recorder(
+        self.recorder = SignalPath(
             shapes.by_name(phantom, seed),
             seed=seed,
             response=Response(nonlinear=True),

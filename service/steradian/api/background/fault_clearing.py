@@ -7,8 +7,8 @@ import time
 from typing import Final
 
 from steradian.core.exceptions import Conflict, FaultStands, ScannerUnreachable, SteradianError
-from steradian.storage.data_dir.fault_requests import WITHIN, ClearAnswer, Clearing
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.data_dir.fault_requests import WITHIN, ClearAnswer, ClearFaultRequest
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 
 LOOK: Final = 0.01
 _KINDS: Final[dict[str, type[SteradianError]]] = {
@@ -16,7 +16,7 @@ _KINDS: Final[dict[str, type[SteradianError]]] = {
 }
 
 
-class FaultDesk:
+class FaultClearingService:
     """Service that clears the latched fault of this node's scanner, one request at a time.
 
     Parameters
@@ -27,7 +27,7 @@ class FaultDesk:
         Repository in which the clearing is recorded.
     """
 
-    def __init__(self, clearing: Clearing, scanner: ScannerRepository) -> None:
+    def __init__(self, clearing: ClearFaultRequest, scanner: ScannerRepository) -> None:
         self._clearing, self._scanner = clearing, scanner
         self._turn = threading.Lock()
 

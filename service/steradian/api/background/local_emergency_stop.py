@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome, StopPress
 from steradian.storage.db.tables import ScannerRow
-from steradian.storage.repositories.scanners import EmergencyStopped, ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped, ScannerRepository
 
 ANSWER_TIMEOUT = 1.8
 """Seconds for which the acquisition's answer is waited for: it asks the scanner for up to 1.5 s."""

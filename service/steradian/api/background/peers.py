@@ -29,7 +29,7 @@ from steradian.core.exceptions import SteradianError
 from steradian.core.settings import Settings
 from steradian.security.keys import Principal, Scope, Unauthorized
 from steradian.storage.db.tables import ScannerRow
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 
 SECRET, ON_BEHALF_HEADER = "Steradian-Node", "Steradian-Principal"
 STOP_ID_HEADER: Final = "Steradian-Errand"

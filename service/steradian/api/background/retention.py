@@ -20,7 +20,7 @@ from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.db.timestamps_and_ids import Clock
-from steradian.storage.maintenance.clock_trust import EARLIEST, Ages, redate, tell_redated
+from steradian.storage.maintenance.clock_trust import EARLIEST, TrustedClock, redate, tell_redated
 from steradian.storage.repositories.deletion import DeletionService, waiting_import
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore
@@ -35,7 +35,7 @@ class RetentionContext(Protocol):
 
     settings: Settings
     clock: Clock
-    ages: Ages
+    ages: TrustedClock
     data: DataDirectory
     database: Database
     arrays: BlobStore

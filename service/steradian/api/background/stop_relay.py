@@ -17,7 +17,7 @@ from steradian.api.http.urls import link
 from steradian.api.schemas.resources import BASE
 from steradian.api.schemas.scanners import EmergencyAnswer, EmergencyView
 from steradian.security.keys import Principal
-from steradian.storage.repositories.scanners import ScannerRepository
+from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 
 ANSWER_TIMEOUT: Final = 3.0
 """Seconds for which the other node's answer is waited for: it waits up to two itself for what its scanner says."""

@@ -2,7 +2,7 @@
 
 The prefix is the setting ``root_path``, else the request's header ``X-Forwarded-Prefix``. It is determined once for
 each request, before all middleware; every address in a response comes from :func:`address`. Inside the service, paths
-have no prefix: if a proxy forwards paths with the setting's prefix, :class:`Prefixed` strips it.
+have no prefix: if a proxy forwards paths with the setting's prefix, :class:`PathPrefixMiddleware` strips it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def stated_prefix(headers: Headers) -> str:
     return path if len(path) <= LONGEST and _PATH.fullmatch(path) else ""
 
 
-class Prefixed:
+class PathPrefixMiddleware:
     """ASGI middleware that determines the path prefix of a reverse proxy and strips it from request paths.
 
     Parameters

@@ -170,7 +170,7 @@ class Linked(Protocol):
     links: dict[str, str]
 
     def model_dump_json(self) -> str:
-        """Return the view as JSON."""
+        """Return the response model of the resource as JSON text."""
 
 
 async def final_response(

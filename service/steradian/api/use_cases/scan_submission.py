@@ -12,7 +12,7 @@ from steradian.security.keys import Principal
 from steradian.storage.capacity.quota import scan_bytes
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
-from steradian.storage.repositories.scanners import EmergencyStopped
+from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped
 from steradian.storage.state_machines import is_terminal
 
 

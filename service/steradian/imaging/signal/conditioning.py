@@ -217,7 +217,7 @@ class Display:
 
     @property
     def changes_values(self) -> bool:
-        """Whether :meth:`apply` changes anything."""
+        """Whether the display changes voxel values: gain, envelope, logarithm or non-negativity."""
         return bool(self.gain_db_per_mm or self.envelope or self.log_range_db is not None or self.non_negative)
 
     def apply(self, volume: Volume) -> Volume:

@@ -26,7 +26,7 @@ from steradian.jobs.registry import LIVE_KINDS
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScannerRow, ScanRow, WorkerRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
-from steradian.storage.repositories.scanners import PRESENT
+from steradian.storage.repositories.scanner_lease_and_stop import PRESENT
 from steradian.storage.state_machines import ReconstructionState
 
 REFRESH_INTERVAL: Final = 10.0

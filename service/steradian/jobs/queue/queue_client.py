@@ -33,7 +33,7 @@ from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScannerRow
 from steradian.storage.db.timestamps_and_ids import utc_now
-from steradian.storage.repositories.scanners import PRESENT
+from steradian.storage.repositories.scanner_lease_and_stop import PRESENT
 from steradian.storage.state_machines import ReconstructionState, is_terminal
 
 WAITING: Final = frozenset({"ENQUEUED", "DELAYED"})

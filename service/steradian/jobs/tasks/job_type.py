@@ -1,4 +1,4 @@
-"""Registry of job kinds and the decorator that registers a handler."""
+"""Job type: request model, handler and resource of a job kind, with the decorator that registers one."""
 
 from __future__ import annotations
 

@@ -22,9 +22,9 @@ from steradian.jobs.queue.matching import Capabilities, WorkerRegistration, unsa
 from steradian.jobs.worker.failover import claim_name, monitor_peers
 from steradian.jobs.worker.memory_tuning import freeze_garbage_collector
 from steradian.jobs.worker.queue_polling import adaptive_wait
-from steradian.jobs.worker.readiness import wait_until_ready
 from steradian.jobs.worker.results import ResultUploader
 from steradian.jobs.worker.runner import POLL, JobRunner
+from steradian.jobs.worker.startup_check import wait_until_ready
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database, metadata_url

@@ -1,6 +1,6 @@
 """Estimation of the speed of sound: speed of the least model misfit, with image sharpness as a function of speed.
 
-The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.sound_speed_misfit`). The
+The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.sound_speed_fit`). The
 search begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and
 records too long for the forward model, have the speed of the sharpest image.
 
@@ -35,8 +35,8 @@ from steradian.reconstructions.pipeline.resolve import (
 from steradian.reconstructions.pipeline.run import write_json
 from steradian.reconstructions.shot_normalisation import normalise_shots
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
+from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views
-from steradian.reconstructions.studies.sound_speed_misfit import MOST_STEPS, SpeedFit
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
 

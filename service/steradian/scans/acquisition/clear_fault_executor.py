@@ -9,13 +9,13 @@ from contextlib import contextmanager
 
 from steradian.core.exceptions import SteradianError
 from steradian.scans.acquisition.fault_clearing import HEARD_WITHIN, LOOK
-from steradian.scans.acquisition.port_monitor import PortWatch
-from steradian.storage.data_dir.fault_requests import ClearAnswer, Clearing, ClearRequest
+from steradian.scans.acquisition.port_monitor import PortMonitor
+from steradian.storage.data_dir.fault_requests import ClearAnswer, ClearFaultRequest, ClearRequest
 
 _log = logging.getLogger(__name__)
 
 
-class FaultClerk:
+class ClearFaultExecutor:
     """Thread that executes each API request to clear the scanner's fault once.
 
     Parameters
@@ -26,7 +26,7 @@ class FaultClerk:
         Monitor of the scanner's port.
     """
 
-    def __init__(self, clearing: Clearing, watch: PortWatch) -> None:
+    def __init__(self, clearing: ClearFaultRequest, watch: PortMonitor) -> None:
         self._clearing, self._watch = clearing, watch
         self._over = threading.Event()
         self._done = ""

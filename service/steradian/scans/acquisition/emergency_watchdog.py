@@ -11,7 +11,7 @@ from typing import Final
 
 import fabry_perot
 from steradian.core.logging_config import bind_request_id, request_id
-from steradian.scans.acquisition.port_monitor import STOP_WITHIN, PortWatch
+from steradian.scans.acquisition.port_monitor import STOP_WITHIN, PortMonitor
 from steradian.scans.acquisition.scanner_status import status_of
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome, StopPress
 from steradian.storage.data_dir.scanner_status import wording
@@ -42,7 +42,7 @@ class EmergencyWatchdog:
         The scanner's port; ``None``: there is no scanner but the one of a scan.
     """
 
-    def __init__(self, latch: EmergencyLatch, port: PortWatch | None = None) -> None:
+    def __init__(self, latch: EmergencyLatch, port: PortMonitor | None = None) -> None:
         self._latch, self._port = latch, port
         self._scanner: fabry_perot.Scanner | None = None
         self._cause = ""

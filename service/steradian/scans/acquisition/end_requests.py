@@ -17,7 +17,7 @@ GRACE: Final = 1.0
 """Seconds in which the session may execute a command itself before its connection is closed."""
 
 
-class GivenUp(ScanFailed):
+class EndedByRequest(ScanFailed):
     """Error of a session that was ended by a command before the scanner had answered.
 
     Parameters
@@ -49,7 +49,7 @@ def hearing(scanner: fabry_perot.Scanner, control: SessionControl) -> Iterator[N
 
     Raises
     ------
-    GivenUp
+    EndedByRequest
         When the connection was closed because of a command.
     """
     over, closed_for = threading.Event(), list[Command]()
@@ -70,7 +70,7 @@ def hearing(scanner: fabry_perot.Scanner, control: SessionControl) -> Iterator[N
         yield
     except fabry_perot.ScannerError as error:
         if closed_for:
-            raise GivenUp(closed_for[0]) from error
+            raise EndedByRequest(closed_for[0]) from error
         raise
     finally:
         over.set()

@@ -17,7 +17,7 @@ class Port(Protocol):
 
 
 @dataclass
-class Lent:
+class LentPort:
     """State of the port while a scan uses it: connection, and whether the laser may fire.
 
     Attributes

@@ -18,9 +18,9 @@ from typing import Final
 
 import fabry_perot
 from fabry_perot.host import HostTiming
-from steradian.scans.acquisition.port_lending import Lent, Port
+from steradian.scans.acquisition.port_lending import LentPort, Port
 from steradian.scans.acquisition.scanner_status import described, status_of
-from steradian.scans.acquisition.scanner_status_recorder import StatusNotes
+from steradian.scans.acquisition.scanner_status_recorder import ScannerStatusRecorder
 from steradian.storage.data_dir.scanner_status import ScannerStatus, StatusBlock, wording
 
 WRITE: Final = 0.1
@@ -38,7 +38,7 @@ LOOKING: Final = HostTiming(hello_tries=16)
 _log = logging.getLogger(__name__)
 
 
-class PortWatch:
+class PortMonitor:
     """Monitor of the scanner's port in the acquisition process.
 
     Parameters
@@ -65,8 +65,8 @@ class PortWatch:
         shared: bool = False,
     ) -> None:
         self._port, self._block, self._listens = port, block, listens
-        self._notes = StatusNotes(self.status, note, shared=shared)
-        self._lent: Lent | None = None
+        self._notes = ScannerStatusRecorder(self.status, note, shared=shared)
+        self._lent: LentPort | None = None
         self._monitor: fabry_perot.Monitor | None = None
         self._monitored, self._opened = "", 0.0
         self._model = self._serial = ""
@@ -108,7 +108,7 @@ class PortWatch:
         self._wanted += 1
         try:
             with self._holding:
-                self._lent = Lent()
+                self._lent = LentPort()
                 self._close()
         finally:
             self._wanted -= 1
@@ -120,7 +120,7 @@ class PortWatch:
     @contextmanager
     def guarding(self, scanner: fabry_perot.Scanner) -> Iterator[None]:
         """Context manager during which the state of a scan's connected scanner is reported."""
-        lent = self._lent = self._lent or Lent()
+        lent = self._lent = self._lent or LentPort()
         lent.scanner = scanner
         with suppress(fabry_perot.ScannerError):
             self._identify(scanner.capabilities.model, scanner.capabilities.serial)

@@ -16,7 +16,7 @@ from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, Invalid
 from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan
 from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome
-from steradian.scans.acquisition.end_requests import GivenUp, ending_wish, hearing
+from steradian.scans.acquisition.end_requests import EndedByRequest, ending_wish, hearing
 from steradian.scans.acquisition.excitation import check_excitation
 from steradian.scans.acquisition.resume_checks import (
     Check,
@@ -137,7 +137,7 @@ def run_scan(
                     record_tuning(scanner, store)
                 end = ScanSession(scanner, store, starter, recovery.within).acquire(store.missing)
                 return _summary(store, end, asked=control is not None)
-    except GivenUp as error:
+    except EndedByRequest as error:
         return _given_up(path, ScanProgram.of_plan(plan).count, error.wish, asked=control is not None)
 
 
@@ -204,7 +204,7 @@ def resume_scan(
             require_all(findings)
             end = session.acquire(wanted)
             return _summary(store, end, rescued, findings, asked=asked)
-    except GivenUp as error:
+    except EndedByRequest as error:
         return _given_up(path, report.rows, error.wish, asked=asked)
 
 
@@ -266,7 +266,7 @@ def _connected_scanner(url: str, recovery: RecoveryPolicy, starter: SessionContr
     except fabry_perot.ScannerError as error:
         wish = ending_wish(starter)
         if wish is Command.ABORT or (wish is not None and scanner is None):
-            raise GivenUp(wish) from error
+            raise EndedByRequest(wish) from error
         if scanner is not None:
             require_no_fault(scanner, error)
         if isinstance(error, fabry_perot.LeaseExpired | fabry_perot.DeviceRestarted | fabry_perot.ScanAborted):

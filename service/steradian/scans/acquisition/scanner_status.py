@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import fabry_perot
 from fabry_perot import fault_codes
-from fabry_perot.host.query_results import in_words
+from fabry_perot.host.stop_and_status_results import in_words
 from steradian.storage.data_dir.scanner_status import UNKNOWN, ScannerStatus
 
 _LATCHED: Final = frozenset({"fault", "estop"})

@@ -20,7 +20,7 @@ AGAIN: Final = 1.0
 _log = logging.getLogger(__name__)
 
 
-class StatusNotes:
+class ScannerStatusRecorder:
     """Recorder that writes changes of the scanner's status to the database; retries after database errors.
 
     Parameters

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import Cancelled, DamagedFile
 from steradian.core.progress import CancelCheck, Progress
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
+from steradian.scans.file.arrangement_metadata import arrangement_of, centre_of
 from steradian.scans.importing import ipasc
 from steradian.scans.time_alignment import align, common_grid
 

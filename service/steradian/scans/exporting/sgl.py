@@ -20,7 +20,7 @@ from steradian.core.exceptions import Cancelled, DamagedFile, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
+from steradian.scans.file.arrangement_metadata import arrangement_of, centre_of
 from steradian.scans.file.source_metadata import read_origin
 from steradian.scans.importing import sgl
 from steradian.scans.importing.sgl_name import read_name

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile
-from steradian.masks.lattice_pitch import imported_modes
+from steradian.masks.modes_from_lattice import imported_modes
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
-from steradian.scans.file.coordinate_frame import arrangement_of, centre_of
+from steradian.scans.file.arrangement_metadata import arrangement_of, centre_of
 from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.measurement_order import ScanProgram

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from steradian.scans.importing.aline_blocks import Block, TraceBlocks
 from steradian.scans.importing.import_remarks import remark
-from steradian.scans.importing.trace_blocks import Block, TraceBlocks
 
 FloatArray = NDArray[np.float64]
 AT_ONCE = 1 << 16

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
+from steradian.scans.importing.aline_blocks import BLOCK_BYTES, Block
 from steradian.scans.importing.geometry import MOST_POINTS
-from steradian.scans.importing.trace_blocks import BLOCK_BYTES, Block
 
 ORDER = ("frame", "point", "x", "y", "time")
 """Names of axes in the order of a scan file's rows; ``sensor`` is another word for ``point``."""

@@ -12,8 +12,8 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging.geometry.sensor_areas import detect_sensor_grid
 from steradian.masks import Mask, custom_mask
 from steradian.masks.explicit_points import area_of_weights
-from steradian.masks.lattice_pitch import FILLED, lattice_modes
-from steradian.scans.file.coordinate_frame import centre_of
+from steradian.masks.modes_from_lattice import FILLED, lattice_modes
+from steradian.scans.file.arrangement_metadata import centre_of
 from steradian.scans.importing.import_remarks import remark
 
 PLANARITY_TOLERANCE = 1e-4

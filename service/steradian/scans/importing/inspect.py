@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from steradian.core.quantity_ranges import SOUND_SPEED
 from steradian.plans import ScanPlan
 from steradian.scans.importing import scan_files
+from steradian.scans.importing.aline_blocks import TraceBlocks
 from steradian.scans.importing.detect import is_scan_file, open_recording_source
 from steradian.scans.importing.source import MissingField, RecordingSource, collecting_missing_fields
-from steradian.scans.importing.trace_blocks import TraceBlocks
 
 TRACES, POSITIONS, SAMPLES = 5, 4000, 4096
 """At most so many A-lines and positions are shown, and samples of each A-line."""

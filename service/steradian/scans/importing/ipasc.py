@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.progress import Progress
 from steradian.scans.importing import untrusted
+from steradian.scans.importing.aline_blocks import Hdf5TraceBlocks
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import refuse_sideways
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import Hdf5TraceBlocks
 
 FORMAT = "ipasc"
 NANOMETRES = (200.0, 3000.0)

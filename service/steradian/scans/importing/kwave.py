@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import untrusted
+from steradian.scans.importing.aline_blocks import iter_slabs, spill_to_disk, temporary_file
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import iter_slabs, spill_to_disk, temporary_file
 
 FORMAT = "k-wave"
 GRID = ("Nx", "Ny", "Nz", "Nt")

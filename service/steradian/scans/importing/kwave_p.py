@@ -7,11 +7,11 @@ from typing import Any
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
+from steradian.scans.importing.aline_blocks import RawTraceBlocks, TraceBlocks, mapped
 from steradian.scans.importing.axis_inference import first_break, longest_delay, time_axis
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.source import Metadata
-from steradian.scans.importing.trace_blocks import RawTraceBlocks, TraceBlocks, mapped
 
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:

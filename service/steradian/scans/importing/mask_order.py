@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
+from steradian.scans.importing.aline_blocks import TraceBlocks
 from steradian.scans.importing.axis_inference import likeness
 from steradian.scans.importing.import_remarks import remark
-from steradian.scans.importing.trace_blocks import TraceBlocks
 
 Order = Literal["matlab", "python"]
 WORDS = {"matlab": "MATLAB's (first axis fastest)", "python": "Python's (last axis fastest)"}

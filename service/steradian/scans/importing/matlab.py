@@ -22,6 +22,14 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import mat5, untrusted
 from steradian.scans.importing import variable_aliases as names
+from steradian.scans.importing.aline_blocks import (
+    Hdf5TraceBlocks,
+    TraceBlocks,
+    iter_slabs,
+    mapped,
+    spill_to_disk,
+    temporary_file,
+)
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.axis_inference import longest_delay, time_axis
 from steradian.scans.importing.description import Description, grid_points
@@ -30,14 +38,6 @@ from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.kwave import mask_points
 from steradian.scans.importing.mask_order import Order, settle_order, written_by_python
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import (
-    Hdf5TraceBlocks,
-    TraceBlocks,
-    iter_slabs,
-    mapped,
-    spill_to_disk,
-    temporary_file,
-)
 
 FORMAT = "matlab"
 EMPTY = "MATLAB_empty"

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.scans.importing import variable_aliases
+from steradian.scans.importing.aline_blocks import RawTraceBlocks, TraceBlocks, mapped, spill_to_disk, temporary_file
 from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.kwave_p import order_of_p, order_of_square, require_line
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import RawTraceBlocks, TraceBlocks, mapped, spill_to_disk, temporary_file
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
 TRACES = (*variable_aliases.TRACES, "p")

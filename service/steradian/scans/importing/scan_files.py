@@ -25,9 +25,9 @@ from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.source_metadata import MOST_CHARACTERS, SOURCE, parse_origin
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord, create_scan_file
 from steradian.scans.importing import untrusted
-from steradian.scans.importing.plan_reader import read_plan
+from steradian.scans.importing.aline_blocks import Hdf5TraceBlocks
 from steradian.scans.importing.scan_writer import MAX_VALUE, ImportedAline, check_values, split_block
-from steradian.scans.importing.trace_blocks import Hdf5TraceBlocks
+from steradian.scans.importing.untrusted_plan_reader import read_plan
 
 FORMAT = "steradian"
 GROUPS = {"mask", "plan", "alines", "run"}

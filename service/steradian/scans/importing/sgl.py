@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.quantity_ranges import LENGTH, SAMPLING_INTERVAL
 from steradian.scans.file.source_metadata import printable
+from steradian.scans.importing.aline_blocks import RawTraceBlocks
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.import_remarks import remark
-from steradian.scans.importing.sgl_name import NameSays, read_name
+from steradian.scans.importing.sgl_name import SglNameMetadata, read_name
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import RawTraceBlocks
 
 FORMAT, SUFFIX = "sgl", ".sgl"
 KIND = np.dtype(">f4")
@@ -126,7 +126,7 @@ def open_sgl(path: Path, said: Description) -> Iterator[RecordingSource]:
         yield make_source(FORMAT, table, stated, said, name)
 
 
-def read_layout(path: Path, named: NameSays | None = None) -> Layout:
+def read_layout(path: Path, named: SglNameMetadata | None = None) -> Layout:
     """Read and validate header and trailer of an .sgl file; raises like :func:`open_sgl`."""
     head, size = _head(path)
     width = KIND.itemsize * len(HEADER)
@@ -174,7 +174,7 @@ def _in_range(name: str, value: float, given: str, allowed: Any) -> float:
     return value
 
 
-def _require_one_plane(name: str, held: int, total: int, shape: str, named: NameSays | None) -> None:
+def _require_one_plane(name: str, held: int, total: int, shape: str, named: SglNameMetadata | None) -> None:
     """Raise an error for files of wrong length and for files of two-plane scanners."""
     if named is not None and named.two_planes:
         raise DamagedFile(
@@ -196,7 +196,7 @@ def _require_one_plane(name: str, held: int, total: int, shape: str, named: Name
         )
 
 
-def _stated(layout: Layout, named: NameSays, said: Description) -> Metadata:
+def _stated(layout: Layout, named: SglNameMetadata, said: Description) -> Metadata:
     _compare(layout, named)
     if named.patterns:
         remark("the name speaks of Hadamard patterns; the samples are taken as those of single points")
@@ -216,7 +216,7 @@ def _stated(layout: Layout, named: NameSays, said: Description) -> Metadata:
     )
 
 
-def _compare(layout: Layout, named: NameSays) -> None:
+def _compare(layout: Layout, named: SglNameMetadata) -> None:
     """Add an import remark for each value that differs between file name and header."""
     for label, figure, value, unit, scale in (
         ("dx", named.dx, layout.steps[0] if layout.counts[0] > 1 else None, "µm", 1e6),
@@ -241,7 +241,7 @@ def _points(layout: Layout) -> NDArray[np.float64]:
     return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
 
 
-def _excitation(layout: Layout, named: NameSays) -> tuple[float, ...]:
+def _excitation(layout: Layout, named: SglNameMetadata) -> tuple[float, ...]:
     given = layout.said("excitation_nm")
     figure = named.excitation if named.excitation is not None and named.excitation.value > 0 else None
     if given is None or given == 0:  # what the scanner writes where it does not know
@@ -257,7 +257,7 @@ def _excitation(layout: Layout, named: NameSays) -> tuple[float, ...]:
     return (given / 1e9,)
 
 
-def _averages(layout: Layout, named: NameSays) -> int:
+def _averages(layout: Layout, named: SglNameMetadata) -> int:
     given = layout.said("averages")
     if given is None or given == 0:
         if named.averages is not None and 1 <= named.averages <= MOST_AVERAGES:

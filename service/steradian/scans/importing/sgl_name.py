@@ -34,7 +34,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class NameSays:
+class SglNameMetadata:
     """Metadata parsed from the name of an .sgl file; ``None`` for fields that the name does not contain.
 
     Attributes
@@ -59,10 +59,10 @@ class NameSays:
     patterns: bool
 
 
-def read_name(name: str) -> NameSays:
+def read_name(name: str) -> SglNameMetadata:
     """Parse the metadata in the name of an .sgl file."""
     excitation, start, averages = (rule.search(name) for rule in (EXCITATION, TIME_ZERO, AVERAGES))
-    return NameSays(
+    return SglNameMetadata(
         excitation=_figure(excitation[1], 1e-9) if excitation else None,
         dx=_quantity(name, "dx", "m", LENGTHS),
         dy=_quantity(name, "dy", "m", LENGTHS),

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import SAMPLING_INTERVAL, TIME_ZERO
+from steradian.scans.importing.aline_blocks import TraceBlocks
 from steradian.scans.importing.anomaly_detection import noticed
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import SensorPlacement, fit_sensor_plane
 from steradian.scans.importing.import_remarks import remark, remarks
 from steradian.scans.importing.pulse_energies import relative_energies
-from steradian.scans.importing.trace_blocks import TraceBlocks
 from steradian.scans.importing.units import require_extent, unit_hint, unit_of_times
 from steradian.scans.recording import Recording, ShotMetadata
 

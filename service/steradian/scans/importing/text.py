@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile
+from steradian.scans.importing.aline_blocks import mapped, temporary_file
 from steradian.scans.importing.description import Description
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.kwave_p import order_of_square
 from steradian.scans.importing.numpy_files import order_in, table_in
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
-from steradian.scans.importing.trace_blocks import mapped, temporary_file
 
 LINE_BYTES = 16 << 20
 SHOWN = 40

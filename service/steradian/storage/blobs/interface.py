@@ -184,7 +184,7 @@ class FolderBlobStore:
                 yield path.relative_to(self._root).as_posix()
 
     def accept_stale_copy(self, name: str) -> None:
-        """Do nothing, because the data folder has no second copy of a scan."""
+        """Accept a stored copy older than the scan: no effect, because the data folder has no second copy."""
 
     def delete(self, name: str) -> None:
         """Delete a blob's file, or a folder with its content."""

@@ -72,7 +72,7 @@ class ClearAnswer:
     message: str = ""
 
 
-class Clearing:
+class ClearFaultRequest:
     """Channel for fault-clearing requests and their results: two shared files in the data folder.
 
     Parameters

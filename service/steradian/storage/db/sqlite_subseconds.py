@@ -34,7 +34,7 @@ class SubsecondPlugin(CreateEnginePlugin):
         return url
 
     def engine_created(self, engine: Engine) -> None:
-        """Register an event listener that adds the function to each new connection."""
+        """Add the SQL function ``unixepoch('subsec')`` to each new connection of the engine."""
         event.listen(engine, "connect", lambda connection, _record: add_subseconds(connection))
 
 

@@ -1,7 +1,7 @@
 """Check of the system clock, so that a wrong clock does not make retention delete recent data.
 
-A computer without a clock of its own starts in 1970, one with a dead battery anywhere. Ages are trusted once the clock
-has gone with the steady one, which knows no time of day, for a day.
+A computer without a clock of its own starts in 1970, one with a dead battery anywhere. Ages are
+trusted once the clock has gone with the steady one, which knows no time of day, for a day.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def steady() -> float:
     return time.monotonic() if number is None else time.clock_gettime(number)
 
 
-class Ages:
+class TrustedClock:
     """Check of the system clock for jumps, which suspends deletion by age when the clock is in doubt.
 
     Parameters

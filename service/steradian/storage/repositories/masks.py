@@ -10,7 +10,7 @@ from sqlalchemy.orm import undefer
 
 from steradian.core.exceptions import NotFound
 from steradian.masks import Mask
-from steradian.masks.lattice_pitch import imported_modes
+from steradian.masks.modes_from_lattice import imported_modes
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import MaskRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now

@@ -29,7 +29,7 @@ PRESENT = ScannerRow.retired.is_(None)
 _OVER = tuple(state for state in ScanState if is_terminal(state))
 
 
-class ScannerRows(Repository[ScannerRow]):
+class ScannerRegistry(Repository[ScannerRow]):
     """Repository of scanners, with one scanner selected; decommissioned scanners are excluded.
 
     Parameters

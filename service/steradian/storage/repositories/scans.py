@@ -17,7 +17,7 @@ from steradian.storage.db.timestamps_and_ids import Clock, new_id, utc_now
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import lock_row
-from steradian.storage.repositories.scanners import SCANNER_ID
+from steradian.storage.repositories.scanner_lease_and_stop import SCANNER_ID
 from steradian.storage.state_machines import (
     ACTIVE_SCAN_STATES,
     ALLOWED_DESIRED_STATES,

@@ -4,8 +4,8 @@ It is a function of phantom, point, seed and shot number alone, so a test can re
 ``rng = numpy.random.default_rng([seed, shot])`` the pulse energy is ``1 + 0.01·rng.standard_normal()`` and the noise
 ``rms·rng.standard_normal(N_t, dtype=float32)``, drawn in this order; the noise of beam b > 0
 comes from a generator of its own, ``default_rng([seed, shot, b])``: beams share the pulse, not the detector. Sums are
-taken in float64 and divided by :attr:`Recorder.scale`; the mean over a point's shots is rounded and clipped to 16 bits.
-Points lie on whole nanometres.
+taken in float64 and divided by :attr:`SignalPath.scale`; the mean over a point's shots is rounded and clipped to 16
+bits. Points lie on whole nanometres.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CACHED_POINTS = 16 * 2**20
 """Samples of noise-free Stored A-lines for the next frame (64 MiB); when there are more, all are forgotten."""
 
 
-class Recorder:
+class SignalPath:
     """Simulated signal path from phantom and film to digitiser.
 
     Parameters

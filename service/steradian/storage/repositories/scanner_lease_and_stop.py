@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from steradian.core.exceptions import Conflict
 from steradian.storage.db.tables import ScannerRow, ScanRow
 from steradian.storage.repositories.event_log import append_event
-from steradian.storage.repositories.scanner_registry import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRows
+from steradian.storage.repositories.scanner_registry import ENSURE_LOCK, PRESENT, SCANNER_ID, ScannerRegistry
 from steradian.storage.state_machines import ACTIVE_SCAN_STATES, DesiredScanState, ScanState
 
 __all__ = ["ENSURE_LOCK", "PRESENT", "SCANNER_ID", "EmergencyStopped", "LeaseHeld", "ScannerRepository"]
@@ -30,8 +30,8 @@ class EmergencyStopped(Conflict):
     code = "emergency-stopped"
 
 
-class ScannerRepository(ScannerRows):
-    """Repository of scanners with leases and emergency stops; parameters as in :class:`ScannerRows`."""
+class ScannerRepository(ScannerRegistry):
+    """Repository of scanners with leases and emergency stops; parameters as in :class:`ScannerRegistry`."""
 
     def lease(self, holder: str, seconds: float, note: str | None, who: str, fence: int | None = None) -> ScannerRow:
         """Acquire or renew the lease of the scanner; a new lease gets a greater fencing token.

@@ -1,7 +1,7 @@
 """Client of control sockets, through which other programs request stop, status or release of a port from its holder.
 
 Every process that holds a port listens on a local socket for each of the port's names
-(:func:`fabry_perot.host.port_identity.aliases`). One JSON line is the request, one the response; PROTOCOL.md has
+(:func:`fabry_perot.host.port_usage.aliases`). One JSON line is the request, one the response; PROTOCOL.md has
 both. On Linux the sockets are in the abstract namespace, so nothing of a killed process remains; elsewhere they
 are files in the folder for temporary files. Windows has none.
 """
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fabry_perot.host.port_identity import aliases, lock_owner
+from fabry_perot.host.port_usage import aliases, lock_owner
 
 ABSTRACT = sys.platform == "linux"
 AVAILABLE = hasattr(socket, "AF_UNIX")
