@@ -112,4 +112,4 @@ def test_memory_watch_excludes_child_process_from_api_memory(tmp_path):
             process.stdin.flush()
     found = {row["process"]: row for row in watch.rows()}
     assert found["api"]["most_mib"] < 60
-    assert (found["api's workshop"]["most_mib"] > 64, found["api's workshop"]["last_mib"]) == (True, 0)
+    assert (found["api's process pool"]["most_mib"] > 64, found["api's workshop"]["last_mib"]) == (True, 0)

@@ -89,7 +89,7 @@ class ServiceContainer:
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
         self.deletion = DeletionService(self.database, clock)
-        self.answers = IdempotencyStore(self.database, clock)
+        self.idempotency = IdempotencyStore(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
         self.sessions = SessionStore(self.database, self.keys, clock)
         secret = shared_secret(shared) if (shared := settings.node_secret) else stored_secret(self.data.stop_secret)
@@ -101,12 +101,12 @@ class ServiceContainer:
             self.status = StatusBlock(self.data.emergency)
             self.faults = FaultClearingService(ClearFaultRequest(self.data.emergency), self.scanner)
         self.nodes = PeerRegistry(settings, self.scanner)
-        self.courier = EmergencyStopRelay(self.nodes, self.scanner)
+        self.stop_relay = EmergencyStopRelay(self.nodes, self.scanner)
         self._memory = PeriodicRefresher(self.sessions.remember, self.nodes.refresh, self._stay)
         self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
-        """One picture that is kept and one preview at a time: a place in the workshop is left for what is quick."""
-        self.workshop = ProcessPool()
-        self.shot_looks = RowDeltaTracker()
+        """One picture that is kept and one preview at a time: a place in the pool is left for what is quick."""
+        self.process_pool = ProcessPool()
+        self.shot_inspections = RowDeltaTracker()
         self.usage: BatchLoader[None, dict[str, int]] = BatchLoader(lambda _: {None: usage(self.database, self.data)})
         self._queue: JobQueue | None = None
         self._opened = threading.Event()
@@ -130,8 +130,8 @@ class ServiceContainer:
     def close(self) -> None:
         """Stop the background threads and close the queue and the database."""
         self._over.set()
-        self.workshop.close()
-        self.courier.close()
+        self.process_pool.close()
+        self.stop_relay.close()
         self._memory.close()
         if self.emergency is not None:
             self.emergency.close()
@@ -284,7 +284,7 @@ class ServiceContainer:
         tidied = float("-inf")
         while not self._over.is_set():
             try:
-                self.workshop.reap_idle()
+                self.process_pool.reap_idle()
                 if is_mine := self._turn is None or self._turn.ensure_held() is LockState.HELD:
                     self.queue.reconcile()
                 if time.monotonic() - tidied > TIDY_EVERY:

@@ -14,7 +14,7 @@ import numpy as np
 from steradian.benchmarks.service import memory_mib
 
 NAMES = {
-    "steradian.api.background.process_pool": "api's workshop",
+    "steradian.api.background.process_pool": "api's process pool",
     "steradian.api": "api",
     "steradian.runtime.acquisition": "acquisition",
     "steradian.runtime.worker_entry": "worker",

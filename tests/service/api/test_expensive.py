@@ -146,25 +146,25 @@ def test_an_order_that_is_searched_for_is_found_beside_the_api(server):
     assert "llvmlite" not in loaded, "the API's own process has compiled code for the search, so it searched"
 
 
-async def double(workshop, value):
-    return await workshop.submit(np.multiply, value, 2)
+async def double(pool, value):
+    return await pool.submit(np.multiply, value, 2)
 
 
 def test_a_workshop_outlives_the_death_of_its_processes():
     async def run():
-        workshop = ProcessPool()
+        pool = ProcessPool()
         try:
-            assert await double(workshop, 21) == 42
+            assert await double(pool, 21) == 42
             with pytest.raises(ComputationLimitExceeded):
-                await workshop.submit(signal.raise_signal, signal.SIGKILL)
+                await pool.submit(signal.raise_signal, signal.SIGKILL)
             assert PROBLEM_TYPES[ComputationLimitExceeded.code].status == 503, (
                 "its code is told, and no failure of the service's"
             )
-            assert await double(workshop, 4) == 8
+            assert await double(pool, 4) == 8
             with pytest.raises(ZeroDivisionError):
-                await workshop.submit(divmod, 1, 0)
+                await pool.submit(divmod, 1, 0)
         finally:
-            workshop.close()
+            pool.close()
 
     asyncio.run(run())
 
@@ -174,26 +174,26 @@ def test_process_pool_limits_cpu_time_not_waiting_time():
     """A limit in seconds of a processor: on a busy machine the same things are worked out as on an idle one."""
 
     async def run():
-        workshop = ProcessPool(max_work=1)
+        pool = ProcessPool(max_work=1)
         try:
-            assert await workshop.submit(time.sleep, 1.5) is None
+            assert await pool.submit(time.sleep, 1.5) is None
             with pytest.raises(ComputationLimitExceeded, match="longer than it may"):
-                await workshop.submit(sum, range(10**12))
+                await pool.submit(sum, range(10**12))
             for value in range(1, 4):  # each has its own time, in the same process
-                assert await workshop.submit(sum, range(10**7)) == 49999995000000
-                assert await double(workshop, value) == 2 * value
+                assert await pool.submit(sum, range(10**7)) == 49999995000000
+                assert await double(pool, value) == 2 * value
         finally:
-            workshop.close()
+            pool.close()
 
     asyncio.run(run())
 
 
 def test_process_pool_close_cancels_running_computation():
     async def run():
-        workshop = ProcessPool()
-        long = asyncio.create_task(workshop.submit(time.sleep, 100))
-        await double(workshop, 21)  # on the other bench; now the first one has its child
-        workshop.close()
+        pool = ProcessPool()
+        long = asyncio.create_task(pool.submit(time.sleep, 100))
+        await double(pool, 21)  # on the other bench; now the first one has its child
+        pool.close()
         with pytest.raises(ComputationLimitExceeded):
             await asyncio.wait_for(long, 60)
 
@@ -202,21 +202,21 @@ def test_process_pool_close_cancels_running_computation():
 
 def test_closed_process_pool_submit_raises_limit_exceeded():
     """Such as clients that wait for their turn when the service ends: it has not failed."""
-    workshop = ProcessPool()
-    workshop.close()
+    pool = ProcessPool()
+    pool.close()
     with pytest.raises(ComputationLimitExceeded):
-        asyncio.run(workshop.submit(os.getpid))
+        asyncio.run(pool.submit(os.getpid))
 
 
 def test_the_processes_of_a_service_without_work_end(server, monkeypatch):
-    from steradian.api.background import process_pool as workshop
+    from steradian.api.background import process_pool as pool
 
-    monkeypatch.setattr(workshop, "IDLE", 0.0)
+    monkeypatch.setattr(pool, "IDLE", 0.0)
     services = ServiceContainer(server.settings)
     services.open()
     try:
-        child = workshop._PoolProcess()
-        services.workshop._idle.append(child)
+        child = pool._PoolProcess()
+        services.process_pool._idle.append(child)
         child._process.wait(250)
     finally:
         services.close()

@@ -24,7 +24,7 @@ def app(tmp_path):
     pool = app.state.services.database.engine.pool
     pool._timeout = 0.2  # not thirty seconds
     yield app
-    app.state.services.workshop.close()
+    app.state.services.process_pool.close()
     app.state.services.close()
 
 

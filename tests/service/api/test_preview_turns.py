@@ -32,7 +32,7 @@ def test_preview_is_not_blocked_by_stored_picture_drawing(tmp_path):
     try:
         answer = asyncio.run(run())
     finally:
-        services.workshop.close()
+        services.process_pool.close()
         services.database.close()
     assert answer.status_code == 200, answer.text
     assert answer.content.startswith(b"\x89PNG")

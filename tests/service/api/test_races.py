@@ -119,7 +119,9 @@ def bench(request, tmp_path_factory):
 )
 def test_creation_with_concurrently_deleted_dependency_returns_404(bench, monkeypatch, kind, path, body):
     needed = getattr(bench, kind)()
-    keeper, name = (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.answers, "run_once")
+    keeper, name = (
+        (bench.services.plans, "put_columns") if path == "/plans" else (bench.services.idempotency, "run_once")
+    )
     keep = getattr(keeper, name)
 
     def meanwhile(*arguments):
@@ -133,13 +135,13 @@ def test_creation_with_concurrently_deleted_dependency_returns_404(bench, monkey
 
 
 def test_a_mask_to_look_through_that_is_deleted_meanwhile_is_a_404(bench, monkeypatch):
-    scan, mask, once = bench.scan(), bench.mask(), bench.services.answers.run_once
+    scan, mask, once = bench.scan(), bench.mask(), bench.services.idempotency.run_once
 
     def meanwhile(*arguments):
         bench.delete("mask", mask)
         return once(*arguments)
 
-    monkeypatch.setattr(bench.services.answers, "run_once", meanwhile)
+    monkeypatch.setattr(bench.services.idempotency, "run_once", meanwhile)
     body = {"scan_id": scan, "through": {"mask_id": mask}, "parameters": SMALL}
     answer = bench.post("/reconstructions", **body)
     assert (answer.status_code, mask in answer.json()["detail"]) == (404, True), answer.text

@@ -111,7 +111,7 @@ def test_stop_ticket_without_a_connection_to_the_database_presses_the_stop(tmp_p
     with take_all(services):
         assert asyncio.run(press({"Cookie": "steradian_session=unknown"})).status_code == 503
         answer = asyncio.run(press(headers))
-    services.workshop.close()
+    services.process_pool.close()
     services.close()
     assert answer.status_code == 202, answer.text
     assert answer.json()["emergency_stop"]["by"] == f"{ADA.name} (stop ticket)"

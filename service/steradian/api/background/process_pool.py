@@ -57,7 +57,7 @@ class ProcessPool:
 
     def __init__(self, max_work: int = CPU_SECONDS) -> None:
         self._max_work = max_work
-        self._hands = ThreadPoolExecutor(POOL_SIZE, "workshop")
+        self._hands = ThreadPoolExecutor(POOL_SIZE, "process-pool")
         self._idle: list[_PoolProcess] = []
         self._busy: set[_PoolProcess] = set()
         self._guard = threading.Lock()
@@ -150,7 +150,7 @@ class _PoolProcess:
             if answer:
                 return answer
         except OSError as error:
-            _log.warning("a process of the workshop is gone: %s", error)
+            _log.warning("a process of the pool has ended: %s", error)
         finally:
             patience.cancel()
         self._process.kill()

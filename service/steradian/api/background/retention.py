@@ -40,7 +40,7 @@ class RetentionContext(Protocol):
     database: Database
     arrays: BlobStore
     log: EventLog
-    answers: IdempotencyStore
+    idempotency: IdempotencyStore
     deletion: DeletionService
 
     def remove_files(self) -> None:
@@ -64,7 +64,7 @@ def apply_retention(context: RetentionContext, *, shared: bool = True) -> None:
     if is_sure and shared:
         _forget_uploads(context, oldest)
         context.log.prune(context.clock() - timedelta(days=context.settings.event_days))
-        context.answers.prune()
+        context.idempotency.prune()
         if context.settings.retention_days is not None:
             _delete_jobs_before(context, timedelta(days=context.settings.retention_days))
     if not shared:

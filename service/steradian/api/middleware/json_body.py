@@ -37,7 +37,7 @@ class StrictJsonRequest(Request):
             return _parse(body)
         services: ServiceContainer = self.app.state.services
         try:
-            return await services.workshop.submit(_parse_large, body)
+            return await services.process_pool.submit(_parse_large, body)
         except SteradianError as error:
             self.refusal = error
             raise

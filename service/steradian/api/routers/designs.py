@@ -87,14 +87,14 @@ class PointSpreadView(BaseModel):
 async def preview_design(services: ServicesDep, wanted: DesignRequest) -> Response:
     """Compute a mask's points, visit order, coverage and cost without storing anything."""
     check_point_limit(wanted.arrangement, services.settings.max_mask_points)
-    return Response(await services.workshop.submit(_look, wanted), media_type=JSON)
+    return Response(await services.process_pool.submit(_look, wanted), media_type=JSON)
 
 
 @router.post("/point-spread", summary="Simulated image of a small ball", response_model=PointSpreadView)
 async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest) -> Response:
     """Simulate the point spread of an unsaved mask: A-lines of a small ball and their reconstruction."""
     check_point_limit(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))
-    return Response(await services.workshop.submit(_spread, wanted), media_type=JSON)
+    return Response(await services.process_pool.submit(_spread, wanted), media_type=JSON)
 
 
 def _look(wanted: DesignRequest) -> bytes:

@@ -51,7 +51,7 @@ async def create_mask(
     """Store a mask; the same parameters always give the same id."""
     check_point_limit(arrangement, services.settings.max_mask_points)
     if arrangement.expected_count > SMALL:
-        columns = await services.workshop.submit(_build, arrangement)
+        columns = await services.process_pool.submit(_build, arrangement)
     else:
         columns = await run_in_threadpool(_build, arrangement)
     row, is_new = await run_in_threadpool(services.masks.insert_row, columns)
@@ -77,9 +77,9 @@ async def preview_mask(
     check_point_limit(arrangement, services.settings.max_mask_points)
     if kind == PNG:
         async with services.previewing:
-            body = await services.workshop.submit(_picture, arrangement)
+            body = await services.process_pool.submit(_picture, arrangement)
     else:
-        body = await services.workshop.submit(_mask_metrics, arrangement)
+        body = await services.process_pool.submit(_mask_metrics, arrangement)
     return Response(body, media_type=kind, headers={"Vary": "Accept"})
 
 
@@ -144,7 +144,7 @@ async def read_mask_picture(
     if not await run_in_threadpool(path.is_file):
         async with services.drawing:
             if not await run_in_threadpool(path.is_file):
-                await services.workshop.submit(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
+                await services.process_pool.submit(_draw, await run_in_threadpool(services.masks.load, mask_id), path)
     return RangeFileResponse(path, media_type=PNG, headers={"ETag": etag})
 
 

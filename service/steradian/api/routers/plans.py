@@ -131,7 +131,7 @@ async def preview_plan(services: ServicesDep, request: Request, wanted: PlanRequ
     if (kind := negotiate(request, (JSON, PNG))) == PNG:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
         async with services.previewing:
-            body = await services.workshop.submit(_picture, mask, wanted)
+            body = await services.process_pool.submit(_picture, mask, wanted)
     else:
         body = PreviewView.model_validate((await _compute_rows(services, wanted))[0]["preview"]).model_dump_json()
     return Response(body, media_type=kind, headers={"Vary": "Accept"})
@@ -169,7 +169,7 @@ async def _compute_rows(
     """
     if wanted.order in OPTIMISED_ORDERS or wanted.beams:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
-        return await services.workshop.submit(_build, mask, wanted)
+        return await services.process_pool.submit(_build, mask, wanted)
     return await run_in_threadpool(lambda: _build(services.masks.load(wanted.mask_id), wanted))
 
 

@@ -180,7 +180,7 @@ def read_scan_shots(
     chosen = ArraySlice.parse(points, (count,), "points").index[0]
     wanted = np.zeros(count, bool)
     wanted[chosen] = True
-    changed, following = services.shot_looks.changed_since(scan_id, marks, since)
+    changed, following = services.shot_inspections.changed_since(scan_id, marks, since)
     rows = np.flatnonzero(wanted & changed)
     told = {name: values[rows] for name, values in columns.items()}
     return ShotsView(

@@ -153,7 +153,7 @@ async def press_stop(
     """Press the emergency stop of one scanner, locally or through the relay."""
     if (desk := services.local_stop_controller(scanner_id)) is None:
         services.nodes.reject_forwarding_loop(request, scanner_id)
-        return await services.courier.press(scanner_id, who, reason)
+        return await services.stop_relay.press(scanner_id, who, reason)
     errand = request.headers.get(STOP_ID_HEADER) if is_forwarded(request) else None
     press, deed = await desk.press(who.name, reason, errand)
     shown = EmergencyView.of(press, deed, recorded=desk.is_recorded(press))

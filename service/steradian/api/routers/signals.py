@@ -122,7 +122,7 @@ async def read_scan_signals(
             _check(file, scan_id, frame)
 
     await run_in_threadpool(check)
-    return Response(await services.workshop.submit(_look, path, frame), media_type=JSON, headers=headers)
+    return Response(await services.process_pool.submit(_look, path, frame), media_type=JSON, headers=headers)
 
 
 def _check(file: h5py.File, scan_id: str, frame: int) -> None:

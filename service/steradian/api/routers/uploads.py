@@ -207,7 +207,7 @@ async def preview_upload(services: ServicesDep, upload_id: UPLOAD_ID, wanted: Up
         if not _is_name(name) or await run_in_threadpool(services.arrays.stat, upload_name(name)) is None:
             raise NotFound("upload", name)
     paths = [await run_in_threadpool(services.arrays.open, upload_name(name)) for name in names]
-    return Response(await services.workshop.submit(_inspect, wanted.description, *paths), media_type=JSON)
+    return Response(await services.process_pool.submit(_inspect, wanted.description, *paths), media_type=JSON)
 
 
 @router.delete("/{upload_id}", status_code=204, summary="Forget an upload")

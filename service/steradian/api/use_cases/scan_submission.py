@@ -30,7 +30,7 @@ def submit_scan(
     DiskFull
         When the scan file does not fit on the disk.
     """
-    if (stored := services.answers.get(key)) is not None:
+    if (stored := services.idempotency.get(key)) is not None:
         return stored
     plan = services.plans.get(request.plan_id)
     scanner_id = request.scanner_id
@@ -58,7 +58,7 @@ def submit_scan(
         view = ScanView.of(row)
         return StoredResponse(201, view.links["self"], view.model_dump_json())
 
-    return services.answers.run_once(key, run)
+    return services.idempotency.run_once(key, run)
 
 
 def _require_completable(services: ServiceContainer, scan_id: str, plan: PlanRow) -> ScanRow:

@@ -134,7 +134,7 @@ def _submit_once(
     services: ServiceContainer, key: IdempotencyKey | None, admit: Callable[[], Admitted]
 ) -> StoredResponse:
     """Return the stored response of a repeated request; otherwise check the request, reserve disk and insert rows."""
-    if (stored := services.answers.get(key)) is not None:
+    if (stored := services.idempotency.get(key)) is not None:
         return stored
     admitted = admit()
     usage = services.refresh_disk_usage()  # may be slow: outside of the transaction
@@ -144,7 +144,7 @@ def _submit_once(
         lock_references(session, *(request.model_dump(mode="json") for request in admitted.requests))
         return admitted.insert(session)
 
-    return services.answers.run_once(key, run)
+    return services.idempotency.run_once(key, run)
 
 
 def _insert(
