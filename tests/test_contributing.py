@@ -68,7 +68,7 @@ random = np.random.default_rng(1)
 positions, traces = (random.random((20, 2)) - 0.5) * 0.01, random.normal(size=(20, 64))
 geometry = AcquisitionGeometry(positions, 64, dt=8e-9, sound_speed=1500.0, aperture=0.01)
 plan = ReconstructionPlan(geometry, ImageGrid(8), compute=Compute(device="cpu"))
-engine = CountingEngine(plan.tables)
+engine = CountingEngine(plan.tables, threads=2)
 image = run_inverse(engine, traces)
 assert engine.made == 1
 ours = plan.run(traces).values

@@ -1,4 +1,4 @@
-"""Clocks passed to the protocol's state machines: real, virtual and scaled time.
+"""Clocks passed to the protocol's state machines: real and scaled time.
 
 All times are whole microseconds (``int``), so that equal inputs give equal behaviour on every machine.
 """
@@ -7,9 +7,6 @@ from __future__ import annotations
 
 import time
 from typing import Protocol
-
-MICROSECONDS = 1_000_000
-"""Ticks per second."""
 
 
 class Clock(Protocol):
@@ -32,30 +29,6 @@ class RealClock:
         if _BOOTTIME_CLOCK is None:
             return time.monotonic_ns() // 1000
         return time.clock_gettime_ns(_BOOTTIME_CLOCK) // 1000
-
-
-class VirtualClock:
-    """Clock for tests; its time changes only through :meth:`advance`.
-
-    Parameters
-    ----------
-    start
-        First time in µs.
-    """
-
-    def __init__(self, start: int = 0) -> None:
-        self._now = start
-
-    def now(self) -> int:
-        """Return the time last set, in µs."""
-        return self._now
-
-    def advance(self, microseconds: int) -> int:
-        """Advance the time by ``microseconds`` (≥ 0) and return the new time."""
-        if microseconds < 0:
-            raise ValueError(f"the clock cannot run backwards (requested: {microseconds} µs)")
-        self._now += microseconds
-        return self._now
 
 
 class ScaledClock:

@@ -9,6 +9,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import driver_faults
 from driver_bench import Bench
 
 from fabry_perot.simulator import line_faults as line_faults
@@ -27,8 +28,8 @@ def make_bench() -> type[Bench]:
 class Faults:
     """The filters, reachable from tests by one fixture."""
 
-    bit_flips, byte_loss, drop = line_faults.BitFlips, line_faults.ByteFaults, line_faults.FramesOfType
-    stall, recorder = line_faults.Delay, line_faults.Recorder
+    bit_flips, byte_loss, drop = line_faults.BitFlips, driver_faults.ByteFaults, driver_faults.FramesOfType
+    stall, recorder = line_faults.Delay, driver_faults.Recorder
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
+from driver_clock import VirtualClock
 
-from fabry_perot.clock import VirtualClock
 from fabry_perot.device import Device
 from fabry_perot.errors import RequestRejected, ResponseTimeout
 from fabry_perot.hardware.instrument import InstrumentError, PlanSampling, PointRecord

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from driver_bench import CountingInstrument
+from driver_clock import VirtualClock
 
-from fabry_perot.clock import VirtualClock
 from fabry_perot.conformance import ConformanceHost, run
 from fabry_perot.device import Device
 from fabry_perot.device.timing import DeviceTiming

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+import driver_faults
 from driver_bench import Bench
 from driver_world import World
 
@@ -54,7 +55,7 @@ def replay_from_an_earlier_session() -> None:
     world.run(700)
     world.new_host()
     before, number = world.device.state, len(world.instrument.log)
-    world.up.filters.append(line_faults.Replay(old, world.clock.now()))
+    world.up.filters.append(driver_faults.Replay(old, world.clock.now()))
     world.run(300)
     assert world.device.state is before is DeviceState.SAFE_HOLD
     assert len(world.instrument.log) == number
@@ -153,7 +154,7 @@ def a_full_disk_fills_the_ring_and_stops_the_laser() -> None:
 
 def lost_acknowledgements() -> None:
     world = World()
-    world.up.filters.append(line_faults.FramesOfType(Type.ALINE_ACK, lambda count: count % 4 != 3))
+    world.up.filters.append(driver_faults.FramesOfType(Type.ALINE_ACK, lambda count: count % 4 != 3))
     world.begin()
     world.run(600)
     world.finish()
@@ -162,7 +163,7 @@ def lost_acknowledgements() -> None:
 
 def the_last_a_line_is_lost() -> None:
     bench = Bench()
-    bench.down.filters.append(line_faults.FramesOfType(Type.ALINE, lambda count: count == 49))
+    bench.down.filters.append(driver_faults.FramesOfType(Type.ALINE, lambda count: count == 49))
     bench.scan(50)
     bench.until(lambda: bench.device.state is DeviceState.DONE, 3_000)
     bench.check_exact(50)
@@ -170,7 +171,7 @@ def the_last_a_line_is_lost() -> None:
 
 def points_are_lost_on_the_way() -> None:
     bench = Bench(max_payload=200)
-    bench.up.filters.append(line_faults.FramesOfType(Type.PLAN_DATA, lambda count: count in (1, 4)))
+    bench.up.filters.append(driver_faults.FramesOfType(Type.PLAN_DATA, lambda count: count in (1, 4)))
     bench.connect()
     plan = bench.upload(50)
     assert bench.device.plan.expected == 50
@@ -179,7 +180,7 @@ def points_are_lost_on_the_way() -> None:
 
 def the_last_points_are_lost() -> None:
     bench = Bench(max_payload=200)
-    bench.up.filters.append(line_faults.FramesOfType(Type.PLAN_DATA, lambda count: count == 4))
+    bench.up.filters.append(driver_faults.FramesOfType(Type.PLAN_DATA, lambda count: count == 4))
     bench.connect()
     bench.upload(50)
 
@@ -217,7 +218,7 @@ def an_abort_ends_emission_within_its_bound() -> None:
         world = World(ring=100)
         world.begin()
         world.run(40)
-        world.up.filters.append(line_faults.FramesOfType(Type.ABORT, lambda count: count < 2))
+        world.up.filters.append(driver_faults.FramesOfType(Type.ABORT, lambda count: count < 2))
         asked = world.device_now
         world.abort(level)
         world.run(400)
@@ -230,7 +231,7 @@ def an_abort_on_a_dead_line_still_ends_emission_by_the_lease() -> None:
     world = World(400, ring=300)
     world.begin()
     world.run(40)
-    world.up.filters.append(line_faults.FramesOfType(Type.ABORT, lambda count: True))
+    world.up.filters.append(driver_faults.FramesOfType(Type.ABORT, lambda count: True))
     asked = world.device_now
     world.abort(AbortLevel.LASER_OFF)
     world.run(1_500)

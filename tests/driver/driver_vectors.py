@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cobs.cobs
 from driver_bench import DEVICE_EPOCH, Bench, truth
+from driver_faults import FramesOfType
 
-from fabry_perot.simulator.line_faults import FramesOfType
 from fabry_perot.wire.constants import AbortLevel, Operation, Result, Type
 from fabry_perot.wire.framing import CRC, HEADER, VERSION, Frame, crc32c, encode_frame
 from fabry_perot.wire.messages import (

@@ -11,11 +11,11 @@ from contextlib import suppress
 
 import numpy as np
 from driver_bench import Bench, truth
+from driver_faults import Recorder
 from driver_reference import frames
 
 from fabry_perot.errors import RequestRejected, ScannerError
 from fabry_perot.host import Host, RecoveryPolicy, ScanRecovery, WirePlan
-from fabry_perot.simulator.line_faults import Recorder
 from fabry_perot.wire.constants import AbortLevel, Operation
 from fabry_perot.wire.messages import POINT, unpack_body
 from fabry_perot.wire.states import RUNNING, DeviceState

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from driver_clock import VirtualClock
 
-from fabry_perot.clock import RealClock, ScaledClock, VirtualClock
+from fabry_perot.clock import RealClock, ScaledClock
 from fabry_perot.device import DeviceTiming
 
 

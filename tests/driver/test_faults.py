@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 
+import driver_faults
 import pytest
 
 from fabry_perot.simulator import line_faults
@@ -31,13 +32,13 @@ def test_bit_flips_come_at_their_rate_and_the_same_ones_for_the_same_seed():
 
 
 def test_byte_faults_drop_insert_and_double():
-    changed = through(line_faults.ByteFaults(3, 500), DATA)
+    changed = through(driver_faults.ByteFaults(3, 500), DATA)
     assert changed != DATA
     assert abs(len(changed) - len(DATA)) < 60
 
 
 def test_whole_pieces_come_twice_or_too_late_but_are_never_lost():
-    item, parts = line_faults.ChunkFaults(5, 4), pieces(DATA)
+    item, parts = driver_faults.ChunkFaults(5, 4), pieces(DATA)
     out = [item(part, 0) for part in parts]
     assert any(piece == part + part for piece, part in zip(out, parts, strict=True))
     assert any(piece == late + early for piece, early, late in zip(out[1:], parts, parts[1:], strict=False))
@@ -58,7 +59,7 @@ def test_a_stall_gives_up_everything_at_its_end_and_a_cut_nothing():
 
 
 def test_fault_slow_reader_limits_rate_and_preserves_order():
-    item = line_faults.SlowReader(1_000.0)
+    item = driver_faults.SlowReader(1_000.0)
     out = [item(DATA[:100] if step == 0 else b"", 10_000 * step) for step in range(12)]
     assert b"".join(out) == DATA[:100]
     assert [len(part) for part in out[1:11]] == [10] * 10
@@ -73,22 +74,22 @@ def test_frames_are_lost_whole_and_at_their_share(share):
 
 @pytest.mark.parametrize("copies", [0, 2])
 def test_a_frame_of_a_type_is_lost_or_doubled_by_its_count(copies):
-    item = line_faults.FramesOfType(0x31, lambda count: count == 3, copies=copies)
+    item = driver_faults.FramesOfType(0x31, lambda count: count == 3, copies=copies)
     left = Deframer().feed(through(item, LINE))
     assert [left.count(frame) for frame in FRAMES] == [copies if frame == FRAMES[7] else 1 for frame in FRAMES]
     assert item.seen == 40
 
 
 def test_fault_recorder_keeps_tail_and_replay_inserts_it_once():
-    recorder = line_faults.Recorder(50)
+    recorder = driver_faults.Recorder(50)
     assert through(recorder, DATA) == DATA
     assert recorder.data == DATA[-50:]
-    replay = line_faults.Replay(recorder.data, 100)
+    replay = driver_faults.Replay(recorder.data, 100)
     assert (replay(b"a", 99), replay(b"b", 100), replay(b"c", 101)) == (b"a", DATA[-50:] + b"b", b"c")
 
 
 def test_a_chain_passes_through_all_of_them_in_order():
-    chain = line_faults.FilterChain([line_faults.DropAll(0, 10), line_faults.Recorder()])
-    chain.filters.append(recorder := line_faults.Recorder())
+    chain = line_faults.FilterChain([line_faults.DropAll(0, 10), driver_faults.Recorder()])
+    chain.filters.append(recorder := driver_faults.Recorder())
     assert chain(b"a", 5) == b""
     assert chain(b"b", 10) == recorder.data == b"b"

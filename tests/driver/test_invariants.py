@@ -3,6 +3,7 @@ nothing comes twice, no shot lies outside a live lease, and an abort ends emissi
 
 from __future__ import annotations
 
+import driver_faults
 import pytest
 from driver_world import World
 from hypothesis import HealthCheck, Phase, settings
@@ -38,11 +39,11 @@ class ScanMachine(RuleBasedStateMachine):
 
     @rule(way=WAYS, seed=SEEDS)
     def bytes_dropped_inserted_doubled(self, way: str, seed: int) -> None:
-        self.put(way, line_faults.ByteFaults(seed, 300))
+        self.put(way, driver_faults.ByteFaults(seed, 300))
 
     @rule(way=WAYS, seed=SEEDS)
     def pieces_doubled_or_overtaken(self, way: str, seed: int) -> None:
-        self.put(way, line_faults.ChunkFaults(seed, 4))
+        self.put(way, driver_faults.ChunkFaults(seed, 4))
 
     @rule(way=WAYS, milliseconds=SPAN)
     def stall_then_release(self, way: str, milliseconds: int) -> None:
@@ -56,11 +57,11 @@ class ScanMachine(RuleBasedStateMachine):
 
     @rule(way=WAYS)
     def slow_reader(self, way: str) -> None:
-        self.put(way, line_faults.SlowReader(20_000))
+        self.put(way, driver_faults.SlowReader(20_000))
 
     @rule(way=WAYS, kind=FRAMES, nth=st.integers(0, 3))
     def nth_frame_of_a_type_lost(self, way: str, kind: Type, nth: int) -> None:
-        self.put(way, line_faults.FramesOfType(kind, lambda count: count == nth))
+        self.put(way, driver_faults.FramesOfType(kind, lambda count: count == nth))
 
     @rule(milliseconds=SPAN)
     def unplugged_and_plugged_in(self, milliseconds: int) -> None:
@@ -91,7 +92,7 @@ class ScanMachine(RuleBasedStateMachine):
     @rule(share=st.floats(0.1, 1.0))
     def earlier_bytes_are_replayed(self, share: float) -> None:
         data = self.world.recorder.data
-        self.put("up", line_faults.Replay(data[: int(share * len(data))], self.world.clock.now()))
+        self.put("up", driver_faults.Replay(data[: int(share * len(data))], self.world.clock.now()))
 
     @rule(level=st.sampled_from([AbortLevel.PAUSE, AbortLevel.LASER_OFF, AbortLevel.EMERGENCY_STOP]))
     def somebody_aborts(self, level: AbortLevel) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 
+import driver_faults
 import numpy as np
 import pytest
 from driver_bench import Bench, truth
@@ -19,10 +20,10 @@ from fabry_perot.wire.messages import POINT
 
 def record(encoding: int, *, noisy: bool) -> tuple[Bench, bytes, bytes]:
     bench = Bench(max_payload=641)
-    up, down = line_faults.Recorder(), line_faults.Recorder()
+    up, down = driver_faults.Recorder(), driver_faults.Recorder()
     if noisy:
         bench.down.filters.append(line_faults.BitFlips(3, 2e-5))
-        bench.up.filters.append(line_faults.ByteFaults(4, 2000))
+        bench.up.filters.append(driver_faults.ByteFaults(4, 2000))
     bench.up.filters.append(up)
     bench.down.filters.append(down)
     bench.connect()
@@ -74,8 +75,8 @@ def test_the_second_readers_checksum_is_castagnolis():
 def test_a_lines_that_wait_share_frames_which_the_second_reader_takes_apart_and_a_lost_one_costs_none_of_them():
     bench = Bench(max_payload=8192)
     bench.instrument.moving = 0
-    recorder = line_faults.Recorder()
-    bench.down.filters += [recorder, line_faults.FramesOfType(Type.ALINE, lambda count: count == 3)]
+    recorder = driver_faults.Recorder()
+    bench.down.filters += [recorder, driver_faults.FramesOfType(Type.ALINE, lambda count: count == 3)]
     bench.scan(60, samples=500, rate=5000.0)
     bench.finish()
     bench.check_exact(60)

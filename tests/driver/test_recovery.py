@@ -7,13 +7,14 @@ import time
 from contextlib import suppress
 from functools import cache, partial
 
+import driver_faults
 import numpy as np
 import pytest
 from driver_world import World
 
 import fabry_perot
 from fabry_perot import RecoveryPolicy
-from fabry_perot.simulator import launch, line_faults, phantoms
+from fabry_perot.simulator import launch, phantoms
 from fabry_perot.simulator.signal_path import peak_pressure
 from fabry_perot.wire.constants import AbortLevel, Operation, Type
 from fabry_perot.wire.states import DeviceState
@@ -145,7 +146,7 @@ def test_reboot_lists_lost_points_fired_by_previous_host():
     world.kill_host()
     world.run(1_000)
     assert world.device.plan.position > len(world.disk), "the device holds A-lines"
-    world.down.filters.append(lost := line_faults.FramesOfType(Type.ALINE, lambda count: True))
+    world.down.filters.append(lost := driver_faults.FramesOfType(Type.ALINE, lambda count: True))
     world.new_host()
     world.go()
     lose_some(world)
@@ -156,7 +157,7 @@ def test_reboot_lists_lost_points_fired_by_previous_host():
 
 def lose_some(world: World) -> None:
     """Let the device reboot while A-lines do not get through, and have somebody take the scan up."""
-    lost = line_faults.FramesOfType(Type.ALINE, lambda count: True)
+    lost = driver_faults.FramesOfType(Type.ALINE, lambda count: True)
     world.down.filters.insert(0, lost)
     world.until(lambda: lost.seen >= 4, 10_000)
     world.reboot(200)
@@ -243,7 +244,7 @@ def test_a_step_of_recovery_that_goes_unanswered_is_tried_again_later():
     world.run(60)
     world.unplug(100)
     world.run(100)
-    lost = line_faults.FramesOfType(Type.REQ, lambda count: count < 6)
+    lost = driver_faults.FramesOfType(Type.REQ, lambda count: count < 6)
     world.up.filters.append(lost)
     world.run(4_000)
     world.until(lambda: len(world.disk) == 40, 10_000)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-AFFINE, CUBIC = 1, 3
+CUBIC = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -105,30 +105,6 @@ def nearest_neighbour_spacing(mask: Mask) -> NDArray[np.float64]:
     return np.asarray(KDTree(mask.positions).query(mask.positions, k=2)[0])[:, 1]
 
 
-def density_map(mask: Mask, pixels: int = 128) -> NDArray[np.float64]:
-    """Return a map of the sensor density over the aperture.
-
-    Parameters
-    ----------
-    mask
-        A mask of a plane.
-    pixels
-        Size of the map on each axis.
-
-    Returns
-    -------
-    ndarray
-        (pixels, pixels) [x, y], sensors per m²: one over the weight of the nearest sensor.
-
-    Raises
-    ------
-    InvalidInput
-        For a line.
-    """
-    found: NDArray[np.float64] = 1 / mask.weights[_nearest(mask, pixels)]
-    return found
-
-
 def spacing_map(mask: Mask, pixels: int = 256) -> NDArray[np.float64]:
     """Return a map over the aperture of the spacing at the nearest sensor (:attr:`MaskMetrics.spacing`).
 

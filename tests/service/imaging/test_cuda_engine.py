@@ -17,9 +17,9 @@ from steradian.imaging import (
     spectrum_of,
 )
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.operators import ForwardOperator
 from support.flat import flat_operator, flat_plan
+from support.reference_engine import ReferenceEngine
 
 SIDE = 1e-3
 RNG = np.random.default_rng(0)

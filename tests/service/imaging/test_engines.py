@@ -10,12 +10,12 @@ import pytest
 from steradian.core.exceptions import Cancelled
 from steradian.imaging import ElasticFilm, InverseFilter, kaiser_bessel
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.numba.constants import CACHE_LINE_BYTES
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.memory_plan import aligned_empty
 from steradian.masks import equi_steradian_mask
 from support.flat import flat_operator, flat_plan
+from support.reference_engine import ReferenceEngine
 
 SIDE = 0.01
 RNG = np.random.default_rng(0)

@@ -12,11 +12,11 @@ import pytest
 from steradian import phantoms, quality
 from steradian.imaging import Volume
 from steradian.imaging.engines import run_forward, run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.engines.cuda.array_backend import device
 from steradian.imaging.engines.cuda.engine import CudaEngine
 from steradian.masks import equi_steradian_mask
 from support.flat import flat_operator, flat_plan, flat_reconstruct
+from support.reference_engine import ReferenceEngine
 
 pytestmark = [pytest.mark.gpu, pytest.mark.timeout(600)]
 APERTURE, DEPTH, SPEED, INTERVAL = 13.56e-3, 3.6e-3, 1480.0, 8e-9

@@ -11,11 +11,11 @@ import pytest
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, Volume, direct_spectrum, spectrum_of
 from steradian.imaging.engines import run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.transforms.decimation import plan_decimation
 from steradian.masks import equi_steradian_mask
 from support.flat import flat_plan, flat_reconstruct
+from support.reference_engine import ReferenceEngine
 
 SIDE, INTERVAL, SPEED = 0.01, 8e-9, 1500.0
 COMMON: dict[str, Any] = {"sampling_interval": INTERVAL, "sound_speed": SPEED, "aperture": SIDE}

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, Volume, direct_spectrum
 from steradian.imaging.engines import run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.phantoms import Balls, pressure
 from support.flat import flat_fit, flat_operator, flat_plan, flat_reconstruct
+from support.reference_engine import ReferenceEngine
 
 SPEED, INTERVAL, SIDE, COUNT = 1500.0, 20e-9, 4e-3, 20
 STEP = SPEED * INTERVAL

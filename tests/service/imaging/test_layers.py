@@ -27,11 +27,11 @@ from steradian.imaging import (
     reconstruct,
 )
 from steradian.imaging.engines import run_inverse
-from steradian.imaging.engines.array import ReferenceEngine
 from steradian.imaging.incremental import IncrementalReconstruction
 from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 from steradian.phantoms import Balls, layered_pressure, pressure
+from support.reference_engine import ReferenceEngine
 
 WATER_TISSUE = Medium([Layer(1480.0, 2e-3), Layer(1580.0)])
 SLOWER_BELOW = Medium([Layer(1580.0, 2e-3), Layer(1480.0)])

@@ -9,7 +9,7 @@ from steradian import InvalidInput, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask
 from steradian.masks.film_attenuation import attenuation_db
 from steradian.masks.limited_view import limited_view, visible_fraction
-from steradian.masks.metrics import density_map, evaluate_mask
+from steradian.masks.metrics import evaluate_mask
 from steradian.masks.plots import draw_mask
 from steradian.masks.point_spread import point_spread
 from steradian.masks.weights import resolve_outline
@@ -37,14 +37,6 @@ def test_figures_that_need_a_point_of_interest_are_left_out_without_one():
     assert seen.largest_angle == pytest.approx(np.arctan(np.hypot(2.5e-3, 2.5e-3) / 2e-3))
     with pytest.raises(InvalidInput, match="z > 0"):
         evaluate_mask(grid, (0, 0, 0))
-
-
-def test_the_density_map_counts_the_sensors():
-    """The mean density times the area is about the number of sensors."""
-    assert density_map(grid_mask(1e-2, 20, 5e-4)).mean() * 1e-4 == pytest.approx(400)
-    assert density_map(MASK)[64, 64] > 5 * density_map(MASK)[2, 64]
-    with pytest.raises(InvalidInput, match="plane"):
-        density_map(equiangular_mask(1e-2, 1e-3, 9))
 
 
 def test_no_plane_sees_edges_perpendicular_to_itself():
