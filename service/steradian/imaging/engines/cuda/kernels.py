@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from steradian.imaging.engines.numba.response_interpolation import lookup
+
 cuda: Any = importlib.import_module("numba.cuda")  # numba-cuda's, or Numba's simulator
 _FLOOR = 64
 """More than half of the widest window: what is above −64 is rounded down by cutting off after adding it."""
@@ -38,19 +40,7 @@ def stencil_position(kappa: float, rule: Any) -> tuple[int, float]:
     return cell - rule.lowest, 2.0 * (left - whole) - 1.0
 
 
-@cuda.jit(device=True)
-def interpolate_response(table: Any, steps: Any, square: float, kappa: float) -> tuple[float, float]:
-    """Interpolate the response bilinearly at κ and the angle of sine |j|/κ: amplitude, and phase in turns."""
-    u = min(kappa * steps[0], table.shape[1] - 1.000001)
-    sine = math.sqrt(square) / kappa if kappa > 0 else 0.0
-    v = min(sine * steps[1], table.shape[2] - 1.000001)
-    i, k = int(u), int(v)
-    a, b = u - i, v - k
-    low = table[0, i, k] * (1 - b) + table[0, i, k + 1] * b
-    high = table[0, i + 1, k] * (1 - b) + table[0, i + 1, k + 1] * b
-    low_turn = table[1, i, k] * (1 - b) + table[1, i, k + 1] * b
-    high_turn = table[1, i + 1, k] * (1 - b) + table[1, i + 1, k + 1] * b
-    return low * (1 - a) + high * a, low_turn * (1 - a) + high_turn * a
+interpolate_response = cuda.jit(device=True)(lookup)
 
 
 @cuda.jit(device=True)
