@@ -2,7 +2,7 @@
 # Prove and measure the GPU engine on a machine with a CUDA device, in one command.
 #
 #   benchmarks/gpu_session.sh tests       the engine's tests, on the device: a line for each, and their output in tests.log
-#   benchmarks/gpu_session.sh benchmark   steradian benchmark gpu: a table, and gpu.json
+#   benchmarks/gpu_session.sh benchmark   python -m steradian_benchmarks gpu: a table, and gpu.json
 #   benchmarks/gpu_session.sh all         both
 #   benchmarks/gpu_session.sh fetch       beforehand, where an index of packages can be reached: wheels into .wheels
 #   benchmarks/gpu_session.sh collect     keep what came in .wheels/part-N

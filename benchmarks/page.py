@@ -18,9 +18,9 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 from fabry_perot.simulator import launch
-from steradian.benchmarks.service import running_service
-from steradian.benchmarks.stop_latency import _cpu_load, _read_simulator, _release, _start, _until
 from steradian.core.settings import Settings
+from steradian_benchmarks.service import running_service
+from steradian_benchmarks.stop_latency import _cpu_load, _read_simulator, _release, _start, _until
 
 ARGUMENTS = "--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader".split()
 OVER = {"aborted", "interrupted", "complete", "failed"}

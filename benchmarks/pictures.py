@@ -13,12 +13,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from page import address, service_and_browser
 from PIL import Image
 
 from fabry_perot.simulator.phantoms import pressure
 from fabry_perot.simulator.shapes import vessels
-from steradian.benchmarks.paper.pictures import few_colours
+from page import address, service_and_browser
+from steradian_benchmarks.paper.pictures import few_colours
 from steradian_client import Client
 
 SIZES = {"": (1280, 720), "tablet-": (1024, 768)}

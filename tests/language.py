@@ -11,7 +11,12 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("service/steradian", "driver/fabry_perot", "clients/python/steradian_client")
+SOURCES = (
+    "service/steradian",
+    "driver/fabry_perot",
+    "clients/python/steradian_client",
+    "benchmarks/steradian_benchmarks",
+)
 RULES = {
     "begins with a question word": r"^(what|who|whose|where|how|which|those|whoever)\b",
     "clause with 'what' instead of a noun": r"(?<!`)\bwhat(ever)?\b(?!-if)",

@@ -12,7 +12,6 @@ import steradian
 BY_NAME = {
     "__init__.py",  # public names, loaded when first used
     "cli/app.py",  # the module of a command
-    "benchmarks/paper/sections.py",  # the chosen sections of the paper
     "imaging/engines/cuda/array_backend.py",  # modules of CuPy and numba-cuda
     "reconstructions/exporting/__init__.py",  # the writer of a format
     "reconstructions/exporting/optional_imports.py",  # optional libraries

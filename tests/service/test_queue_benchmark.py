@@ -1,10 +1,10 @@
-"""``steradian benchmark queue`` in small: it measures what it says and finds nothing lost."""
+"""``python -m steradian_benchmarks queue`` in small: it measures what it says and finds nothing lost."""
 
 import pytest
 
-from steradian.benchmarks.queue import latency, load
-from steradian.benchmarks.service_overhead import KINDS, throughput
 from steradian.core.settings import Settings
+from steradian_benchmarks.queue import latency, load
+from steradian_benchmarks.service_overhead import KINDS, throughput
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(300)]
 

@@ -1,8 +1,8 @@
-"""``steradian benchmark stop`` in small: the laser that it times does go off."""
+"""``python -m steradian_benchmarks stop`` in small: the laser that it times does go off."""
 
 import pytest
 
-from steradian.benchmarks.stop_latency import stop
+from steradian_benchmarks.stop_latency import stop
 
 
 @pytest.mark.soak

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from steradian.benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
 from steradian.scans.importing.geometry import fit_sensor_plane
+from steradian_benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
 
 ROOT = Path(__file__).parents[3]
 

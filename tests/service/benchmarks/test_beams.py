@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.beams import BEGIN, END, _times, table, write_page
 from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.multi_beam import read_beams
 from steradian.plans import Link, ScanPlan
+from steradian_benchmarks.beams import BEGIN, END, _times, table, write_page
 
 DOCS = Path(__file__).parents[3] / "docs"
 ROWS = json.loads((DOCS / "beams.json").read_text())["rows"]

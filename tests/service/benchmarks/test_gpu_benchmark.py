@@ -1,4 +1,4 @@
-"""``steradian benchmark gpu``: its rows, and the sentence where there is no GPU."""
+"""``python -m steradian_benchmarks gpu``: its rows, and the sentence where there is no GPU."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from steradian.benchmarks.gpu import FASTER, LIMIT, gpu, limit_violations
-from steradian.benchmarks.gpu_report import BEGIN, END, tables
-from steradian.cli.benchmark import app
 from steradian.imaging.engines.cuda import array_backend
+from steradian_benchmarks.commands import app
+from steradian_benchmarks.gpu import FASTER, LIMIT, gpu, limit_violations
+from steradian_benchmarks.gpu_report import BEGIN, END, tables
 
 
 @pytest.mark.skipif(array_backend.unavailable_reason() is None, reason="there is a GPU")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.paper import focus, iterative
-from steradian.benchmarks.paper.sections import SectionContext, Verdict
+from steradian_benchmarks.paper import focus, iterative
+from steradian_benchmarks.paper.sections import SectionContext, Verdict
 
 
 @pytest.mark.soak

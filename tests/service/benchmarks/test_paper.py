@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from steradian.benchmarks.paper import paper
-from steradian.benchmarks.paper.markdown import number, spread, table
-from steradian.benchmarks.paper.page import BEGIN, END, claims_of, page, put_into_readme, readme_block
-from steradian.benchmarks.paper.sections import SECTION_NAMES, Claim, Verdict, sections
-from steradian.cli.app import app
 from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian_benchmarks.commands import app
+from steradian_benchmarks.paper import paper
+from steradian_benchmarks.paper.markdown import number, spread, table
+from steradian_benchmarks.paper.page import BEGIN, END, claims_of, page, put_into_readme, readme_block
+from steradian_benchmarks.paper.sections import SECTION_NAMES, Claim, Verdict, sections
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
@@ -37,7 +37,7 @@ def quick(tmp_path_factory):
     readme = folder / "README.md"
     readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", "utf-8")
     only = [word for name in ("resolution", "tree", "yarn") for word in ("--only", name)]
-    arguments = ["benchmark", "paper", "--quick", "--output", str(folder), "--readme", str(readme), *only]
+    arguments = ["paper", "--quick", "--output", str(folder), "--readme", str(readme), *only]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     return folder

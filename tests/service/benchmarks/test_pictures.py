@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from steradian.benchmarks.paper.pictures import few_colours
 from steradian.drawing.style import colours
+from steradian_benchmarks.paper.pictures import few_colours
 
 
 def off(picture, original):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.sound_speed import summary, table
+from steradian_benchmarks.sound_speed import summary, table
 
 DOCS = Path(__file__).parents[3] / "docs"
 

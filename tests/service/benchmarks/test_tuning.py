@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from steradian.benchmarks.visit_orders import BEGIN, END, optimal_wavelengths, tables, write_page
 from steradian.masks import equi_steradian_mask
 from steradian.plans import Link, ScanPlan, Tuning, preview
+from steradian_benchmarks.visit_orders import BEGIN, END, optimal_wavelengths, tables, write_page
 
 DOCS = Path(__file__).parents[3] / "docs"
 ROWS = json.loads((DOCS / "tuning.json").read_text())["rows"]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
-from steradian.benchmarks.visit_orders import optimal_wavelengths, simulated_seconds
 from steradian.plans import Fringe, Link, Tuning, VisitOrder, preview
 from steradian.plans.files import read_json, write_json
 from steradian.plans.wavelength_bands import hold_wavelength, partition_bands
+from steradian_benchmarks.visit_orders import optimal_wavelengths, simulated_seconds
 
 MASK = equi_steradian_mask(13.56e-3, 3.6e-3, 1600)
 SLOW = Tuning(settling=5e-3, speed=1.0)

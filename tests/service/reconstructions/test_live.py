@@ -14,7 +14,6 @@ import pytest
 
 from fabry_perot import RecoveryPolicy, simulator
 from fabry_perot.simulator import phantoms
-from steradian.benchmarks.live import live as benchmark
 from steradian.core.exceptions import Cancelled, InvalidInput, NotFound
 from steradian.imaging import Volume, reconstruct
 from steradian.imaging.signal.conditioning import Display
@@ -35,6 +34,7 @@ from steradian.scans.file.read import read_scan
 from steradian.scans.file.tail import IdleDetector, ScanTail
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.recording import Recording
+from steradian_benchmarks.live import live as benchmark
 from support.alines import Aline
 from support.pacing import InStep
 

@@ -11,12 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from fabry_perot.simulator.phantoms import Balls, pressure, yarn
-from steradian.benchmarks.sound_speed import scene, search
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.masks import equi_steradian_mask
 from steradian.reconstructions.studies import sound_speed_fit as speed_fit
 from steradian.reconstructions.studies.sound_speed_fit import SpeedFit
 from steradian.reconstructions.studies.sound_speed_search import SoundSpeedCurve, find_sound_speed, scan_sound_speed
+from steradian_benchmarks.sound_speed import scene, search
 
 SIDE, DEPTH, INTERVAL, SAMPLES = 7.2e-3, 2.0e-3, 16e-9, 400
 

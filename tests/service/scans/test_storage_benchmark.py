@@ -1,4 +1,4 @@
-from steradian.benchmarks.storage import storage
+from steradian_benchmarks.storage import storage
 
 
 def test_the_storage_benchmark_measures_both_and_leaves_an_intact_file(tmp_path):
