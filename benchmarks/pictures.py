@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from fabry_perot.simulator.named_phantoms import vessels
 from fabry_perot.simulator.phantoms import pressure
-from fabry_perot.simulator.shapes import vessels
 from page import address, service_and_browser
 from steradian_benchmarks.paper.pictures import few_colours
 from steradian_client import Client

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import steradian
-from fabry_perot.simulator import shapes
+from fabry_perot.simulator import named_phantoms
 from fabry_perot.simulator.signal_path import peak_pressure
 from steradian import phantoms
 
@@ -71,7 +71,7 @@ def pressure(walked):
         np.testing.assert_allclose(alines["time_zero_s"], 120e-9)
         interval, where = float(plan["sampling_interval_s"]), np.asarray(file["mask/positions"])
     late = round(120e-9 / interval)
-    made = shapes.by_name("yarn")
+    made = named_phantoms.by_name("yarn")
     balls = phantoms.Balls(made.centres, made.sigmas, made.amplitudes)
     samples = measured.shape[1] + late
     true = phantoms.pressure(balls, where, samples=samples, sampling_interval=interval, sound_speed=1500.0)
@@ -99,7 +99,7 @@ def test_the_volume_shows_the_object(walked, pressure):
     folder, (_, true, _, interval) = walked[0], pressure
     volume = steradian.open(folder / "image" / "volume.h5")
     mask = steradian.open(folder / "mask.json")
-    rms = 10 ** (-40 / 20) * peak_pressure(shapes.by_name("yarn"), 1500.0)
+    rms = 10 ** (-40 / 20) * peak_pressure(named_phantoms.by_name("yarn"), 1500.0)
     noise = np.random.default_rng(0).normal(0, rms, true.shape)
     grid = steradian.ImageGrid(volume.values.shape[0], depth=(9.2e-4, 6.2e-3))
     ideal, noisy = (

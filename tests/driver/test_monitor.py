@@ -12,7 +12,7 @@ from driver_bench import Bench
 from driver_holders import FAST, FOREIGN, program, report, scan_of
 
 import fabry_perot
-from fabry_perot.host.passive_listener import Passive
+from fabry_perot.host.sessionless_link import Passive
 from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import PROTOCOL, Operation, Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame

@@ -9,7 +9,7 @@ import fabry_perot
 from fabry_perot import TuningMap
 from fabry_perot.errors import PlanInvalid, RequestRejected, ResponseTimeout
 from fabry_perot.hardware import PlanSampling
-from fabry_perot.simulator import launch, phantoms, shapes
+from fabry_perot.simulator import launch, named_phantoms, phantoms
 from fabry_perot.simulator.film import BANDWIDTH, Film, Response, directivity, low_pass
 from fabry_perot.simulator.instrument import SimulatedInstrument
 from fabry_perot.wire.constants import Operation
@@ -189,30 +189,30 @@ def test_every_film_records_within_16_bits_and_a_small_range_clips_with_a_flag(r
         assert instrument.measure(point[0], shot=1).quality == flag
 
 
-@pytest.mark.parametrize("name", shapes.NAMES)
+@pytest.mark.parametrize("name", named_phantoms.NAMES)
 def test_every_phantom_lies_under_the_film_and_is_the_same_for_the_same_seed(name):
-    balls = shapes.by_name(name, 4)
+    balls = named_phantoms.by_name(name, 4)
     assert balls.centres[:, 2].min() > 0.1e-3
     assert np.abs(balls.centres[:, :2]).max() < 8e-3
-    assert np.array_equal(balls.centres, shapes.by_name(name, 4).centres)
+    assert np.array_equal(balls.centres, named_phantoms.by_name(name, 4).centres)
 
 
 def test_a_phantom_from_a_file_is_its_balls_or_its_volumes_strongest_voxels(tmp_path):
-    balls = shapes.star()
+    balls = named_phantoms.star()
     np.savez(tmp_path / "a.npz", centres=balls.centres, sigmas=balls.sigmas, amplitudes=balls.amplitudes)
-    assert np.array_equal(shapes.by_name(str(tmp_path / "a.npz")).centres, balls.centres)
+    assert np.array_equal(named_phantoms.by_name(str(tmp_path / "a.npz")).centres, balls.centres)
     volume = np.zeros((3, 4, 5))
     volume[1, 2, 3] = 2.0
     np.savez(tmp_path / "b.npz", volume=volume, spacing=[1e-4] * 3, origin=[0, 0, 1e-3])
-    one = shapes.from_file(tmp_path / "b.npz")
+    one = named_phantoms.from_file(tmp_path / "b.npz")
     assert one.centres.tolist() == [pytest.approx([1e-4, 2e-4, 1.3e-3])]
     assert one.amplitudes.tolist() == [2.0]
     np.savez(tmp_path / "c.npz", other=volume)
     with pytest.raises(ValueError, match="expected: balls"):
-        shapes.from_file(tmp_path / "c.npz")
+        named_phantoms.from_file(tmp_path / "c.npz")
     np.savez(tmp_path / "d.npz", volume=0 * volume, spacing=[1e-4] * 3, origin=[0, 0, 1e-3])
     with pytest.raises(ValueError, match="all zero"):
-        shapes.from_file(tmp_path / "d.npz")
+        named_phantoms.from_file(tmp_path / "d.npz")
 
 
 @pytest.mark.parametrize(("relief", "alike", "unlike"), [("scatter", 5e-6, 100e-6), ("domains", 2e-6, 8e-3)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from multiprocessing.sharedctypes import Synchronized
 
-from steradian.scans.acquisition.control import Command, SessionControl
+from steradian.scans.acquisition.session_control import Command, SessionControl
 
 
 class InStep(SessionControl):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class LaserLease:
-    """Lease that permits emission until ``echo + min(TTL, cap)`` of device time, for an ``echo`` not after now.
+    """Laser lease: time-limited permission to emit; a renewal extends it to ``echo + min(TTL, cap)`` of device time.
 
     The host echoes a time the device itself sent, so bytes that waited in a buffer carry their age with them and
     cannot keep the laser on; a watchdog on arrival times could not tell. A time the device has not reached yet it

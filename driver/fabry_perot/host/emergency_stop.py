@@ -14,8 +14,8 @@ from fabry_perot.errors import LinkLost, PortBusy, ScannerError
 from fabry_perot.host import control_client
 from fabry_perot.host.address import split
 from fabry_perot.host.control_client import Listener, Reply
-from fabry_perot.host.passive_listener import Passive
 from fabry_perot.host.port_usage import aliases, lock_owner, program_of
+from fabry_perot.host.sessionless_link import Passive
 from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, answer, unconfirmed
 from fabry_perot.host.stop_lines import TURN, SecondConnection, TcpLine, opened
 from fabry_perot.host.transport import Transport

@@ -11,7 +11,7 @@ from fabry_perot import fault_codes
 from fabry_perot.errors import FaultStands, PortBusy, RequestRejected, ResponseTimeout
 from fabry_perot.host.emergency_stop import emergency_stop
 from fabry_perot.host.monitor_thread import MonitorThread
-from fabry_perot.host.passive_listener import Passive
+from fabry_perot.host.sessionless_link import Passive
 from fabry_perot.host.stop_and_status_results import FaultCleared, PortStatus, StopAnswer, answer, standing, unconfirmed
 from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.messages import Status

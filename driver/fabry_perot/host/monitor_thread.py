@@ -16,8 +16,8 @@ from fabry_perot.host.address import split
 from fabry_perot.host.control_client import Listener
 from fabry_perot.host.control_server import ControlServer
 from fabry_perot.host.emergency_stop import status_in
-from fabry_perot.host.passive_listener import Passive
 from fabry_perot.host.port_usage import aliases, lock_owner, program_of
+from fabry_perot.host.sessionless_link import Passive
 from fabry_perot.host.stop_and_status_results import PortStatus, StopAnswer, in_words
 from fabry_perot.host.stop_lines import opened
 from fabry_perot.host.transport import Transport

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fabry_perot.simulator.film import RESONANCE_PROFILES, Response
-from fabry_perot.simulator.shapes import NAMES
+from fabry_perot.simulator.named_phantoms import NAMES
 from fabry_perot.wire.constants import MOST_BEAMS
 
 FILMS = {
@@ -37,7 +37,7 @@ class Options:
     noise_db
         Peak signal over rms noise of one shot, in dB; ``inf`` for none.
     phantom
-        Name of the object (:data:`fabry_perot.simulator.shapes.NAMES`) or path of a file with one.
+        Name of the object (:data:`fabry_perot.simulator.named_phantoms.NAMES`) or path of a file with one.
     sound_speed
         Of the medium, in m/s.
     baud

@@ -6,8 +6,8 @@ import secrets
 
 from fabry_perot.device import Device, DeviceTiming
 from fabry_perot.simulator.instrument import SimulatedInstrument
+from fabry_perot.simulator.named_phantoms import by_name
 from fabry_perot.simulator.options import FILMS, Options, pattern
-from fabry_perot.simulator.shapes import by_name
 from fabry_perot.wire.framing import MAX_PAYLOAD, UART_PAYLOAD, USB_PAYLOAD
 
 STATUS_DUE = 100_000

@@ -16,8 +16,8 @@ from steradian.core.exceptions import DamagedFile, FaultLatched, InvalidInput
 
 if TYPE_CHECKING:
     from steradian.plans import ScanPlan
-    from steradian.scans.acquisition.control import SessionControl
     from steradian.scans.acquisition.run import ScanSummary
+    from steradian.scans.acquisition.session_control import SessionControl
 
 
 class _DefaultCommandGroup(TyperGroup):
@@ -256,7 +256,7 @@ def scanner_port(scanner: str, *, speed: float, seed: int = 1, phantom: str = PH
         yield scanner
         return
     from fabry_perot.simulator import launch
-    from fabry_perot.simulator.shapes import NAMES, by_name
+    from fabry_perot.simulator.named_phantoms import NAMES, by_name
 
     try:
         by_name(phantom)

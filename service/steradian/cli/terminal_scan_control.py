@@ -17,7 +17,7 @@ import typer
 from steradian.cli.console import ProgressBar, path_with_size, print_stderr
 from steradian.core.exceptions import ScanFailed
 from steradian.core.signal_safe_event import EXIT_INTERRUPTED, SignalSafeEvent
-from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome, SessionPhase
 
 if TYPE_CHECKING:
     from steradian.scans.acquisition.run import ScanSummary

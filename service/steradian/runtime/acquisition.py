@@ -27,7 +27,6 @@ from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.scanner_address import ScannerConnection
 from steradian.scans.acquisition.clear_fault_executor import ClearFaultExecutor
-from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.database_control import POLL, DatabaseControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.port_monitor import PortMonitor
@@ -35,6 +34,7 @@ from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.resumed_scan_file import create_from_partial
 from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.acquisition.session import DEFAULT
+from steradian.scans.acquisition.session_control import SessionOutcome
 from steradian.scans.file.create import check_free_space, scan_file_bytes
 from steradian.scans.summary import count_alines, scan_summary
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, scan_name

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.main import get_command
 
-from fabry_perot.simulator.shapes import NAMES
+from fabry_perot.simulator.named_phantoms import NAMES
 from steradian.cli import scan
 from steradian.cli.app import app
 from steradian.cli.console import duration, frequency, length, speed

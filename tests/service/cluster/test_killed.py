@@ -19,7 +19,7 @@ from sqlalchemy import select
 from fabry_perot.simulator import launch
 from steradian.core.settings import Settings
 from steradian.storage.blobs.object_store import S3BlobStore
-from steradian.storage.blobs.staleness import is_stale
+from steradian.storage.blobs.outdated_scan_copy import is_stale
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScanRow
 from support.cluster import Cluster

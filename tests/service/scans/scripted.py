@@ -2,7 +2,7 @@
 
 import h5py
 
-from steradian.scans.acquisition.control import Command, SessionControl
+from steradian.scans.acquisition.session_control import Command, SessionControl
 
 QUIET = {"noise_db": float("inf"), "energy_jitter": 0.0, "ring": 8}
 """A simulator whose A-lines depend on the point alone, and that is never far ahead of its host."""

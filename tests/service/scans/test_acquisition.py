@@ -15,7 +15,7 @@ from acquisition_bench import Bench, Port
 from fabry_perot.simulator import launch
 from steradian.core.exceptions import Conflict, DamagedFile
 from steradian.runtime.acquisition import Acquisition, count_alines
-from steradian.scans.acquisition.control import SessionOutcome
+from steradian.scans.acquisition.session_control import SessionOutcome
 from steradian.storage.blobs.interface import FolderBlobStore
 from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.waiting import until

@@ -7,8 +7,8 @@ from fabry_perot.simulator import launch
 from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome, SessionPhase
 
 SOON = 15_000_000
 """Simulator time in µs within which a scan on a bad line has ended; without its limits it took 79 s."""

@@ -15,8 +15,8 @@ from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.multi_beam import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionOutcome
 from steradian.scans.acquisition.run import resume_scan, run_scan
+from steradian.scans.acquisition.session_control import Command, SessionOutcome
 from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.read import read_scan
 from steradian.scans.importing import import_scan

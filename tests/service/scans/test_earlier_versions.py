@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
-from steradian.scans.acquisition.control import SessionOutcome
 from steradian.scans.acquisition.run import resume_scan
+from steradian.scans.acquisition.session_control import SessionOutcome
 from steradian.scans.exporting import export_scan
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter

@@ -9,9 +9,9 @@ import pytest
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome
 
 

@@ -15,8 +15,8 @@ from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Deframer, encode_frame
 from fabry_perot.wire.messages import REQUEST_HEAD
-from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl
 from steradian.storage.state_machines import DesiredScanState, ScanState
 from support.waiting import until
 

@@ -12,10 +12,10 @@ from fabry_perot.host.port_usage import lock_owner
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import SessionControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.port_monitor import PortMonitor
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import SessionControl
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.scanner_status import CURRENT, SILENT_ACQUISITION, ScannerStatus, StatusBlock
 from support.waiting import until

@@ -14,9 +14,9 @@ from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_json
-from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl
 
 
 @pytest.fixture(scope="module")

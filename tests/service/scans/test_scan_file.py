@@ -17,8 +17,8 @@ from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.multi_beam import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionControl
 from steradian.scans.acquisition.run import resume_scan, run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file

@@ -18,9 +18,9 @@ from fabry_perot.simulator import launch
 from steradian.core.exceptions import Conflict, DiskFull, InvalidInput, ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.resume_checks import ResumeRefused
 from steradian.scans.acquisition.run import RETRY_FLAGS, resume_scan, run_scan
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.file.read import list_frames, read_scan
 from steradian.scans.file.verify import verify_scan_file
 

@@ -13,10 +13,10 @@ from fabry_perot.simulator import launch
 from steradian.core.exceptions import ScanFailed
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.database_control import DatabaseControl
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.run import run_scan
+from steradian.scans.acquisition.session_control import Command, SessionOutcome, SessionPhase
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database

@@ -16,9 +16,9 @@ import fabry_perot
 from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import Command, SessionControl, SessionOutcome
 from steradian.scans.acquisition.run import resume_scan, run_scan
 from steradian.scans.acquisition.session import ScanSession
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabry_perot.hardware import PlanSampling
-from fabry_perot.simulator import shapes
+from fabry_perot.simulator import named_phantoms
 from fabry_perot.simulator.film import LINEWIDTH, MAX_MODULATION, VISIBILITY, Response
 from fabry_perot.simulator.signal_path import SignalPath, peak_pressure
 
@@ -78,7 +78,7 @@ class OpticalTable:
 
     def __init__(self, laser: tuple[str, int], phantom: str = "yarn", seed: int = 0) -> None:
         self.recorder = SignalPath(
-            shapes.by_name(phantom, seed),
+            named_phantoms.by_name(phantom, seed),
             seed=seed,
             response=Response(nonlinear=True),
             energy_jitter=0.0,
@@ -86,7 +86,7 @@ class OpticalTable:
             time_zero=DELAY,
             relief="wedge",
         )
-        peak = peak_pressure(shapes.by_name(phantom, seed), 1500.0)
+        peak = peak_pressure(named_phantoms.by_name(phantom, seed), 1500.0)
         self.shift = 1e-12 * MAX_MODULATION * LINEWIDTH / 2 / peak
         """How far a pressure moves the film's resonance, in m per unit of pressure."""
         self._connection = socket.create_connection(laser)

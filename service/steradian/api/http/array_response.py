@@ -160,7 +160,7 @@ class InMemoryArray:
         self._values, self.shape, self.dtype = values, values.shape, values.dtype
 
     def iter_chunks(self, index: tuple[slice | int, ...]) -> Iterator[NDArray[Any]]:
-        """Yield the selected part as a single chunk."""
+        """Yield the elements that ``index`` selects as one array."""
         yield self._values[index]
 
 

@@ -19,7 +19,7 @@ from steradian.core.exceptions import NotFound, StoreUnavailable
 from steradian.core.logging_config import bind_request_id
 from steradian.storage.blobs.interface import StagedBlob, scan_name
 from steradian.storage.blobs.object_store import CLOCK_SKEW, S3BlobStore
-from steradian.storage.blobs.staleness import is_stale
+from steradian.storage.blobs.outdated_scan_copy import is_stale
 from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.scans import ScanRepository

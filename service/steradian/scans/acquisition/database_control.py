@@ -13,8 +13,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 import fabry_perot
 from steradian.core.exceptions import ScanFailed, SteradianError
-from steradian.scans.acquisition.control import Command, SessionControl, SessionPhase
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
+from steradian.scans.acquisition.session_control import Command, SessionControl, SessionPhase
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path

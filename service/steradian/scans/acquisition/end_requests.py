@@ -9,7 +9,7 @@ from typing import Final
 
 import fabry_perot
 from steradian.core.exceptions import ScanFailed
-from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl
+from steradian.scans.acquisition.session_control import TERMINAL_COMMANDS, Command, SessionControl
 
 LOOK: Final = 0.1
 """Seconds between two polls of the command."""

@@ -15,7 +15,6 @@ from fabry_perot import RecoveryPolicy
 from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
 from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome
 from steradian.scans.acquisition.end_requests import EndedByRequest, ending_wish, hearing
 from steradian.scans.acquisition.excitation import check_excitation
 from steradian.scans.acquisition.resume_checks import (
@@ -28,6 +27,7 @@ from steradian.scans.acquisition.resume_checks import (
     require_all,
 )
 from steradian.scans.acquisition.session import DEFAULT, ScanSession
+from steradian.scans.acquisition.session_control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome
 from steradian.scans.file.create import check_free_space, create_scan_file, scan_file_bytes
 from steradian.scans.file.measurement_order import ScanProgram
 from steradian.scans.file.verify import CheckReport, verify_scan_file

@@ -21,9 +21,15 @@ import fabry_perot
 from fabry_perot.clock import RealClock
 from fabry_perot.wire.states import HoldCause
 from steradian.core.exceptions import ScanInterrupted
-from steradian.scans.acquisition.control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome, SessionPhase
 from steradian.scans.acquisition.end_requests import hearing
 from steradian.scans.acquisition.excitation import tune_excitation
+from steradian.scans.acquisition.session_control import (
+    TERMINAL_COMMANDS,
+    Command,
+    SessionControl,
+    SessionOutcome,
+    SessionPhase,
+)
 from steradian.scans.file.create import is_disk_full_error
 from steradian.scans.file.measurement_order import ProgramSegment, ScanProgram
 from steradian.scans.file.writer import ScanFileWriter, UploadRecord

@@ -23,8 +23,8 @@ from steradian.core.exceptions import DamagedFile, InvalidInput, StoreUnavailabl
 from steradian.core.settings import Settings
 from steradian.storage.blobs.cache import ContentCache
 from steradian.storage.blobs.interface import BlobInfo, BlobStore, FolderBlobStore, StagedBlob
+from steradian.storage.blobs.outdated_scan_copy import is_stale, last_write_started
 from steradian.storage.blobs.s3 import TIMEOUT, S3Bucket
-from steradian.storage.blobs.staleness import is_stale, last_write_started
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, advisory_xact_lock
 from steradian.storage.db.tables import FactRow, ObjectRow, ScanRow
