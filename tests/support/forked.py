@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 MODEL = """
 import json, os, socket, sys
@@ -38,6 +39,11 @@ for number, pipe in ((0, pipes[0]), (2, errors)):
     os.close(pipe)
 os.environ.clear()
 os.environ.update(json.loads(told))
+if mutant := os.environ.get("STERADIAN_TEST_MUTANT"):
+    sys.path.append(sys.argv[2])
+    from support import mutants
+
+    mutants.apply(mutants.find(mutant))
 api.main(listener)
 """
 
@@ -47,7 +53,8 @@ class Model:
 
     def __init__(self):
         self._line, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._process = subprocess.Popen([sys.executable, "-c", MODEL, str(far.fileno())], pass_fds=[far.fileno()])
+        command = [sys.executable, "-c", MODEL, str(far.fileno()), str(Path(__file__).parents[1])]
+        self._process = subprocess.Popen(command, pass_fds=[far.fileno()])
         far.close()
         atexit.register(self._end)
 

@@ -187,6 +187,18 @@ def test_file_of_unfinished_scan_returns_409_with_retry_after(http, scan):
         assert answer.headers["retry-after"] == "1"
 
 
+def test_reconstruction_of_a_scan_without_alines_is_refused(server, http, scan):
+    scans = ScanRepository(server.database)
+    for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.STOPPING, ScanState.PARTIAL):
+        scans.transition(scan["id"], state, why="test", summary={"points": 69, "stored": 0, "fired": 5})
+    for file in (False, True):
+        if file:
+            server.data.scan_file(scan["id"]).write_bytes(b"not read here")
+        answer = http.post("/reconstructions", json={"scan_id": scan["id"]})
+        assert (answer.status_code, answer.json()["code"]) == (409, "conflict")
+        assert "holds no A-lines" in answer.json()["detail"]
+
+
 def test_a_volume_beyond_the_limit_is_refused_before_it_is_queued(server, http, scan):
     scans = ScanRepository(server.database)
     for state in (ScanState.ARMING, ScanState.RUNNING, ScanState.STOPPING, ScanState.PARTIAL):

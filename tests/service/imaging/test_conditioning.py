@@ -40,6 +40,11 @@ def test_first_samples_offset_and_common_signal_go() -> None:
     assert np.abs(mean.mean(axis=0)).max() < 1e-3
 
 
+def test_offset_is_that_of_the_samples_that_are_not_zeroed() -> None:
+    clean = Conditioning(zero_first=100, remove_offset=True).apply(np.full((2, 400), 12.0), sampling_interval=DT)
+    np.testing.assert_allclose(clean, 0, atol=1e-6)
+
+
 def test_the_band_passes_inside_and_stops_outside_without_a_delay() -> None:
     chain = Conditioning(band=(2e6, 10e6))
     inside, below, above = chain.apply(np.stack([tone(5e6), tone(0.4e6), tone(25e6)]), sampling_interval=DT)

@@ -12,6 +12,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Iterative, Volume, direct_spectrum, spectrum_of
 from steradian.imaging.engines import run_inverse
 from steradian.imaging.incremental import IncrementalReconstruction
+from steradian.imaging.signal.bandwidth import power_fraction_above
 from steradian.imaging.transforms.decimation import plan_decimation
 from steradian.masks import equi_steradian_mask
 from support.flat import flat_plan, flat_reconstruct
@@ -166,6 +167,14 @@ def test_the_signals_end_is_found() -> None:
     assert known.values.shape[-1] <= found.values.shape[-1] < 0.3 * 512
     energy = [np.linalg.norm(v.values) * np.sqrt(v.spacing[-1]) for v in (found, whole)]
     assert energy[0] == pytest.approx(energy[1], rel=1e-3)
+
+
+@pytest.mark.parametrize("samples", [64, 65])
+def test_share_of_power_above_a_frequency_counts_negative_frequencies(samples: int) -> None:
+    times = np.arange(samples) / samples
+    traces = (1.0 + np.cos(2 * np.pi * 20 * times))[None]  # power 1 at 0, 1/2 at 20 cycles a record
+    assert power_fraction_above(10 / samples, traces, 1.0) == pytest.approx(1 / 3)
+    assert power_fraction_above(25 / samples, traces, 1.0) == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from fabry_perot.simulator.phantoms import Balls, initial_pressure, pressure, yarn
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import Iterative
+from steradian.imaging.iterative.proximal import proximal
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
@@ -74,6 +75,17 @@ def test_every_regulariser_finds_the_object_in_a_plane(kind: Any) -> None:
         assert volume.axes.x[peak[0]] == pytest.approx(0.3e-3, abs=0.1e-3)
         assert volume.axes.z[peak[1]] == pytest.approx(1.2e-3, abs=0.1e-3)
         assert (volume.values.min() < 0) != non_negative
+
+
+@pytest.mark.parametrize("kind", ["sparsity", "tikhonov", "none"])
+def test_proximal_step_keeps_negative_values_only_where_they_are_allowed(kind: Any) -> None:
+    values = np.array([[-2.0, -0.5, 0.0, 0.5, 2.0]])
+    for non_negative in (True, False):
+        step = proximal(kind, non_negative=non_negative, shape=values.shape, spacing=(1.0, 1.0), threads=1)
+        found = np.empty_like(values)
+        step(values.copy(), found, 0.25)
+        assert (found.min() < 0) != non_negative
+        assert found.max() > 1
 
 
 def test_iteration_stops_at_discrepancy_change_or_iteration_limit() -> None:

@@ -229,6 +229,16 @@ def test_iterative_image_of_a_late_record_has_the_ball_at_its_place() -> None:
     np.testing.assert_allclose(peak(found), (0.2e-3, 0.2e-3, 0.6e-3), atol=2 * STEP)
 
 
+def test_iterative_image_leaves_out_samples_before_the_pulse() -> None:
+    traces, options = RNG.standard_normal((len(LINE), 64)), Iterative("none", iterations=2)
+    picked_up = traces.copy()
+    picked_up[:, :20] += 30.0
+    clean, disturbed = (
+        flat_fit(lines, LINE, time_zero=-20 * INTERVAL, options=options, **COMMON) for lines in (traces, picked_up)
+    )
+    np.testing.assert_array_equal(clean.values, disturbed.values)
+
+
 def test_iterative_image_of_late_record_models_shallower_sources() -> None:
     """Sound that sensors to the side hear of a ball at 3.9 mm is explained by it, though the image begins at 4.5 mm."""
     near, options = ball(150, 150, (0.0, 0.0, 3.9e-3)), Iterative("tikhonov", iterations=8)

@@ -12,7 +12,7 @@ from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.system_resources import cpu_count
 from steradian.imaging import Compute, ReconstructionPlan, Volume, VoxelAxes, voronoi_weights
 from steradian.imaging.geometry.polygons import contains
-from steradian.imaging.geometry.sensor_areas import sensed_region
+from steradian.imaging.geometry.sensor_areas import detect_sensor_grid, sensed_region
 from support.flat import flat_plan, flat_reconstruct
 
 RNG = np.random.default_rng(0)
@@ -210,6 +210,14 @@ def test_voronoi_weights_equal_cell_areas_in_sensed_region() -> None:
     points = points[contains(sensed_region(scattered, 1.0), points)]
     owner = ((points[:, None] - scattered[None]) ** 2).sum(-1).argmin(1)
     assert np.abs(np.bincount(owner, minlength=200) * 1.44 / 40000 - weights).max() < 0.002
+
+
+def test_grid_with_a_displaced_line_is_not_a_grid() -> None:
+    axis = (np.arange(8) - 3.5) / 8
+    positions = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    assert detect_sensor_grid(positions) is not None
+    positions[positions[:, 0] == axis[3], 0] += 0.1 / 8
+    assert detect_sensor_grid(positions) is None
 
 
 def test_cells_of_a_line_end_half_a_mean_spacing_beyond_it_and_sensors_at_one_place_share_theirs() -> None:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from steradian import InvalidInput, ScanPlan, equi_steradian_mask, grid_mask
 from steradian.masks import equiangular_mask, random_mask
 from steradian.plans import VisitOrder, path_length, preview, visit_order
-from steradian.plans.tour import nearest_neighbour
+from steradian.plans.tour import concatenate, nearest_neighbour
 
 SELF_CONTAINED = [order for order in VisitOrder if order not in (VisitOrder.WAVELENGTH, VisitOrder.BANDS)]
 
@@ -89,6 +89,12 @@ def test_the_way_between_points_on_a_line_is_its_length():
     line = equiangular_mask(1e-2, 3e-3, 100)
     plan = ScanPlan.create(mask=line, order="shortest")
     assert preview(plan).travel == pytest.approx(1e-2, rel=1e-9)
+
+
+def test_concatenated_tours_begin_at_the_end_that_is_nearer():
+    line = np.column_stack([np.arange(6.0), np.zeros(6)])
+    pieces = [np.array(piece) for piece in ([0, 1], [3, 2], [4, 5])]
+    assert concatenate(line, pieces).tolist() == [0, 1, 2, 3, 4, 5]
 
 
 def test_sorting_by_wavelength_retunes_once_a_wavelength(mask):

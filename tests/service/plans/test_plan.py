@@ -42,6 +42,7 @@ def test_a_move_longer_than_the_pulse_period_costs_a_second_period():
     )
     cost = preview(plan)
     assert cost.limiting == "mover"
+    assert cost.seconds["mover"] == pytest.approx(cost.travel / 1.0 + 99 * 0.4e-3)
     assert cost.total_seconds == pytest.approx(99 * 2e-3 + 1e-3)
 
 

@@ -103,6 +103,11 @@ def test_truncated_mask_weights_sum_to_its_sensed_area(mask, share, weighting):
     assert prefix.sensed_area < mask.sensed_area * (1 + 1e-9)
 
 
+def test_truncated_mask_has_the_first_visited_points(mask):
+    plan = ScanPlan.create(mask=mask, order="snake")
+    np.testing.assert_array_equal(plan.truncated_mask(201).positions, mask.positions[plan.visit[:201]])
+
+
 def test_truncated_mask_count_out_of_range_is_refused(mask):
     """A prefix outside of 1 to M is refused with that range."""
     with pytest.raises(InvalidInput, match="1 to 1605"):
