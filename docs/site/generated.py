@@ -57,7 +57,7 @@ def commands() -> str:
 def settings() -> str:
     """List what a deployment may choose."""
     from steradian.core.settings import PREFIX, Settings
-    from steradian.core.validation import describe_range
+    from steradian.core.validation_errors import describe_range
 
     text = (
         "# Settings\n\nEnvironment variables. Some are also options of [`steradian serve`](command-line.md).\n\n"

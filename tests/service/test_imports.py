@@ -1,6 +1,8 @@
 """No circle of imports between modules or folders, counting imports in functions and for annotations, too."""
 
 import ast
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -58,3 +60,19 @@ def test_only_listed_modules_import_own_modules_by_name():
                 name = node.args[0].value if isinstance(node.args[0], ast.Constant) else "steradian"
                 found |= {str(path.relative_to(root))} if name.startswith("steradian") else set()
     assert found == BY_NAME
+
+
+AT_REST = {
+    "steradian.runtime.supervisor": {"numpy", "sqlalchemy", "alembic", "psycopg", "h5py"},
+    "steradian.api.__main__": {"alembic", "dbos", "psycopg", "h5py", "scipy", "numba", "matplotlib", "PIL"},
+    "steradian.runtime.acquisition": {"alembic", "dbos", "psycopg", "h5py", "scipy", "numba", "matplotlib", "PIL"},
+    "steradian.runtime.worker_entry": {"alembic", "psycopg", "h5py", "scipy", "numba", "matplotlib", "PIL"},
+}
+"""Libraries that an idle process of the service does without; each takes 4 to 60 MB."""
+
+
+@pytest.mark.parametrize("module", AT_REST)
+def test_process_of_the_service_imports_no_library_that_it_does_not_need_at_rest(module):
+    code = "import importlib, sys; importlib.import_module(sys.argv[1]); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code, module], capture_output=True, text=True, check=True)
+    assert AT_REST[module] & set(done.stdout.split()) == set()

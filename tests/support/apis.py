@@ -39,14 +39,17 @@ class ApiProcess:
     def _start(self, listener, preexec_fn):
         if preexec_fn is None:
             return model().copy(listener, self.settings.environment(), self._said)
-        return subprocess.Popen(
+        process = subprocess.Popen(
             [sys.executable, "-m", "steradian.api", str(listener.fileno())],
             env=self.settings.environment(),
             stdin=subprocess.PIPE,
             stderr=self._said,
             pass_fds=[listener.fileno()],
             preexec_fn=preexec_fn,
+            bufsize=0,
         )
+        process.stdin.write(b"\n")  # the database is migrated
+        return process
 
     def wait(self):
         """Wait for its first answer."""

@@ -16,7 +16,7 @@ import uvicorn
 from steradian.api.app import create_app
 from steradian.api.http.connection_limits import ConnectionLimiter, LimitedConfig, raise_open_file_limit
 from steradian.api.middleware.base import StreamAdmissionMiddleware
-from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.runtime.heartbeat import Heartbeat
@@ -48,4 +48,5 @@ def main(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    if os.read(0, 1):  # the supervisor migrates the database while this process imports its libraries
+        main(int(sys.argv[1]))

@@ -102,7 +102,7 @@ class ServiceContainer:
             self.faults = FaultClearingService(ClearFaultRequest(self.data.emergency), self.scanner)
         self.nodes = PeerRegistry(settings, self.scanner)
         self.stop_relay = EmergencyStopRelay(self.nodes, self.scanner)
-        self._memory = PeriodicRefresher(self.sessions.remember, self.nodes.refresh, self._stay)
+        self._memory = PeriodicRefresher(self.database, self.sessions.remember, self.nodes.refresh, self._stay)
         self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
         """One picture that is kept and one preview at a time: a place in the pool is left for what is quick."""
         self.process_pool = ProcessPool()

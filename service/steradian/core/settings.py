@@ -7,12 +7,11 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationError
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.system_resources import cpu_count
-from steradian.core.validation import to_invalid_input
+from steradian.core.validation_errors import to_invalid_input
 
 PREFIX = "STERADIAN_"
 DEFAULT_SCANNER_ID = "scanner-0"
@@ -31,10 +30,10 @@ SECRETS = frozenset({f"{PREFIX}API_KEY", f"{PREFIX}NODE_SECRET"})
 """Variables that only processes get which answer requests."""
 
 
-class Settings(BaseSettings):
+class Settings(BaseModel):
     """Settings of the service, its processes and its object store."""
 
-    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     data: Path = Field(description="Data folder of the service; created if missing")
     host: str = Field(default="127.0.0.1", description="Address to listen on")
@@ -185,8 +184,10 @@ class Settings(BaseSettings):
         InvalidInput
             Naming the setting and its allowed range.
         """
+        variables = {name.upper(): value for name, value in os.environ.items()}
+        given = {name: variables[key] for name in cls.model_fields if (key := PREFIX + name.upper()) in variables}
         try:
-            settings = cls(**{name: value for name, value in fields.items() if value is not None})
+            settings = cls(**given | {name: value for name, value in fields.items() if value is not None})
         except ValidationError as error:
             raise to_invalid_input(cls, error) from error
         if settings.database_url is not None:  # one spelling for every library

@@ -1,18 +1,12 @@
-"""Base class of immutable, validated values (pydantic models), and field helpers.
-
-A person reads "depth is -1; allowed: > 0, at most 1 (m)", not a library's error dump, so a failed validation is
-turned into :class:`~steradian.core.exceptions.InvalidInput` with the field's own limits and unit.
-"""
+"""Base class of immutable, validated values (pydantic models), and field helpers."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
-import annotated_types
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
@@ -26,10 +20,9 @@ from pydantic import (
     ValidationError,
     WithJsonSchema,
 )
-from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
-from steradian.core.exceptions import InvalidInput
+from steradian.core.validation_errors import to_invalid_input
 
 
 def _no_boolean(kind: Literal["int", "float"]) -> Callable[[object], object]:
@@ -54,10 +47,6 @@ def _reject_booleans(schema: Any) -> None:
             schema[key] = core_schema.no_info_before_validator_function(_CHECKS[kind], part)  # type: ignore[arg-type]
         elif kind != "function-before" or part["function"]["function"] not in _CHECKS.values():  # type: ignore[call-overload]
             _reject_booleans(part)
-
-
-_SECRETS = re.compile(r"(?<=://)[^/]*(?=@)|(?<=\?).*")
-"""Where an address may hold a name, password or token."""
 
 
 class Value(BaseModel):
@@ -92,50 +81,6 @@ class Value(BaseModel):
     def replace(self, **changes: Any) -> Self:
         """Return a validated copy with some fields changed (``model_copy`` would keep a stale identifier)."""
         return self.create(**{name: getattr(self, name) for name in type(self).model_fields} | changes)
-
-
-def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidInput:
-    """Convert the first error of a pydantic ``ValidationError`` to an ``InvalidInput`` with field, value and range."""
-    first = error.errors(include_url=False)[0]
-    path = [str(part) for part in first["loc"]]
-    field = ".".join(path) or model.__name__
-    info = model.model_fields.get(path[0]) if path else None
-    cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, InvalidInput):
-        return cause
-    if first["type"] == "missing":
-        return InvalidInput(field, "missing", describe_range(info) if info else "a value")
-    if first["type"] == "extra_forbidden":
-        return InvalidInput(field, first["input"], f"only the fields {', '.join(model.model_fields)}")
-    said = describe_range(info) if info is not None and len(path) == 1 else ""
-    value = first["input"]
-    if info is not None and not info.repr:
-        value = "…"
-    elif isinstance(value, str):
-        value = _SECRETS.sub("…", value)
-    return InvalidInput(field, value, said or str(cause or first["msg"]))
-
-
-def describe_range(info: FieldInfo) -> str:
-    """Return a field's limits in words, for example ``"> 0, at most 1 (m)"``; empty without limits."""
-    words = []
-    for limit in info.metadata:
-        match limit:
-            case annotated_types.Gt(gt=bound):
-                words.append(f"> {bound:g}")
-            case annotated_types.Ge(ge=bound):
-                words.append(f"at least {bound:g}")
-            case annotated_types.Lt(lt=bound):
-                words.append(f"< {bound:g}")
-            case annotated_types.Le(le=bound):
-                words.append(f"at most {bound:g}")
-            case _:
-                pass
-    if not words:
-        return ""
-    extra = info.json_schema_extra
-    unit = extra.get("unit") if isinstance(extra, dict) else None
-    return ", ".join(words) + (f" ({unit})" if unit else "")
 
 
 def quantity_field(unit: str, description: str, **limits: Any) -> Any:

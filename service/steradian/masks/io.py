@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
-from steradian.core.validation import to_invalid_input
+from steradian.core.validation_errors import to_invalid_input
 from steradian.masks.explicit_points import area_of_weights, custom_mask
 from steradian.masks.mask import Mask
 

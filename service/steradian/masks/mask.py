@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,6 @@ from steradian.core.validation import FloatArray, content_hash, quantity_field
 from steradian.drawing.displayable import DisplayableValue
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.validation import MAX_AREA_RATIO
-
-if TYPE_CHECKING:
-    pass
 
 AREA_TOLERANCE = 1e-9
 """Relative deviation of Σ weights from the outline's area that is still rounding."""

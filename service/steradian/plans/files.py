@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.exceptions import DamagedFile, NotFound
-from steradian.core.validation import Value, to_invalid_input
+from steradian.core.validation import Value
+from steradian.core.validation_errors import to_invalid_input
 
 ModelT = TypeVar("ModelT", bound=Value)
 

@@ -18,7 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.sandbox import set_oom_score
 
 WARMUP_COMMAND: Final = (sys.executable, "-P", "-m", "steradian.reconstructions.warmup")

@@ -18,8 +18,8 @@ from typing import Any
 from sqlalchemy.exc import DBAPIError
 
 from fabry_perot import RecoveryPolicy
+from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.exceptions import DiskFull, FaultLatched, ScanFailed, ScanInterrupted, SteradianError
-from steradian.core.exit_with_parent import exit_when_stdin_closes
 from steradian.core.logging_config import bind_request_id, configure_logging
 from steradian.core.settings import Settings
 from steradian.core.signal_safe_event import SignalSafeEvent
@@ -53,6 +53,8 @@ from steradian.storage.state_machines import DesiredScanState, ScanState, shorte
 
 _S = ScanState
 _LAST = {SessionOutcome.STOPPED: _S.PARTIAL, SessionOutcome.ABORTED: _S.ABORTED}
+RETRY_INTERVAL = 5.0
+"""Seconds after which scans are read again although the database has not changed: an error may be over."""
 _log = logging.getLogger(__name__)
 
 
@@ -120,7 +122,7 @@ class Acquisition:
             try:
                 prepare()
                 self._begin()
-                changes = ChangeDetector(self._scans.database)
+                changes = ChangeDetector(self._scans.database, RETRY_INTERVAL)
                 while not self._stopping.wait(POLL):
                     if changes.has_changed():
                         self.run_once()

@@ -34,8 +34,16 @@ class ManagedProcess:
     backoff: float = INITIAL_BACKOFF
     due: float = field(default=0.0)
 
-    def start(self, now: float) -> None:
-        """Start the process in a session of its own, so that Ctrl-C reaches only the supervisor."""
+    def start(self, now: float, *, waits: bool = False) -> None:
+        """Start the process in a session of its own, so that Ctrl-C reaches only the supervisor.
+
+        Parameters
+        ----------
+        now
+            Time on the monotonic clock.
+        waits
+            Whether a process that reads a byte of its standard input waits there until :meth:`go_on`.
+        """
         self.process = subprocess.Popen(
             self.command,
             stdin=subprocess.PIPE,
@@ -47,6 +55,15 @@ class ManagedProcess:
             umask=UMASK if os.name == "posix" else -1,
         )
         self.started = now
+        if not waits:
+            self.go_on()
+
+    def go_on(self) -> None:
+        """Write a byte to the standard input of the process."""
+        if self.process is not None and self.process.stdin is not None:
+            with suppress(BrokenPipeError):
+                self.process.stdin.write(b"\n")
+                self.process.stdin.flush()
 
     def tend(self, now: float) -> None:
         """Restart the process if it has ended, with exponential backoff; to be called periodically."""
@@ -91,4 +108,5 @@ class ManagedProcess:
 
     def _close_pipe(self) -> None:
         if self.process is not None and self.process.stdin is not None:
-            self.process.stdin.close()
+            with suppress(BrokenPipeError):
+                self.process.stdin.close()

@@ -21,23 +21,20 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from typing import IO
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from steradian.core.atomic_files import atomic_write
-from steradian.core.exceptions import InvalidInput, StoreUnavailable
+from steradian.core.child_process import CallProcess
+from steradian.core.exceptions import InvalidInput
+from steradian.core.logging_config import configure_logging
 from steradian.core.settings import PREFIX, Settings
+from steradian.runtime import preparation
 from steradian.runtime.managed_process import ManagedProcess
 from steradian.runtime.singleton_locks import hold_database_lock, hold_scanner_lock
-from steradian.runtime.watchdog import Watchdog, responds
-from steradian.security.bootstrap import require_api_key
-from steradian.storage import deployment_binding as belonging
+from steradian.runtime.watchdog import CHECK_INTERVAL, Watchdog, responds
 from steradian.storage.data_dir.layout import DataDirectory
-from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.maintenance.permissions import require_writable
-from steradian.storage.maintenance.startup_check import MAX_LISTED, check_before_start, is_database
 
 TICK = 0.1
 ESSENTIAL, ESSENTIAL_PARTS = frozenset({"api", "acquisition"}), ("emergency-stop", "run")
@@ -70,21 +67,26 @@ def run_service(
     """
     _require_node_settings(settings)
     data = DataDirectory(settings.data)
-    _refuse_unusable(settings, data)
+    require_writable(data)
     with ExitStack() as stack:
+        process = stack.enter_context(_preparing(settings))
+        process.call(preparation.refuse_unusable, settings)
         stack.enter_context(data.lock())
         for deed in data.restrict_permissions():
             _log.warning("other users of this machine can %s; chmod go-rwx keeps them out", deed)
         owners = stack.enter_context(hold_database_lock(settings)), stack.enter_context(hold_scanner_lock(settings))
-        _check(settings)
         listener = stack.enter_context(_listen(settings))
-        _migrate(settings, announce)
         url = _url(settings.host, listener.getsockname()[1])
         settings = _with_public_address(settings, listener.getsockname()[1])
         children = _children(settings, listener)
         stack.callback(_forget, data, children)
         stack.callback(_end_all, children, GRACE + settings.drain_seconds)
-        announced, watch = False, Watchdog(data, f"{url}/healthz", stop)
+        children[0].start(time.monotonic(), waits=True)  # the API imports its libraries meanwhile
+        if made := process.call(preparation.migrate, settings):
+            announce(f"An admin key was created; it is in {made}")
+        process.end()
+        children[0].go_on()
+        announced, watch, checked = False, Watchdog(data, f"{url}/healthz", stop), 0.0
         while not stop.is_set():
             now = time.monotonic()
             if any(child.ended_at_once(now) for child in children if child.name in ESSENTIAL):
@@ -96,8 +98,9 @@ def run_service(
                 with atomic_write(data.root / "run" / "service.json") as beside:
                     beside.write_text(json.dumps({"url": url, "pid": os.getpid()}))
                 announce(f"{on_ready} at {url}/api/v1 (data in {settings.data}); Ctrl-C ends it")
-            if announced:
-                watch.check(children, time.monotonic())
+            if announced and now - checked >= CHECK_INTERVAL:
+                checked = now
+                watch.check(children, now)
             for owner in owners:
                 owner()
             stop.wait(TICK)
@@ -117,7 +120,8 @@ def run_workers(settings: Settings, announce: Callable[[str], None], stop: threa
         allowed = "postgresql://…, the database of the service; without one, `steradian serve` has its own workers"
         raise InvalidInput("STERADIAN_DATABASE_URL", "missing", allowed)
     require_writable(DataDirectory(settings.data))
-    _refuse_foreign_folder(settings)
+    with _preparing(settings) as process:
+        process.call(preparation.refuse_foreign_folder, settings)
     if settings.store is not None:  # its own folder, not the service's
         DataDirectory(settings.data).create()
     children = [_worker(settings, slot, None) for slot in range(settings.workers)]
@@ -130,29 +134,15 @@ def run_workers(settings: Settings, announce: Callable[[str], None], stop: threa
         _end_all(children, GRACE + settings.drain_seconds)
 
 
-def _refuse_unusable(settings: Settings, data: DataDirectory) -> None:
-    """Raise an error if the data folder is not writable or is bound to another database, before any change."""
-    require_writable(data)
-    if metadata_url(settings).startswith("sqlite"):  # which refuses a path that SQLite cannot open
-        if not is_database(data.metadata_file):
-            check_before_start(settings)
-    elif settings.role == "service" and data.root.is_dir():
-        database = Database(metadata_url(settings))
-        with closing(database), suppress(StoreUnavailable, SQLAlchemyError):  # which binding them says
-            belonging.check_binding(settings, database)
-
-
-def _refuse_foreign_folder(settings: Settings) -> None:
-    """Raise an error if the data folder is bound to another database; an unavailable database is only logged."""
-    database = Database(metadata_url(settings))
+@contextmanager
+def _preparing(settings: Settings) -> Iterator[CallProcess]:
+    """Yield a process for the functions of :mod:`steradian.runtime.preparation`, which Ctrl-C does not reach."""
+    child = CallProcess(start_new_session=True)
     try:
-        belonging.check_binding(settings, database)
-    except StoreUnavailable as error:
-        _log.warning("%s", error)
-    except SQLAlchemyError as error:
-        _log.warning("the database does not answer yet: %s", error)
+        child.call(configure_logging, settings, "supervisor", waits=True)
+        yield child
     finally:
-        database.close()
+        child.end()
 
 
 @contextmanager
@@ -218,25 +208,6 @@ def _forget(data: DataDirectory, children: Sequence[ManagedProcess]) -> None:
     """Remove the heartbeat files of the service's own processes, which have ended."""
     for name in ("service", *(child.name for child in children)):
         data.heartbeat(name).unlink(missing_ok=True)
-
-
-def _check(settings: Settings) -> None:
-    """Check database and data folder before the start, and log unknown scans; raises :class:`DamagedFile`."""
-    if unknown := check_before_start(settings):
-        names = ", ".join(unknown[:MAX_LISTED]) + (" …" if len(unknown) > MAX_LISTED else "")
-        advice = f"`steradian check {settings.data}` lists what can be recovered"
-        _log.warning("%d of the scans in the folder are not in the database (%s); %s", len(unknown), names, advice)
-
-
-def _migrate(settings: Settings, announce: Callable[[str], None]) -> None:
-    database = Database(metadata_url(settings))
-    try:
-        database.migrate()
-        belonging.bind_deployment(settings, database)
-        if made := require_api_key(settings, database):
-            announce(f"An admin key was created; it is in {made}")
-    finally:
-        database.close()
 
 
 def _require_node_settings(settings: Settings) -> None:

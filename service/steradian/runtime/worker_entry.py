@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 
-from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.jobs.registry import JOB_TYPES

@@ -6,7 +6,7 @@ import sys
 import threading
 from pathlib import Path
 
-from steradian.core.exit_with_parent import exit_when_stdin_closes
+from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
 from steradian.jobs.worker.main import run_worker

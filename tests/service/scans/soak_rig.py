@@ -72,6 +72,8 @@ class Rig:
             self.forget(self.api)
             descriptor = self.listener.fileno()
             self.api = self.start([sys.executable, "-m", "steradian.api", str(descriptor)], pass_fds=[descriptor])
+            self.api.stdin.write(b"\n")  # the database is migrated
+            self.api.stdin.flush()
 
     @staticmethod
     def forget(process):

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch, StopOutcome, StopPress
+from steradian.storage.db.change_detector import MAX_IDLE_INTERVAL, ChangeDetector
 from steradian.storage.db.tables import ScannerRow
 from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped, ScannerRepository
 
@@ -124,13 +125,16 @@ class EmergencyStopController:
             self._scanner.release_stop(who, reason)
 
     def _run(self) -> None:
+        changes = ChangeDetector(self._scanner.database, MAX_IDLE_INTERVAL)
         while not self._over.is_set():
             try:
-                if self._pressed.is_set():
+                if is_pressed := self._pressed.is_set():
                     self._pressed.clear()
                     self._latch.make_durable()
-                self._record()
+                if is_pressed or changes.has_changed() or self.active is not None:
+                    self._record()
             except Exception as error:
+                changes.reset()
                 _log.warning("the emergency stop cannot be read from the database; the latch stays: %s", error)
                 self._over.wait(RECORD_INTERVAL / 4)
             self._pressed.wait(RECORD_INTERVAL)

@@ -1,27 +1,25 @@
 """Pool of subprocesses for CPU-bound work with a CPU-time limit and idle reaping.
 
 Threads would not suffice: Python code that computes, such as a parser of a large document, blocks all other threads of
-its process. Calls and results are pickled and sent through the pipes of a child that ends when its input closes.
+its process.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextvars
-import logging
 import math
 import os
-import pickle
 import signal
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from typing import Any, ParamSpec, TypeVar, cast
+from functools import partial
+from typing import ParamSpec, TypeVar
 
+from steradian.core.child_process import CallProcess, ChildExited
 from steradian.core.exceptions import SteradianError
 
 POOL_SIZE = 3
@@ -37,7 +35,6 @@ CPU_LIMIT_EXIT = -getattr(signal, "SIGXCPU", 24)
 NICENESS = 5
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
-_log = logging.getLogger(__name__)
 
 
 class ComputationLimitExceeded(SteradianError):
@@ -73,13 +70,9 @@ class ProcessPool:
         """
         if self._over:
             raise ComputationLimitExceeded("the service ends")
-        call = pickle.dumps((self._max_work, function, args, options), pickle.HIGHEST_PROTOCOL)
-        converse = contextvars.copy_context().run  # so that what it logs bears the request
-        answer = await asyncio.get_running_loop().run_in_executor(self._hands, converse, self._converse, call)
-        raised, value = await asyncio.to_thread(pickle.loads, answer)
-        if raised:
-            raise value
-        return cast(_T, value)
+        run = contextvars.copy_context().run  # so that log lines have the request identifier
+        call = partial(function, *args, **options)
+        return await asyncio.get_running_loop().run_in_executor(self._hands, run, self._call, call)
 
     def reap_idle(self) -> None:
         """Terminate the subprocesses that have been idle for :data:`IDLE` seconds."""
@@ -100,15 +93,22 @@ class ProcessPool:
         for child in idle:
             child.end()
 
-    def _converse(self, call: bytes) -> bytes:
+    def _call(self, function: Callable[[], _T]) -> _T:
         child = self._take()
+        patience = threading.Timer(MAX_SECONDS, child.kill)
+        patience.start()
+        is_well = True
         try:
-            answer = child.answer(call)
-        except BaseException:
-            self._put_back(child, is_well=False)
-            raise
-        self._put_back(child, is_well=True)
-        return answer
+            return child.call(_run_limited, self._max_work, function)
+        except ChildExited as error:
+            is_well = False
+            if error.status == CPU_LIMIT_EXIT:
+                raise ComputationLimitExceeded("it took longer than it may") from error
+            limits = f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends"
+            raise ComputationLimitExceeded(limits) from error
+        finally:
+            patience.cancel()
+            self._put_back(child, is_well=is_well)
 
     def _take(self) -> _PoolProcess:
         with self._guard:
@@ -128,88 +128,25 @@ class ProcessPool:
         child.end()
 
 
-class _PoolProcess:
-    """Subprocess of the pool, which executes one call after another."""
+class _PoolProcess(CallProcess):
+    """Process of the pool, with the time since which it is idle."""
 
-    def __init__(self) -> None:
-        command = [sys.executable, "-P", "-m", __spec__.name]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self.since = time.monotonic()
-
-    def answer(self, call: bytes) -> bytes:
-        """Execute a pickled call in the subprocess and return its pickled result, within limits of time and memory."""
-        assert self._process.stdin is not None  # noqa: S101 - asked for
-        assert self._process.stdout is not None  # noqa: S101
-        patience = threading.Timer(MAX_SECONDS, self._process.kill)
-        patience.start()
-        try:
-            self._process.stdin.write(len(call).to_bytes(8, "big") + call)
-            self._process.stdin.flush()
-            size = self._process.stdout.read(8)
-            answer = self._process.stdout.read(int.from_bytes(size, "big")) if len(size) == 8 else b""
-            if answer:
-                return answer
-        except OSError as error:
-            _log.warning("a process of the pool has ended: %s", error)
-        finally:
-            patience.cancel()
-        self._process.kill()
-        if self._process.wait() == CPU_LIMIT_EXIT:
-            raise ComputationLimitExceeded("it took longer than it may")
-        raise ComputationLimitExceeded(
-            f"it took more memory than there is, or more than {MAX_SECONDS:g} s, or the service ends"
-        )
-
-    def kill(self) -> None:
-        """Kill the subprocess; its current call fails."""
-        self._process.kill()
-
-    def end(self) -> None:
-        """Kill the subprocess, wait until it has ended and close its pipes."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):
-                assert pipe is not None  # noqa: S101 - asked for
-                pipe.close()
+    since = 0.0
 
 
-def main() -> None:
-    """Execute pickled calls from standard input and write their results, until standard input closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICENESS)
-    calls, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
-    while len(size := calls.read(8)) == 8:
-        answer = _answer(calls.read(int.from_bytes(size, "big")))
-        answers.write(len(answer).to_bytes(8, "big") + answer)
-        answers.flush()
+def _run_limited(seconds: int, function: Callable[[], _T]) -> _T:
+    """Run a function in a process of the pool, with lower priority and a CPU time limit."""
+    if sys.platform != "win32":
+        os.setpriority(os.PRIO_PROCESS, 0, max(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
+        _limit_cpu_time(seconds)
+    return function()
 
 
-def _end_after(seconds: int) -> None:
+def _limit_cpu_time(seconds: int) -> None:
     """Set the kernel's CPU time limit of this process, counted from now."""
-    if sys.platform == "win32":
-        return
     import resource
 
-    worked = resource.getrusage(resource.RUSAGE_SELF)
+    used = resource.getrusage(resource.RUSAGE_SELF)
     hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    limit = math.ceil(worked.ru_utime + worked.ru_stime) + seconds
+    limit = math.ceil(used.ru_utime + used.ru_stime) + seconds
     resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
-
-
-def _answer(call: bytes) -> bytes:
-    try:
-        max_work, function, args, options = pickle.loads(call)  # noqa: S301 - our parent wrote it
-        _end_after(max_work)
-        found: tuple[bool, Any] = False, function(*args, **options)
-    except Exception as error:
-        found = True, error
-    try:
-        return pickle.dumps(found, pickle.HIGHEST_PROTOCOL)
-    except Exception:
-        return pickle.dumps((True, RuntimeError(f"{type(found[1]).__name__}: {found[1]}")))
-
-
-if __name__ == "__main__":
-    main()

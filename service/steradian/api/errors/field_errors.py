@@ -10,7 +10,7 @@ from fastapi import Request
 from pydantic import BaseModel, Field
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.validation import describe_range
+from steradian.core.validation_errors import describe_range
 from steradian.jobs.requests import WorkRequest
 from steradian.masks import ARRANGEMENTS
 

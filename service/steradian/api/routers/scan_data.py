@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Final, Self
+from typing import TYPE_CHECKING, Annotated, Any, Final, Self
 
-import h5py
 import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from numpy.typing import NDArray
@@ -43,6 +42,9 @@ from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.latest_row import latest_row
 from steradian.scans.file.locking import open_for_reading
 from steradian.storage.blobs.interface import scan_name
+
+if TYPE_CHECKING:
+    import h5py
 
 _FLAGS: Final = {"saturated": 1, "mistuned": 2, "misfired": 4, "partial": 8}
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import h5py
 import numpy as np
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
@@ -22,6 +21,9 @@ from steradian.api.routers.scan_data import file_of, opened
 from steradian.api.routers.scans import is_settled
 from steradian.core.exceptions import InvalidInput
 from steradian.scans.file import schema
+
+if TYPE_CHECKING:
+    import h5py
 
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)
 Frame = Annotated[int, Query(ge=0, description="Number of the frame")]

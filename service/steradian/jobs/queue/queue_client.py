@@ -30,6 +30,7 @@ from steradian.jobs.queue.fair_queueing import queue_priority
 from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, dedicated_scanner, present_workers
 from steradian.storage.data_dir.layout import DataDirectory
+from steradian.storage.db.change_detector import MAX_IDLE_INTERVAL, ChangeDetector
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScannerRow
 from steradian.storage.db.timestamps_and_ids import utc_now
@@ -69,6 +70,7 @@ class JobQueue:
             raise QueueUnavailable(f"the job queue cannot be opened: {error}") from error
         self.ledger = JobLedger(self._database)
         self._doubted: frozenset[str] = frozenset()
+        self._changes, self._is_busy = ChangeDetector(self._database, MAX_IDLE_INTERVAL), True
 
     def submit(self, request: JobRequest) -> str:
         """Queue a job and return its identifier; a job that is already queued stays unchanged."""
@@ -163,9 +165,14 @@ class JobQueue:
     def reconcile(self) -> None:
         """Repair differences between ledger and queue engine after crashes; to be called about once a second.
 
+        Without unfinished jobs, the queue is read only after a change of the database.
+
         A difference is repaired when it is seen twice in a row, because a single one may be an operation under way.
         Queued jobs that are unknown to the engine, live jobs of a queued scan for example, are enqueued at once.
         """
+        if not (self._changes.has_changed() or self._is_busy):
+            return
+        self._is_busy = True
         rows = {row.id: row for row in self.ledger.unfinished()}
         found = (
             self._client.list_workflows(workflow_ids=list(rows), load_input=False, load_output=False) if rows else []
@@ -176,7 +183,7 @@ class JobQueue:
         unknown = {row.id for row in rows.values() if row.state is _R.QUEUED and row.id not in states}
         for job_id in unknown | (doubted & self._doubted):
             self._settle(rows[job_id], states.get(job_id))
-        self._doubted = frozenset(doubted)
+        self._doubted, self._is_busy = frozenset(doubted), bool(rows)
 
     def _leave_to_others(self, waiting: Sequence[tuple[JobRow, str | None]]) -> None:
         """Move jobs from a scanner's queue to the common queue if the scanner's workers are gone or too small.

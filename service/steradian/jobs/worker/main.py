@@ -21,7 +21,7 @@ from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.matching import Capabilities, WorkerRegistration, unsatisfied_clause
 from steradian.jobs.worker.failover import claim_name, monitor_peers
 from steradian.jobs.worker.memory_tuning import freeze_garbage_collector
-from steradian.jobs.worker.queue_polling import adaptive_wait
+from steradian.jobs.worker.queue_polling import LATEST_POLL, adaptive_wait
 from steradian.jobs.worker.results import ResultUploader
 from steradian.jobs.worker.runner import POLL, JobRunner
 from steradian.jobs.worker.startup_check import wait_until_ready
@@ -88,8 +88,10 @@ def run_worker(
     DBOS.listen_queues([queue])
     DBOS.launch()
     DBOS.register_queue(queue, worker_concurrency=1, polling_interval_sec=QUEUE_POLL)
-    for event in _get_dbos_instance().background_thread_stop_events:  # private, so the minor version is pinned
-        event.wait = adaptive_wait(event, runner, ChangeDetector(database), QUEUE_POLL)  # type: ignore[assignment, method-assign]
+    engine = _get_dbos_instance()
+    engine._background_jobs_stop_event.set()  # jobs have neither delays nor deadlines in the engine
+    for event in engine.background_thread_stop_events:  # private, so the minor version is pinned
+        event.wait = adaptive_wait(event, runner, ChangeDetector(database, LATEST_POLL), QUEUE_POLL)  # type: ignore[assignment, method-assign]
     if lock is not None:
         # Until the process ends, not until it is asked to: others would take over the job that it may still finish.
         watch = (lock, threading.Event(), _pending_executors, lambda gone: _recover([gone]))

@@ -18,7 +18,6 @@ import json
 import logging
 import os
 import queue
-import signal
 import sys
 import threading
 from asyncio.subprocess import PIPE, Process
@@ -27,6 +26,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
+from steradian.core.child_process import describe_exit
 from steradian.core.exceptions import StaleFence, SteradianError, StoreUnavailable
 from steradian.core.logging_config import request_id
 from steradian.core.progress import Progress
@@ -142,7 +142,7 @@ class JobProcess:
         await self.end()
         if kept and not begun:
             return None
-        return Crashed(f"the job's process ended {_exit_description(code)} without a result")
+        return Crashed(f"the job's process ended {describe_exit(code)} without a result")
 
     async def _start(self) -> Process:
         """Start the child process; on cancellation meanwhile, store it so that it can be killed."""
@@ -162,14 +162,6 @@ def _parse(line: bytes) -> object:
     with suppress(ValueError):
         return json.loads(line)
     return None
-
-
-def _exit_description(code: int) -> str:
-    if code >= 0:
-        return f"with exit code {code}"
-    with suppress(ValueError):
-        return f"by signal {signal.Signals(-code).name}"
-    return f"by signal {-code}"
 
 
 def child_main(work: Callable[[dict[str, Any], Progress], dict[str, Any]]) -> None:

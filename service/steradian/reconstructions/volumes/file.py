@@ -19,9 +19,8 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,6 +33,9 @@ from steradian.reconstructions.volumes.grid import VoxelGrid
 from steradian.reconstructions.volumes.projections import Projections, project
 from steradian.reconstructions.volumes.pyramid import chunk_shape, pyramid_shapes
 from steradian.scans.file.h5py_errors import reraise_as_damaged
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT, VERSION = "steradian-volume", 2
 READABLE = (1, VERSION)
@@ -60,6 +62,8 @@ def write_volume(
     OSError
         When the disk is full; ``path`` is then untouched.
     """
+    import h5py
+
     with atomic_write(path) as beside, h5py.File(beside, "w") as file:
         file.attrs.update(
             {
@@ -110,6 +114,8 @@ def write_projections(path: Path, volume: Volume, projections: Projections) -> N
 
     Origin, spacing, names of the axes and shape are attributes of the file itself.
     """
+    import h5py
+
     with atomic_write(path) as beside, h5py.File(beside, "w") as file:
         file.attrs.update(
             {
@@ -159,6 +165,8 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
     DamagedFile
         When it is truncated or of another kind.
     """
+    import h5py
+
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
@@ -190,6 +198,8 @@ def read_volume(path: Path) -> Volume:
     DamagedFile
         When it is truncated or of another kind.
     """
+    import h5py
+
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
@@ -204,6 +214,8 @@ def read_volume(path: Path) -> Volume:
 
 def read_parameters(path: Path) -> ReconstructionParameters:
     """Read the reconstruction parameters from a volume file; raises as :func:`read_volume`."""
+    import h5py
+
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:

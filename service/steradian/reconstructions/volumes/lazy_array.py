@@ -12,13 +12,15 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.core.exceptions import DamagedFile
+
+if TYPE_CHECKING:
+    import h5py
 
 Index: TypeAlias = tuple[slice | int, ...]
 CHUNK_BYTES = 4 << 20

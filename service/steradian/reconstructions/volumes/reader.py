@@ -7,7 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,6 +45,8 @@ class VolumeReader:
     """
 
     def __init__(self, path: Path) -> None:
+        import h5py
+
         self.path = path
         try:
             with h5py.File(path, "r") as file:
@@ -88,6 +89,8 @@ class VolumeReader:
         InvalidInput
             When the image has none along it.
         """
+        import h5py
+
         with h5py.File(self.path, "r") as file:
             if f"mip_{axis}" in file:
                 return np.asarray(file[f"mip_{axis}"])

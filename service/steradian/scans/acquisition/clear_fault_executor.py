@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from steradian.core.exceptions import SteradianError
-from steradian.scans.acquisition.fault_clearing import HEARD_WITHIN, LOOK
+from steradian.scans.acquisition.fault_clearing import HEARD_WITHIN
 from steradian.scans.acquisition.port_monitor import PortMonitor
 from steradian.storage.data_dir.fault_requests import ClearAnswer, ClearFaultRequest, ClearRequest
 
+POLL_INTERVAL = 0.2
+"""Seconds between two looks for a request."""
 _log = logging.getLogger(__name__)
 
 
@@ -43,7 +45,7 @@ class ClearFaultExecutor:
             thread.join(HEARD_WITHIN)
 
     def _run(self) -> None:
-        while not self._over.wait(LOOK):
+        while not self._over.wait(POLL_INTERVAL):
             try:
                 request = self._clearing.asked()
                 if request is not None and request.number != self._done:

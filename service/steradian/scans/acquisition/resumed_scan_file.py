@@ -6,8 +6,6 @@ import os
 import shutil
 from pathlib import Path
 
-import h5py
-
 from steradian.core.atomic_files import atomic_write, sync_folder
 from steradian.core.exceptions import DiskFull, NotFound
 from steradian.scans.file.create import check_free_space, is_disk_full_error
@@ -32,6 +30,8 @@ def create_from_partial(earlier: Path, path: Path, scan_id: str) -> None:
     DiskFull
         When the disk cannot hold another one.
     """
+    import h5py
+
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         check_free_space(path.parent, earlier.stat().st_size)

@@ -9,10 +9,9 @@ import os
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import google_crc32c
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,9 @@ from steradian.core.exceptions import Conflict, DiskFull
 from steradian.plans import ScanPlan
 from steradian.scans.file import schema
 from steradian.scans.file.measurement_order import ScanProgram
+
+if TYPE_CHECKING:
+    import h5py
 
 FREE_SPACE_MARGIN = 1.2
 """Free space below this many times a scan's need is worth a warning."""
@@ -80,6 +82,8 @@ def create_scan_file(
     DiskFull
         When the disk cannot hold the whole scan (the space is reserved here, before a pulse is fired).
     """
+    import h5py
+
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -262,6 +266,8 @@ def _create_preallocated(
     group: h5py.Group, name: str, shape: tuple[int, ...], kind: np.dtype[Any], chunk: tuple[int, ...] | None
 ) -> None:
     """Create an HDF5 dataset whose bytes are allocated in the file at once."""
+    import h5py
+
     made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     made.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     if chunk is not None:

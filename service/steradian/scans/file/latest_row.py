@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import h5py
+from typing import TYPE_CHECKING
+
 import numpy as np
 from google_crc32c import value as crc32c
 from numpy.typing import NDArray
 
 from steradian.scans.file import schema
+
+if TYPE_CHECKING:
+    import h5py
 
 
 def latest_row(file: h5py.File) -> int | None:

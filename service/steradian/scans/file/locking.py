@@ -6,10 +6,12 @@ import errno
 import struct
 import sys
 from pathlib import Path
-
-import h5py
+from typing import TYPE_CHECKING
 
 from steradian.core.exceptions import Conflict
+
+if TYPE_CHECKING:
+    import h5py
 
 _FLOCK = "hhqqi"
 """The system's ``struct flock``: type, whence, start, length, process."""
@@ -53,6 +55,8 @@ def open_for_reading(path: Path) -> h5py.File:
     OSError
         When it is no HDF5 file or cannot be read.
     """
+    import h5py
+
     try:
         return h5py.File(path, "r")
     except OSError:

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans import ScanPlan
 
 if TYPE_CHECKING:
+    import h5py
+
     import fabry_perot
 
 

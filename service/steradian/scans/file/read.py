@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,9 @@ from steradian.scans.file.sensitivity import sensitivity_of
 from steradian.scans.file.source_metadata import notes_of, read_origin
 from steradian.scans.frames import Frame, frame_number
 from steradian.scans.recording import Recording, ShotMetadata
+
+if TYPE_CHECKING:
+    import h5py
 
 
 def list_frames(path: Path) -> tuple[Frame, ...]:

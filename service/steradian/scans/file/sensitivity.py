@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.plans import Fringe
 from steradian.scans.file.aline_metadata import ShotTable
+
+if TYPE_CHECKING:
+    import h5py
 
 MIN_SENSITIVITY = 0.1
 """A plan gives up no more than nine tenths; what is far beside its best wavelength is noise, and is not blown up."""

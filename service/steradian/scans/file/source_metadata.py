@@ -7,9 +7,11 @@ place in a scan file, under the format's own name.
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
+if TYPE_CHECKING:
+    import h5py
+
 
 SOURCE = "source"
 MOST_CHARACTERS = 60_000

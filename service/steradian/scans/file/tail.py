@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,9 @@ from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.read import _check_kind, list_frames, shots_of
 from steradian.scans.file.sensitivity import sensitivity_of
 from steradian.scans.recording import Recording, ShotMetadata
+
+if TYPE_CHECKING:
+    import h5py
 
 _GAP = 16  # rows not wanted that are rather read than skipped
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +17,9 @@ from steradian.scans.file.create import geometry_checksum
 from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.writer import ScanFileWriter
+
+if TYPE_CHECKING:
+    import h5py
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,8 @@
 """Durable writer of scan files: appends return after fsync.
 
 The HDF5 library makes the file once, with every dataset allocated at its full size, and closes it
-(:mod:`steradian.scans.file.create`). Appending then overwrites rows in their places and ends with ``fdatasync``, once a
-batch; nothing of HDF5's own structure changes, so neither a kill nor a power cut can damage it, and any HDF5 reader
-may look at a running scan.
+(:mod:`steradian.scans.file.create`). Appending overwrites rows in place and ends with ``fdatasync`` once a batch. The
+structure of HDF5 does not change, so neither a kill nor a power cut damages it, and any reader may open a running scan.
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import google_crc32c
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +26,9 @@ from steradian.scans.file.create import create_scan_file, is_disk_full_error
 from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import lock, open_for_reading
 from steradian.scans.file.measurement_order import ScanProgram
+
+if TYPE_CHECKING:
+    import h5py
 
 __all__ = ["AlineLike", "ScanFileWriter", "create_scan_file"]
 _Rows: TypeAlias = NDArray[np.void] | Mapping[str, NDArray[Any]]

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from steradian.core.atomic_files import sync_folder
+from steradian.core.child_process import describe_exit, exit_when_stdin_closes
 from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, DiskFull, InvalidInput, NotFound, SteradianError
 from steradian.core.progress import CancelCheck, Progress
 from steradian.core.sandbox import minimal_environment, restrict_filesystem, set_oom_score
@@ -153,7 +154,9 @@ def _in_child(
         return result
     if "error" in said:
         raise _error(said["error"])
-    raise DamagedFile(f"{source.name} cannot be read: its reader ended {_exit_description(child.returncode)}")
+    limit = child.returncode == -getattr(signal, "SIGXCPU", 0)
+    end = "at its limit of time" if limit else describe_exit(child.returncode)
+    raise DamagedFile(f"{source.name} cannot be read: its reader ended {end}")
 
 
 def _listen(lines: IO[bytes], progress: Progress | None, cancelled: CancelCheck | None) -> dict[str, Any]:
@@ -179,12 +182,6 @@ def _error(said: dict[str, Any]) -> SteradianError:
             return _PLAIN.get(said["code"], SteradianError)(said["message"])
 
 
-def _exit_description(status: int) -> str:
-    if status == -getattr(signal, "SIGXCPU", 0):
-        return "at its limit of time"
-    return f"by signal {signal.Signals(-status).name}" if status < 0 else f"with exit code {status}"
-
-
 def main() -> None:
     """Entry point of the import process: read a request, set resource limits, import, report the outcome."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches whoever started this, and ends it
@@ -195,7 +192,7 @@ def main() -> None:
     set_oom_score(LOG_TAIL)
     if not restrict_filesystem(_needed(source, description), destination.parent):
         sys.stderr.write("no Landlock here: the reader of this file can read all files of its user\n")
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    threading.Thread(target=exit_when_stdin_closes, args=(lambda: os._exit(70),), daemon=True).start()
     said = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
 
@@ -271,12 +268,6 @@ def _as_json(error: SteradianError) -> dict[str, Any]:
     if isinstance(error, NotFound):
         about |= {"kind": error.kind, "identifier": error.identifier}
     return about
-
-
-def _end_with_stdin() -> None:
-    while os.read(0, 4096):
-        pass
-    os._exit(70)
 
 
 if __name__ == "__main__":

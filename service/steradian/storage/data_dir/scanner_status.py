@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final, Self
@@ -110,7 +110,7 @@ class StatusBlock:
     def write(self, status: ScannerStatus) -> None:
         """Write the scanner status to the shared file."""
         with self._lock:
-            write_block(self._file, asdict(status) | {"written": time.monotonic()})
+            write_block(self._file, vars(status) | {"written": time.monotonic()})
 
     def read(self) -> ScannerStatus:
         """Return the scanner status; all fields are unknown if the last write is older than :data:`CURRENT` seconds."""

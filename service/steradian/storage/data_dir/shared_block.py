@@ -11,6 +11,7 @@ import json
 import os
 import time
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any, Final
@@ -50,8 +51,16 @@ def read_block(descriptor: int, name: str) -> dict[str, Any] | None:
         block = os.pread(descriptor, SIZE, 0)
         if block == _BLANK:
             return None
-        if block[:9] == b"%08x " % google_crc32c.value(block[9:]) and len(block) == SIZE:
-            value: dict[str, Any] = json.loads(block[9:])
-            return value
+        if (value := _parse(block)) is not None:
+            return dict(value)
         time.sleep(READ_INTERVAL)
     raise ValueError(f"{name} does not match its checksum")
+
+
+@lru_cache(maxsize=16)
+def _parse(block: bytes) -> dict[str, Any] | None:
+    """Return the JSON object in a block, ``None`` if the checksum differs; cached, because blocks are read often."""
+    if block[:9] != b"%08x " % google_crc32c.value(block[9:]) or len(block) != SIZE:
+        return None
+    value: dict[str, Any] = json.loads(block[9:])
+    return value

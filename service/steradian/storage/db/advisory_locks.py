@@ -14,9 +14,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from enum import Enum
-from typing import Final, LiteralString
+from typing import TYPE_CHECKING, Final, LiteralString
 
-import psycopg
+if TYPE_CHECKING:
+    import psycopg
 
 TIMEOUTS: Final[dict[str, int]] = {
     "connect_timeout": 5,
@@ -64,6 +65,8 @@ class AdvisoryLock:
 
     def ensure_held(self) -> LockState:
         """Acquire the lock unless this object holds it, reconnecting if needed, and return its state."""
+        import psycopg
+
         try:
             if self._session is not None:
                 _ask(self._session, "SELECT 1")
@@ -95,6 +98,8 @@ class AdvisoryLock:
     @contextmanager
     def try_briefly(self, other: str) -> Iterator[bool]:
         """Acquire another name's lock until the block ends; yields whether it was free."""
+        import psycopg
+
         session = self._session
         try:
             free = session is not None and _try(session, other)
@@ -110,6 +115,8 @@ class AdvisoryLock:
     def release(self) -> None:
         """Release the advisory lock by closing its session."""
         if self._session is not None:
+            import psycopg
+
             with suppress(psycopg.Error):
                 self._session.close()
             self._session = None

@@ -13,6 +13,9 @@ from steradian.storage.db.database import Database
 MAX_INTERVAL: Final = 1.0
 """Seconds after which one looks even if nothing was written: what was tried in vain is tried again."""
 
+MAX_IDLE_INTERVAL: Final = 30.0
+"""The same for work that depends on the database alone."""
+
 
 class ChangeDetector:
     """Detector of database changes, which saves a polling reader needless queries; not thread-safe.
@@ -38,6 +41,10 @@ class ChangeDetector:
             return False
         self._version, self._due = version, now + self._at_least
         return True
+
+    def reset(self) -> None:
+        """Make the next check return true."""
+        self._due = 0.0
 
     def _read(self) -> int | None:
         """Return SQLite's ``data_version``, which changes with each commit; ``None`` for a server database."""

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, select, text
+from sqlalchemy import Connection, Engine, create_engine, event, inspect, select, text
 from sqlalchemy.exc import DatabaseError
 from sqlalchemy.orm import Session, sessionmaker
 
@@ -72,6 +72,15 @@ class Database:
         DamagedFile
             When a newer version has created the tables, or the SQLite file is damaged.
         """
+        try:
+            if self.revision() != known_revisions()[0]:
+                self._migrate()
+        except DatabaseError as error:
+            if self.engine.dialect.name != "sqlite":
+                raise
+            raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
+
+    def _migrate(self) -> None:
         logging.getLogger("alembic").setLevel(logging.WARNING)
         from alembic import command
         from alembic.config import Config
@@ -85,10 +94,6 @@ class Database:
                 command.upgrade(config, "head")
         except CommandError as error:
             raise DamagedFile(f"the database {self.name} is of a newer version of Steradian: {error}") from error
-        except DatabaseError as error:
-            if self.engine.dialect.name != "sqlite":
-                raise
-            raise DamagedFile(f"the database {self.name} cannot be used: {error.orig}") from error
 
     def get_fact(self, session: Session, name: str) -> str | None:
         """Return the value of a key in the table of database-wide facts."""
@@ -105,11 +110,11 @@ class Database:
 
     def revision(self) -> str | None:
         """Return the Alembic revision of the schema; ``None`` before tables are created."""
-        logging.getLogger("alembic").setLevel(logging.WARNING)
-        from alembic.migration import MigrationContext
-
         with self.engine.connect() as connection:
-            return MigrationContext.configure(connection).get_current_revision()
+            if not inspect(connection).has_table("alembic_version"):
+                return None
+            revision: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
+            return revision
 
     @contextmanager
     def migrating(self) -> Iterator[None]:
@@ -147,10 +152,8 @@ def metadata_url(settings: Settings) -> str:
 
 
 def known_revisions() -> list[str]:
-    """Return all Alembic revisions of the schema, newest first."""
-    from alembic.script import ScriptDirectory
-
-    return [script.revision for script in ScriptDirectory(str(MIGRATIONS)).walk_revisions()]
+    """Return all Alembic revisions of the schema, newest first; the file of a migration begins with its revision."""
+    return sorted((path.name[:4] for path in (MIGRATIONS / "versions").glob("[0-9]*.py")), reverse=True)
 
 
 def _reader(url: str) -> Engine:
