@@ -73,7 +73,7 @@ provide() {
     if [ -z "${CUDA_HOME:-}" ] && [ -d /usr/local/cuda ]; then
         export CUDA_HOME=/usr/local/cuda # where numba-cuda looks for NVVM if no package has it
     fi
-    export PYTHONPATH="$PWD/service:$PWD/driver" NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-/tmp/gpu-session-numba}
+    export PYTHONPATH="$PWD/service:$PWD/driver:$PWD/benchmarks" NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-/tmp/gpu-session-numba}
     collect
     if [ -d "$wheels" ]; then
         # an older one of what the machine has would hide it: only what cannot be imported is installed
@@ -155,7 +155,7 @@ benchmark() {
 run_benchmark() { # FILE [OPTION…]
     local file=$1
     shift
-    COLUMNS=180 "$python" -c 'from steradian.cli.benchmark import app; app()' gpu --json "$out/$file.json" "$@" \
+    COLUMNS=180 "$python" -m steradian_benchmarks gpu --json "$out/$file.json" "$@" \
         2>&1 | tee "$out/$file.log"
 }
 

@@ -1,46 +1,54 @@
-"""Load test of a running service with locust: mixed readers, submitters and event listeners.
+"""Load test of a running service with locust: readers, submitters, event listeners and misbehaving clients.
 
 Start ``steradian serve`` on a folder that may be thrown away, then for instance
-``locust -f benchmarks/locustfile.py --headless -H http://127.0.0.1:8000 -u 206 -r 50 -t 60s --csv load``
-(``pip install locust``). Of 206 users 50 listen to events, 6 submit reconstructions and 150 read. STERADIAN_API_KEY is
-sent as the key.
+``locust -f benchmarks/locustfile.py --headless -H http://127.0.0.1:8000 -u 210 -r 50 -t 60s --csv load``
+(``pip install locust``). Of 210 users 150 read, 50 listen to events, 6 submit reconstructions and 4 misbehave.
+STERADIAN_API_KEY is sent as the key.
 """
 
 import os
 import random
+import socket
 import time
+from urllib.parse import urlsplit
 
+import requests
 from locust import FastHttpUser, HttpUser, between, constant, events, task
 from locust.env import Environment
 
 V1 = "/api/v1"
 EQUI_STERADIAN = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3}
 HEADERS = {"Authorization": f"Bearer {key}"} if (key := os.environ.get("STERADIAN_API_KEY")) else {}
+OVERSIZED_BODY = b'{"reason": "' + b"x" * 2**23 + b'"}'
+HALF_REQUEST = b"POST /api/v1/masks HTTP/1.1\r\nHost: half\r\nContent-Length: 999\r\n\r\n{"
 created: dict[str, list[str]] = {"masks": [], "plans": [], "scans": [], "jobs": []}
 
 
 @events.test_start.add_listener
 def create_resources(environment: Environment, **_: object) -> None:
     """Create 30 masks and plans, a scan of 200 points, and a scan at 1 kHz that lasts about a minute."""
-    import httpx
 
-    with httpx.Client(base_url=f"{environment.host}{V1}", headers=HEADERS, timeout=60) as client:
+    def send(method: str, path: str, body: object = None, **headers: str) -> dict:
+        url = f"{environment.host}{V1}{path}"
+        answer = requests.request(method, url, json=body, headers=HEADERS | headers, timeout=60)
+        answer.raise_for_status()
+        return answer.json()
 
-        def create(kind: str, body: dict[str, object], **headers: str) -> str:
-            answer = client.post(f"/{kind}", json=body, headers=headers).raise_for_status()
-            created[kind].append(answer.json()["id"])
-            return created[kind][-1]
+    def create(kind: str, body: dict[str, object], **headers: str) -> str:
+        created[kind].append(send("POST", f"/{kind}", body, **headers)["id"])
+        return created[kind][-1]
 
-        for number in range(30):
-            mask = create("masks", EQUI_STERADIAN | {"count": 100 + number})
-            create("plans", {"mask_id": mask, "samples": 256})
-        for count, rate, frames in ((200, 1000, 1), (1605, 1000, 38)):
-            mask = create("masks", EQUI_STERADIAN | {"count": count})
-            plan = create("plans", {"mask_id": mask, "samples": 256, "pulse_rate": rate, "frames": frames})
-            scan = create("scans", {"plan_id": plan}, **{"Idempotency-Key": f"locust-{plan}"})
-            wanted = {"complete", "failed"} if frames == 1 else {"running", "failed"}
-            while (view := client.get(f"/scans/{scan}").json())["state"] not in wanted or not view["progress"]["done"]:
-                time.sleep(0.1)
+    for number in range(30):
+        mask = create("masks", EQUI_STERADIAN | {"count": 100 + number})
+        create("plans", {"mask_id": mask, "samples": 256})
+    for count, frames, awaited in ((200, 1, "complete"), (1605, 38, "running")):
+        mask = create("masks", EQUI_STERADIAN | {"count": count})
+        plan = create("plans", {"mask_id": mask, "samples": 256, "pulse_rate": 1000, "frames": frames})
+        scan = create("scans", {"plan_id": plan}, **{"Idempotency-Key": f"locust-{plan}"})
+        while (view := send("GET", f"/scans/{scan}"))["state"] != awaited or not view["progress"]["done"]:
+            if view["state"] in {"failed", "aborted", "interrupted", "partial"}:
+                raise RuntimeError(f"the scan is {view['state']}: {view['error']}")
+            time.sleep(0.1)
 
 
 class Reader(FastHttpUser):
@@ -62,7 +70,7 @@ class Reader(FastHttpUser):
 
     @task(33)
     def one(self) -> None:
-        """Request one mask, scan or job."""
+        """Request one mask, plan, scan or job."""
         kind = random.choice([kind for kind, known in created.items() if known])  # noqa: S311
         self.read(f"/{kind}/{random.choice(created[kind])}", f"light: one of {kind}")  # noqa: S311
 
@@ -89,7 +97,7 @@ class Reader(FastHttpUser):
 
 
 class Submitter(FastHttpUser):
-    """User that submits a small reconstruction every ten seconds."""
+    """Client that submits a small reconstruction every ten seconds."""
 
     weight = 6
     wait_time = constant(10)
@@ -108,16 +116,40 @@ class Listener(HttpUser):
     """Listener of the event stream for half a minute at a time."""
 
     weight = 50
-    wait_time = constant(0)
+    wait_time = constant(1)
 
     @task
     def listen(self) -> None:
         """Read events until half a minute has passed; heartbeats come more often."""
         end = time.monotonic() + 30
-        headers = HEADERS | {"Accept": "text/event-stream"}
-        options = {"headers": headers, "stream": True, "timeout": 60, "catch_response": True}
-        with self.client.get(f"{V1}/events", name="events", **options) as answer:
-            answer.success()
-            for _ in answer.iter_lines():
+        options = {"headers": HEADERS | {"Accept": "text/event-stream"}, "stream": True, "timeout": 60}
+        with self.client.get(f"{V1}/events", name="events", catch_response=True, **options) as answer:
+            for _ in answer.iter_lines() if answer.ok else ():
                 if time.monotonic() > end:
                     break
+
+
+class Misbehaving(FastHttpUser):
+    """Client that sends 8 MiB where a few bytes belong, and requests that it does not finish."""
+
+    weight = 4
+    wait_time = constant(5)
+    default_headers = HEADERS
+
+    @task
+    def send_oversized_body(self) -> None:
+        """Send a body that the service must refuse with status 413."""
+        headers, name = {"Content-Type": "application/json"}, "misbehaving: body too large"
+        with self.client.post(
+            f"{V1}/jobs", data=OVERSIZED_BODY, headers=headers, name=name, catch_response=True
+        ) as answer:
+            if answer.status_code == 413:
+                answer.success()
+
+    @task
+    def send_half_request(self) -> None:
+        """Send half a request and hold the connection for ten seconds."""
+        address = urlsplit(self.host)
+        with socket.create_connection((address.hostname, address.port or 80), timeout=10) as connection:
+            connection.sendall(HALF_REQUEST)
+            time.sleep(10)

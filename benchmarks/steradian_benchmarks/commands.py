@@ -161,9 +161,9 @@ def queue(
     jobs: Annotated[int, typer.Option(help="Reconstructions for the throughput; 0 leaves it out.", min=0)] = 20,
     load: Annotated[int, typer.Option(help="Short jobs for the load; 0 leaves it out.", min=0)] = 400,
 ) -> None:
-    """Time the job queue: throughput beside the library in a loop, waiting times, and 400 jobs under eight readers.
+    """Time the job queue: reconstructions a second, waiting times, and 400 jobs under eight readers.
 
-    'ratio' is the service's throughput in units of the row's; 'cpu s per job' counts every process. With
+    'cpu s per job' counts every process. With
     STERADIAN_DATABASE_URL the queue is on PostgreSQL.
     """
     from steradian_benchmarks.queue import queue as measure
@@ -171,10 +171,8 @@ def queue(
     with progress_bar() as progress:
         database = os.environ.get("STERADIAN_DATABASE_URL")
         rows = measure(jobs=jobs, load_jobs=load, database_url=database, progress=progress)
-    for kind in ("throughput", "latency", "load"):
-        chosen = [row for row in rows if (row["case"] if row["case"] in {"latency", "load"} else "throughput") == kind]
-        if chosen:
-            print_and_save(kind, chosen, None)
+    for row in rows:
+        print_and_save(row["case"], [row], None)
     save("queue", rows, json_file)
 
 

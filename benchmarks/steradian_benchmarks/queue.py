@@ -1,4 +1,4 @@
-"""Benchmark of the job queue: latency, progress latency and behaviour under load."""
+"""Benchmark of the job queue: throughput, latency, progress latency and behaviour under load."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from steradian.core.progress import Progress
 from steradian.core.settings import Settings
 from steradian.jobs.job import JobStatus
 from steradian_benchmarks.progress_latency_job import TURN, milliseconds
-from steradian_benchmarks.service import RunningService, make_scan, running_service
-from steradian_benchmarks.service_overhead import throughput
+from steradian_benchmarks.service import RunningService, make_scan, running_service, wait_for_reconstruction
 
 CLOCK = (sys.executable, "-P", "-m", "steradian_benchmarks.progress_latency_job")
 WORKER = f"""
@@ -39,7 +38,7 @@ def queue(
     Parameters
     ----------
     jobs
-        Reconstructions of the paper's yarn (1,605 points, 226² modes, 1,024 samples) through the service and in loops.
+        Reconstructions of the paper's yarn (1,605 points, 226² modes, 1,024 samples) on two workers of a service.
     load_jobs
         Short jobs for four workers while eight clients read.
     database_url
@@ -50,12 +49,41 @@ def queue(
         given = {"port": 0, "simulator_speed": 200.0, "database_url": database_url}
         if jobs:
             settings = Settings.create(data=Path(folder) / "throughput", workers=2, **given)
-            rows += throughput(settings, jobs=jobs, progress=progress)
+            rows.append(throughput(settings, jobs=jobs, progress=progress))
         rows.append(latency(Settings.create(data=Path(folder) / "latency", **given), progress=progress))
         if load_jobs:
             settings = Settings.create(data=Path(folder) / "load", workers=4, **given)
             rows.append(load(settings, jobs=load_jobs, progress=progress))
     return rows
+
+
+def throughput(
+    settings: Settings, *, jobs: int = 20, modes: int = 226, points: int = 1600, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Measure jobs per second and processor time per job of reconstructions through a service with warm workers."""
+    with running_service(settings) as service:
+        scan_id = make_scan(service, count=points, samples=1024)
+        _reconstruct(service, scan_id, 2 * settings.workers, modes, None)  # every worker has its kernels
+        begun, before = time.monotonic(), service.processor_seconds()
+        _reconstruct(service, scan_id, jobs, modes, progress)
+        seconds, used = time.monotonic() - begun, service.processor_seconds() - before
+    return {
+        "case": "throughput",
+        "jobs": jobs,
+        "seconds": seconds,
+        "jobs_per_second": jobs / seconds,
+        "cpu_s_per_job": used / jobs,
+    }
+
+
+def _reconstruct(service: RunningService, scan_id: str, jobs: int, modes: int, progress: Progress | None) -> None:
+    """Submit reconstructions to the service and wait for all of them."""
+    body = {"scan_id": scan_id, "parameters": {"modes": modes}}
+    made = [service.request("/reconstructions", body)["id"] for _ in range(jobs)]
+    for number, identifier in enumerate(made):
+        if progress:
+            progress("throughput", number, jobs)
+        wait_for_reconstruction(service, identifier)
 
 
 def latency(settings: Settings, *, jobs: int = 30, progress: Progress | None = None) -> dict[str, Any]:

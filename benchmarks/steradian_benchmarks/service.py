@@ -33,19 +33,15 @@ class RunningService:
         """Send an HTTP request and return the JSON of the response."""
         return ask(f"{self.url}{path}", body, **headers)
 
-    def scan_file(self, scan_id: str) -> Path:
-        """Path of a scan's file."""
-        return self.settings.data / "scans" / f"{scan_id}.h5"
-
     def processor_seconds(self) -> float:
         """Return the processor time of all its processes, ended ones included; 0 if unknown."""
         return processor_seconds(self.pid)
 
 
 @contextmanager
-def running_service(settings: Settings, role: str = "serve") -> Iterator[RunningService]:
-    """Run ``steradian serve``, or another HTTP server command, until the block ends."""
-    command = [sys.executable, "-P", "-m", "steradian", role]
+def running_service(settings: Settings) -> Iterator[RunningService]:
+    """Run ``steradian serve`` until the block ends."""
+    command = [sys.executable, "-P", "-m", "steradian", "serve"]
     process = subprocess.Popen(
         command, env=settings.environment(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
@@ -59,19 +55,6 @@ def running_service(settings: Settings, role: str = "serve") -> Iterator[Running
     finally:
         process.terminate()
         process.communicate(timeout=20)
-
-
-@contextmanager
-def running_worker(settings: Settings) -> Iterator[int]:
-    """Run ``steradian worker`` until the block ends; yields its process id."""
-    command = [sys.executable, "-P", "-m", "steradian", "worker", "--name", settings.worker_name]
-    nowhere = subprocess.DEVNULL
-    process = subprocess.Popen(command, env=settings.environment(), stdout=nowhere, stderr=nowhere)
-    try:
-        yield process.pid
-    finally:
-        process.terminate()
-        process.wait(timeout=20)
 
 
 def ask(url: str, body: dict[str, Any] | None = None, **headers: str) -> Any:
@@ -106,44 +89,16 @@ def wait_for_reconstruction(service: RunningService, identifier: str) -> dict[st
     return found
 
 
-def api_process(pid: int) -> int:
-    """Return the process id of a service's API; 0 if the system does not report it."""
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError, ValueError, IndexError):
-            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and b"steradian.api" in (folder / "cmdline").read_bytes():
-                return int(folder.name)
-    return 0
-
-
-def memory_mib(pid: int) -> float:
-    """Return the resident memory of a process in MiB; 0 if the system does not report it."""
-    with suppress(OSError, ValueError, IndexError):
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-        return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-    return 0.0
-
-
-def processor_seconds(pid: int, *, children: bool = True) -> float:
-    """Return the processor time of a process and, by default, its descendants, in s; 0 if unknown."""
+def processor_seconds(pid: int) -> float:
+    """Return the processor time of a process and its descendants, in s; 0 if unknown."""
     table: dict[int, tuple[int, float]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError, IndexError):
             fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            # own, and of ended children
-            ticks = sum(int(fields[number]) for number in ((11, 12, 13, 14) if children else (11, 12)))
+            ticks = sum(map(int, fields[11:15]))  # own, and of ended children
             table[int(folder.name)] = (int(fields[1]), ticks / os.sysconf("SC_CLK_TCK"))
     family, found = {pid}, 0
-    while children and len(family) != found:
+    while len(family) != found:
         found = len(family)
         family |= {child for child, (parent, _) in table.items() if parent in family}
     return sum(table[member][1] for member in family if member in table)
-
-
-def busy_seconds() -> float:
-    """Return the processor time used on this machine since boot, in s; 0 if the system does not report it."""
-    with suppress(OSError, ValueError, IndexError):
-        line = Path("/proc/stat").read_text().splitlines()[0]
-        user, nice, system, _idle, _waiting, interrupts, soft = map(int, line.split()[1:8])
-        return (user + nice + system + interrupts + soft) / os.sysconf("SC_CLK_TCK")
-    return 0.0

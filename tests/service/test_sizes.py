@@ -7,6 +7,7 @@ import pytest
 
 import fabry_perot
 import steradian
+import steradian_benchmarks
 import steradian_client
 
 LIMIT = 300
@@ -31,7 +32,7 @@ REASONS = Path(__file__).parents[2] / "docs" / "adr" / "0009-rooms.md"
 
 
 def modules():
-    for package in (steradian, fabry_perot, steradian_client):
+    for package in (steradian, fabry_perot, steradian_client, steradian_benchmarks):
         root = Path(str(files(package)))
         for path in root.rglob("*.py"):
             yield path.relative_to(root.parent).with_suffix("").as_posix(), path
