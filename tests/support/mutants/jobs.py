@@ -95,18 +95,6 @@ MUTANTS = {
         "",
         ("jobs/test_forms.py::test_job_of_stores_the_form_of_its_request_and_today_reads_it",),
     ),
-    "paths of the server for clients": Mutant(
-        "jobs.worker.process:_for_clients",
-        '.replace(f"{payload.get(\'data\')}/", "")',
-        "",
-        ("jobs/test_process.py::test_an_error_that_clients_read_names_no_place_on_the_server",),
-    ),
-    "characters that no database stores": Mutant(
-        "jobs.worker.process:_for_clients",
-        ".translate(_NO_CHARACTERS)",
-        "",
-        ("jobs/test_process.py::test_error_message_with_invalid_characters_is_sanitized",),
-    ),
     "a scan's time is the job's": Mutant(
         "jobs.worker.process:JobProcess.run",
         "if stage == follows:",
@@ -114,18 +102,15 @@ MUTANTS = {
         ("jobs/test_process.py::test_the_time_of_a_scan_that_is_followed_is_not_the_jobs",),
     ),
     "backlog without jobs of unknown kinds": Mutant(
-        "jobs.queue.estimates:backlog", "work = waiting * sum", "work = sum", ("api/test_queue_place.py",)
+        "jobs.queue.estimates:backlog",
+        "work = waiting * sum",
+        "work = sum",
+        ("api/test_queue_place.py::test_queue_expected_end_is_computed_from_past_job_durations",),
     ),
     "jobs that no worker can do are ahead": Mutant(
         "jobs.queue.estimates:_skipped",
         " if able else []",
         " if not able else []",
         ("jobs/test_capabilities.py::test_unsatisfiable_job_does_not_block_queue_position",),
-    ),
-    "one sample is enough": Mutant(
-        "jobs.queue.estimates:_median_duration",
-        "len(taken) >= MIN_SAMPLES",
-        "taken",
-        ("api/test_queue_place.py::test_queue_expected_end_is_computed_from_past_job_durations",),
     ),
 }
