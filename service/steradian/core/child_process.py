@@ -14,22 +14,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any, ParamSpec, TypeVar, cast
 
-from steradian.core.exceptions import SteradianError
-
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class ChildExited(SteradianError):
+class ChildExited(RuntimeError):
     """Error: a child process ended during a call.
 
     Parameters
     ----------
-    code
+    status
         Its exit code; negative: the number of the signal that ended it.
     """
-
-    code = "process-ended"
 
     def __init__(self, status: int) -> None:
         self.status = status
