@@ -61,7 +61,7 @@ def test_kernels_take_few_arguments(name: str) -> None:
 
 def test_importing_the_library_needs_no_compiler() -> None:
     """Tables and plans are made without Numba; the first run imports it."""
-    compilers = ("steradian.core.jit", '\ncuda: Any = importlib')
+    compilers = ("steradian.core.jit", "\ncuda: Any = importlib")
     late = {name for name, path in SOURCES.items() if any(each in path.read_text() for each in compilers)}
     for name in TREES.keys() - late:
         tops = [node for node in TREES[name].body if isinstance(node, ast.ImportFrom)]
