@@ -15,6 +15,7 @@ LIBRARY = {
     "Plans and scans": "ScanPlan Scan open",
     "Reconstruction": "reconstruct Acquisition AcquisitionGeometry ImageGrid Compute ReconstructionPlan ForwardOperator"
     " FrameChoice Volume measure_width quality",
+    "Medium": "Medium Layer",
     "Reconstruction methods": "Nufft Ner LinearKappa NearestKappa Gridded Iterative",
     "Errors": "SteradianError InvalidInput",
 }

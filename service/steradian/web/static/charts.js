@@ -18,6 +18,8 @@ export class LineChart {
     replace(host, plot, this.legend);
     /** @type {Line[]} */
     this.lines = [];
+    /** @type {string[]} one a line */
+    this.colours = [];
     this.labels = { x: "", y: "" };
     /** @type {Set<string>} */
     this.hidden = new Set();
