@@ -59,8 +59,6 @@ class IncrementalReconstruction:
     def __init__(self, plan: ReconstructionPlan, *, fitted: bool = True) -> None:
         if plan.chosen.device != "cpu":
             raise InvalidInput("device", plan.chosen.device, "cpu for an image that grows")
-        if len(plan.layers) > 1:
-            raise InvalidInput("medium", str(plan.acquisition.medium), "one layer for an image that grows")
         if plan.method == "interpolated":
             raise InvalidInput("method", plan.method, "nedner, ner, linear or nearest for an image that grows")
         self.plan = plan
@@ -152,7 +150,15 @@ class IncrementalReconstruction:
         if part_of_sum == 0:
             raise InvalidInput("sensors", "none with a weight", "at least one A-line added before")
         plan, watch = self.plan, ProgressMonitor(progress, cancelled)
-        values = plan.engine.to_image(plan.engine.to_depth(self._sum, watch, kept=True), watch)
+        images = []
+        for number, layer in enumerate(plan.layers, start=1):
+            part = watch.of_layer(number, len(plan.layers)) if len(plan.layers) > 1 else watch
+            engine: Any = layer.chosen.engine
+            modes, room = self._sum, plan.engine.room
+            if number > 1:  # of the same sensors and times, in rows of another length
+                modes = engine.room.relaid(modes, room, plan.tables.time.samples)
+            images.append(engine.to_image(engine.to_depth(modes, part, kept=True), part))
+        values = images[0] if len(images) == 1 else np.concatenate(images, axis=-1)
         values *= values.dtype.type(1.0 / part_of_sum)
         return plan.as_volume(values)
 

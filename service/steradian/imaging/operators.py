@@ -8,9 +8,13 @@ with the lateral padding, L depth frequencies, and κ(j, l) = √(l² + Σ(L·Δ
 with the discrete Fourier transform f̂ of the volume, zero around it. It is the exact solution of the wave equation
 for the band-limited function through the voxels' values, periodic over X and, together with its mirror image at the
 film, over L·Δz. L is chosen such that no copy along the depth is heard within the record; the lateral padding does
-the same sideways (:func:`artefact_free_padding`). Lateral modes at the Nyquist frequency of an even N, and all κ beyond
-the Nyquist frequency of time or beyond ``max_frequency``, are left out. S is the film's response
+the same sideways (:func:`.geometry.model.artefact_free_padding`). Lateral modes at the Nyquist frequency of an even N,
+and all κ beyond the Nyquist frequency of time or beyond ``max_frequency``, are left out. S is the film's response
 (:mod:`.film_response`), or 1.
+
+In a medium of several layers each layer has such a model below the plane of its first slice, and the field that this
+plane hears from the pulse on is extrapolated to the film (:mod:`.transforms.extrapolation`). Echoes between boundaries,
+and what the boundaries reflect downwards, are left out.
 
 The paper's formula (equation 7) is the pseudo-inverse of this for sensors everywhere, up to the waves that leave
 downwards along the film.
@@ -18,8 +22,8 @@ downwards along the film.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,21 +32,21 @@ from scipy.sparse.linalg import LinearOperator
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
-from steradian.core.quantity_ranges import PADDING, TOLERANCE
-from steradian.imaging import validation as checks
+from steradian.core.quantity_ranges import TOLERANCE
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
 from steradian.imaging.engines.numba.engine import NumbaEngine
+from steradian.imaging.engines.numba.layered import LayeredEngine
 from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.film_response import FilmResponse
-from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
+from steradian.imaging.geometry.model import model_geometry
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
+from steradian.imaging.layered_tables import layered_tables
 from steradian.imaging.options import Compute, ImageGrid, check_max_frequency, check_window
 from steradian.imaging.transform_tables import forward_tables
-from steradian.imaging.transforms.grid_sizes import fast_size
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import RealArray
 
@@ -63,12 +67,13 @@ class ForwardOperator(_LinearOperator):
     Parameters
     ----------
     geometry
-        Sensors and timing; weights play no part.
+        Sensors and timing; weights play no part. Several layers are computed on the CPU, and are taken to be equally
+        dense where they have no densities.
     grid
         Voxels of the volume, without ``upsampling``, ``depth_step`` and ``time_padding``. ``lateral_padding`` None: as
-        much as keeps the periodic copies of the volume out of the record (:func:`artefact_free_padding`), about
-        (aperture + c·duration)/aperture; transforms and memory grow by it along each axis. With less, copies are
-        heard: 1 is exact for a medium that repeats.
+        much as keeps the periodic copies of the volume out of the record
+        (:func:`.geometry.model.artefact_free_padding`), about (aperture + c·duration)/aperture; transforms and memory
+        grow by it along each axis. With less, copies are heard: 1 is exact for a medium that repeats.
     response
         The film's response inside the model; None: an ideal sensor.
     max_frequency
@@ -109,12 +114,19 @@ class ForwardOperator(_LinearOperator):
             allowed = 'a frequency above 0 Hz, or None; "signal" is for reconstruct()'
             raise InvalidInput("max_frequency", max_frequency, allowed)
         dtype = compute.precision(tolerance)
-        shape = _model_geometry(geometry, grid)
-        memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
-        self.tables = forward_tables(
-            shape, dtype, tolerance=tolerance, window=window, max_frequency=max_frequency, response=response
-        )
-        self.chosen = EngineSelector(self.tables, compute)
+        settings: dict[str, Any] = {
+            "tolerance": tolerance, "window": window, "max_frequency": max_frequency, "response": response
+        }  # fmt: skip
+        if len(geometry.medium.layers) > 1:
+            self.tables, layers = layered_tables(geometry, grid, dtype, **settings)
+            shape = self.tables.geometry
+            memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
+            self.chosen = EngineSelector(self.tables, compute, partial(LayeredEngine, layers=layers))
+        else:
+            shape = model_geometry(geometry, grid)
+            memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
+            self.tables = forward_tables(shape, dtype, **settings)
+            self.chosen = EngineSelector(self.tables, compute)
         size = (len(shape.positions) * shape.samples, int(np.prod(shape.shape)))
         super().__init__(np.dtype(dtype), size)  # type: ignore[call-arg]
 
@@ -188,73 +200,3 @@ class ForwardOperator(_LinearOperator):
 
         found: RealArray = self.chosen.run_with_fallback(work, keep=is_gpu_array(values))
         return found
-
-
-def _model_geometry(acquisition: AcquisitionGeometry, grid: ImageGrid) -> ReconstructionGeometry:
-    """Return the model's geometry, padded so that periodic copies of the volume do not reach the record."""
-    if len(acquisition.medium.layers) > 1:
-        raise InvalidInput(
-            "medium", str(acquisition.medium), "one layer for a forward model: a direct method takes more"
-        )
-    positions, _, aperture = checks.resolve_sensors(acquisition.sensors, None, acquisition.aperture)
-    positions = checks.check_positions(positions)
-    aperture = checks.apertures(aperture, positions.shape[1])
-    samples, dt = acquisition.samples, acquisition.dt
-    step = dt * acquisition.sound_speed
-    extent = Extent.of(samples, dt, acquisition.t0)
-    whole = (extent.first * step, (extent.end - 1) * step)
-    depth = whole if grid.depth is None else checks.depths(grid.depth, extent.end * step)
-    lateral = grid.lateral_padding
-    if lateral is None:
-        duration = samples * dt + max(0.0, acquisition.t0)
-        lateral = artefact_free_padding(
-            positions, aperture=aperture, duration=duration, sound_speed=acquisition.sound_speed, depth=depth[0]
-        )
-    deepest = int(np.floor(depth[1] / step + 1e-6)) + 1
-    # the mirror image's next copy lies at L − z; its sound comes no earlier than sample L − z
-    record = fast_size(deepest + samples + extent.ahead)
-    padding = (record - extent.ahead) / samples
-    if padding > PADDING.high:
-        latest = (PADDING.high - 2) * samples * dt
-        allowed = f"at most about {latest:.3g} (s), {PADDING.high - 2:g} times the record's length, for a model"
-        raise InvalidInput("t0", acquisition.t0, allowed)
-    weights = np.full(len(positions), float(np.prod(aperture)) / len(positions))  # no part of the model
-    return resolve_geometry(
-        replace(acquisition, sensors=positions, aperture=aperture, weights=weights),
-        replace(grid, depth=depth, time_padding=padding, lateral_padding=lateral),
-    )  # without max_frequency: slices are as far apart as samples
-
-
-def artefact_free_padding(
-    positions: ArrayLike, *, aperture: float | Sequence[float], duration: float, sound_speed: float, depth: float = 0.0
-) -> float:
-    """Return the lateral padding that excludes sound of the volume's periodic copies from the record.
-
-    Parameters
-    ----------
-    positions
-        Sensors in metres, shape (M, d−1) or (M,).
-    aperture
-        Side lengths of the volume in metres.
-    duration
-        Time of the last sample, in s.
-    sound_speed
-        In m/s.
-    depth
-        Where the volume begins, in m.
-
-    Raises
-    ------
-    InvalidInput
-        If more is needed than a transform takes.
-    """
-    x = np.asarray(positions, np.float64)
-    x = x[:, None] if x.ndim == 1 else x
-    sides = np.broadcast_to(np.asarray(aperture, np.float64), (x.shape[1],))
-    heard = np.sqrt(max(0.0, (sound_speed * duration) ** 2 - depth**2))
-    needed = (np.abs(x).max(axis=0) + sides / 2 + heard) / sides
-    padding = float(max(1.0, needed.max()))
-    if padding > PADDING.high:
-        allowed = f"at most {PADDING.high:g}: a shorter record, a wider aperture or modes, or a padding of your own"
-        raise InvalidInput("lateral_padding", f"{padding:.3g}, needed against periodic copies", allowed)
-    return padding

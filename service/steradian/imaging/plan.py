@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -244,9 +243,7 @@ class ReconstructionPlan:
             return self.as_volume(self.layers[0].image(data, scale, watch, keep=keep))
         images = []
         for number, layer in enumerate(self.layers, start=1):
-            part = watch
-            if watch.progress is not None:
-                part = watch._replace(progress=partial(_layer_progress, watch.progress, number, len(self.layers)))
+            part = watch.of_layer(number, len(self.layers))
             images.append(layer.image(data, scale, part, keep=keep))
         return self.as_volume(np.concatenate(images, axis=-1))
 
@@ -269,7 +266,3 @@ def hidden_angles(medium: Medium) -> list[str]:
             where = f"the layer from {1e3 * path.top:.4g} mm ({path.sound_speed:g} m/s)"
             notes.append(f"sound of {where} beyond {path.critical_angle:.0f}° to the normal does not reach the film")
     return notes
-
-
-def _layer_progress(progress: Progress, number: int, layers: int, stage: str, done: int, total: int) -> None:
-    progress(f"layer {number} of {layers}: {stage}", done, total)

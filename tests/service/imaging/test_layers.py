@@ -27,8 +27,6 @@ from steradian.imaging import (
     reconstruct,
 )
 from steradian.imaging.engines import run_inverse
-from steradian.imaging.incremental import IncrementalReconstruction
-from steradian.imaging.operators import ForwardOperator
 from steradian.masks import equi_steradian_mask
 from steradian.phantoms import Balls, layered_pressure, pressure
 from support.reference_engine import ReferenceEngine
@@ -192,8 +190,6 @@ def test_engines_agree_on_the_image_of_each_layer(line: bool, cuda: Callable[...
         (lambda: _geometry(), "sound_speed", "at least 300"),
         (lambda: _plan(depth=(1e-3, 9e-3)), "depth", "m"),
         (lambda: _plan(LinearKappa()), "method", "ner or nedner"),
-        (lambda: ForwardOperator(_geometry(medium=WATER_TISSUE), ImageGrid(modes=16)), "medium", "one layer"),
-        (lambda: IncrementalReconstruction(_plan()), "medium", "one layer"),
     ],
 )  # fmt: skip
 def test_wrong_medium_is_refused_with_field_and_range(make: Any, field: str, allowed: str) -> None:

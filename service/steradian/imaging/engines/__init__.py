@@ -12,6 +12,7 @@ compared with, and for arrays of other libraries.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
@@ -26,6 +27,16 @@ class ProgressMonitor(NamedTuple):
 
     progress: Progress | None = None
     cancelled: CancelCheck | None = None
+
+    def of_layer(self, number: int, layers: int) -> ProgressMonitor:
+        """Return the callbacks for one of several layers, which stages name."""
+        if self.progress is None:
+            return self
+        return self._replace(progress=partial(_layer_progress, self.progress, number, layers))
+
+
+def _layer_progress(progress: Progress, number: int, layers: int, stage: str, done: int, total: int) -> None:
+    progress(f"layer {number} of {layers}: {stage}", done, total)
 
 
 NO_MONITOR = ProgressMonitor()

@@ -28,6 +28,8 @@ class EngineSelector:
         What to compute.
     compute
         Execution options.
+    on_processor
+        Constructor of an engine that there is for the processor only; None: there is one for both.
 
     Attributes
     ----------
@@ -42,8 +44,10 @@ class EngineSelector:
         If the device asked for is not there, or memory does not suffice.
     """
 
-    def __init__(self, tables: TransformTables, compute: Compute) -> None:
-        self._tables, self._compute = tables, compute
+    def __init__(
+        self, tables: TransformTables, compute: Compute, on_processor: Callable[..., NumbaEngine] | None = None
+    ) -> None:
+        self._tables, self._compute, self._only = tables, compute, on_processor
         self.notes: list[str] = []
         self.engine: AnyEngine = self._first()
 
@@ -117,7 +121,9 @@ class EngineSelector:
 
     def _first(self) -> AnyEngine:
         wanted = self._compute.device
-        if wanted == "cpu":
+        if self._only is not None and wanted == "gpu":
+            raise InvalidInput("device", wanted, "cpu or auto for a forward model of several layers")
+        if self._only is not None or wanted == "cpu":
             return self._of_processor()
         from steradian.imaging.engines.cuda.array_backend import unavailable_reason
 
@@ -151,4 +157,5 @@ class EngineSelector:
 
     def _of_processor(self) -> NumbaEngine:
         compute = self._compute
-        return NumbaEngine(self._tables, threads=compute.max_threads, memory_limit=compute.memory_limit)
+        make = self._only or NumbaEngine
+        return make(self._tables, threads=compute.max_threads, memory_limit=compute.memory_limit)

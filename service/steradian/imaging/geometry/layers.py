@@ -10,7 +10,7 @@ from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry, resolve_geometry
-from steradian.imaging.medium import Medium
+from steradian.imaging.medium import LayerPath, Medium
 from steradian.imaging.options import ImageGrid
 from steradian.imaging.transforms.grid_sizes import fast_multiple
 
@@ -39,14 +39,15 @@ def resolve_layers(
     base = resolve_geometry(acquisition, replace(grid, depth=None), max_frequency)
     step, dt = base.depth_step, acquisition.dt
     duration = base.record * dt
-    first, last = layered_slices(medium, Extent.of(acquisition.samples, dt, acquisition.t0), grid.depth, base)
+    extent = Extent.of(acquisition.samples, dt, acquisition.t0)
+    latest = (base.record + extent.end - extent.samples - extent.ahead) * dt
+    first, last = layered_slices(medium, extent, grid.depth, step=step, interval=dt, latest=latest)
     found = []
     for path in medium.layer_paths():
-        low, high = max(first, ceil(path.top / step - 1e-6)), last
-        if path.bottom / step < last:
-            high = ceil(path.bottom / step - 1e-6)
-        if low >= high:
+        slices = layer_slices(path, step, first, last)
+        if slices is None:
             continue
+        low, high = slices
         speed = path.sound_speed
         points = fast_multiple((max(speed * duration, high * step) + 2 * path.top) / step)
         found.append(
@@ -58,17 +59,46 @@ def resolve_layers(
     return found
 
 
+def layer_slices(path: LayerPath, step: float, first: int, last: int) -> tuple[int, int] | None:
+    """Return a layer's first slice and one past its last, of those from ``first`` on below ``last``; None: no slice."""
+    low, high = max(first, ceil(path.top / step - 1e-6)), last
+    if path.bottom / step < last:
+        high = ceil(path.bottom / step - 1e-6)
+    return (low, high) if low < high else None
+
+
 def layered_slices(
-    medium: Medium, extent: Extent, depth: tuple[float, float] | None, base: ReconstructionGeometry
+    medium: Medium,
+    extent: Extent,
+    depth: tuple[float, float] | None,
+    *,
+    step: float,
+    interval: float,
+    latest: float,
 ) -> tuple[int, int]:
     """Return first and end index of the depth slices of an image of a layered medium.
 
     Without a range: from the film, or where the record is late from the depth of its first sample, to that of the last.
+
+    Parameters
+    ----------
+    medium, extent, depth
+        Layers, record, and first and last depth in m or None.
+    step, interval
+        Distance of slices in m and sampling interval in s.
+    latest
+        Time in s after the pulse at which the sound of the deepest possible slice arrives.
+
+    Raises
+    ------
+    InvalidInput
+        If the range is beyond what the record tells of, or without a slice.
     """
-    dt, step = base.sampling_interval, base.depth_step
     if depth is None:
-        return ceil(medium.depth_at(extent.first * dt) / step), ceil(medium.depth_at(extent.end * dt) / step)
-    low, high = checks.depths(depth, medium.depth_at((base.record + extent.end - extent.samples - extent.ahead) * dt))
+        return ceil(medium.depth_at(extent.first * interval) / step), ceil(
+            medium.depth_at(extent.end * interval) / step
+        )
+    low, high = checks.depths(depth, medium.depth_at(latest))
     first, last = ceil(low / step - 1e-6), floor(high / step + 1e-6) + 1
     if last <= first:
         raise InvalidInput("depth", depth, f"a range with at least one slice (step {step:.4g} m)")

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from math import ceil
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
 from steradian.imaging.geometry.depth_extent import Extent
+from steradian.imaging.geometry.layers import layered_slices
 from steradian.imaging.geometry.reconstruction import check_upper_frequency, depth_slice_range
 from steradian.imaging.iterative.base import IterativeSolver
 from steradian.imaging.iterative.fista import Fista
@@ -31,7 +32,7 @@ from steradian.imaging.iterative.ista import IterativeSoftThresholding
 from steradian.imaging.iterative_options import Iterative, IterativeOptions
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.options import Compute, ImageGrid, Nufft
-from steradian.imaging.plan import ReconstructionPlan
+from steradian.imaging.plan import ReconstructionPlan, hidden_angles
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band, sinc_upsample
 from steradian.imaging.volume import RealArray, ReconstructionInfo, Volume, VoxelAxes
 
@@ -92,9 +93,11 @@ def solve(
     factor = min(decimation_factor(limit, interval), max(1, samples // 4))
     step = interval * geometry.sound_speed
     extent = Extent.of(samples, interval, geometry.t0)
-    first, last = depth_slice_range(grid.depth, extent, samples + extent.ahead, samples + extent.ahead, step)
+    first, last = _slices(geometry, grid, extent)
     nearest = first if grid.depth is not None else _nearest_heard(positions, aperture, extent, step)
     thin_end = Extent(-(-samples // factor), extent.begins / factor).end
+    if len(geometry.medium.layers) > 1:  # where sound is faster than in the slowest layer, more slices are heard
+        thin_end = floor(geometry.medium.depth_at(thin_end * factor * interval) / (factor * step))
     coarse = (min(first, nearest) // factor, min(thin_end - 1, -(-last // factor)))
     measured = decimate(data, factor, kind, acquisition.scale / unit)
     thin = replace(
@@ -131,7 +134,7 @@ def solve(
     info = ReconstructionInfo(
         options.name,
         model.chosen.device,
-        tuple(model.chosen.notes),
+        (*model.chosen.notes, *hidden_angles(geometry.medium)),
         float(limit),
         iterations=solution.done,
         stop_reason=solution.stopped,
@@ -141,6 +144,15 @@ def solve(
         memory_bytes=needed,
     )
     return _volume(fine, model, grid.upsampling, np.arange(first, last) * step, step, info)
+
+
+def _slices(geometry: AcquisitionGeometry, grid: ImageGrid, extent: Extent) -> tuple[int, int]:
+    """Return first and end index of the image's depth slices, a sample of the slowest layer apart."""
+    step, samples = geometry.dt * geometry.sound_speed, geometry.samples
+    if len(geometry.medium.layers) == 1:
+        return depth_slice_range(grid.depth, extent, samples + extent.ahead, samples + extent.ahead, step)
+    latest = extent.end * geometry.dt
+    return layered_slices(geometry.medium, extent, grid.depth, step=step, interval=geometry.dt, latest=latest)
 
 
 def _since_pulse(data: RealArray, geometry: AcquisitionGeometry) -> tuple[RealArray, AcquisitionGeometry]:

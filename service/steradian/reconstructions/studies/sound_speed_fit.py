@@ -19,7 +19,8 @@ from scipy.ndimage import binary_dilation
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import AcquisitionGeometry, Compute, ImageGrid
 from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.operators import ForwardOperator, artefact_free_padding
+from steradian.imaging.geometry.model import artefact_free_padding
+from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.signal.bandwidth import decimate, decimation_factor, signal_band
 
 SPACING, MOST_MODES = 100e-6, 48

@@ -58,6 +58,16 @@ class MemoryPlan:
         """Number of elements of the modes over depth."""
         return (self.target_rows + 1) * self.target_stride
 
+    def rows(self, modes: RealArray) -> RealArray:
+        """Return modes over time as rows, real and imaginary part of each in turn, without the spare row."""
+        return modes.reshape(-1, self.source_stride)[:-1]
+
+    def relaid(self, modes: RealArray, other: MemoryPlan, samples: int) -> RealArray:
+        """Return modes over time in another plan's layout, of the same sensors and ``samples``, in this one's."""
+        found = aligned_empty(self.source_size, modes.dtype.name)
+        self.rows(found)[:, :samples] = other.rows(modes)[:, :samples]
+        return found
+
 
 def aligned_empty(count: int, dtype: str) -> RealArray:
     """Allocate ``count`` elements aligned to a cache line, so that no SIMD vector crosses two lines."""

@@ -1,0 +1,159 @@
+"""CPU engine of the forward model of a layered medium, and its adjoint.
+
+Each layer has an engine of its own, which makes the field at the plane of the layer's first slice, as in one medium. An
+:class:`~steradian.imaging.transforms.extrapolation.Extrapolation` takes it, mode by mode, to the film, where the layers
+add up. What goes from step to step is the volume itself instead of modes over depth, so that the modes of one layer at
+a time are in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging.compute import memory_limit as memory
+from steradian.imaging.compute import thread_pool as workers
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
+from steradian.imaging.engines.numba.engine import NumbaEngine
+from steradian.imaging.engines.numba.memory_plan import aligned_empty
+from steradian.imaging.layered_tables import LayerTables
+from steradian.imaging.transform_tables import TransformTables
+from steradian.imaging.transforms.extrapolation import Extrapolation
+from steradian.imaging.transforms.lateral import numbers_of
+from steradian.imaging.volume import RealArray
+
+_COLUMNS, _NUMBERS = 32, 14  # modes extrapolated together, and what each takes, in samples
+
+
+class LayeredEngine(NumbaEngine):
+    """:class:`~steradian.imaging.engines.Engine` of the forward model of several layers; modes over depth are volumes.
+
+    A product costs one of each layer's own, and for each layer but the first two FFTs of 1.5 times the record, and the
+    factor, for each lateral mode. Memory: the modes at the film, those of the largest layer, and the volume.
+
+    Parameters
+    ----------
+    tables
+        Sensors and times at the film, and the whole volume.
+    layers
+        From the film downwards.
+    threads, memory_limit
+        As in :class:`NumbaEngine`.
+
+    Raises
+    ------
+    InvalidInput
+        If the memory needed exceeds the limit, or what is available.
+    """
+
+    def __init__(
+        self,
+        tables: TransformTables,
+        *,
+        layers: Sequence[LayerTables],
+        threads: int,
+        memory_limit: int | None = None,
+    ) -> None:
+        super().__init__(tables, threads=threads, memory_limit=memory_limit)
+        self._layers = [
+            (NumbaEngine(layer.tables, threads=threads, memory_limit=memory_limit), layer) for layer in layers
+        ]
+        item = np.dtype(tables.dtype).itemsize
+        spectra = [each.extrapolation.length for each in layers if each.extrapolation is not None]
+        # numbers of a piece of each thread, for a mode and a sample: lines, spectra, the factor, and copies of them
+        scratch = threads * _COLUMNS * max(spectra, default=0) * _NUMBERS * item
+        largest = max(engine.room.memory_bytes + engine.room.output_bytes for engine, _ in self._layers)
+        needed = self.room.memory_bytes + largest + self.room.output_bytes + scratch
+        self.room = replace(self.room, memory_bytes=needed)
+        memory.check_memory(needed, memory_limit, tables.geometry.shape)
+        self._squares = _squares(tables)
+        self._order = np.argsort(self._squares, kind="stable")  # modes of the same |k| share the factor
+
+    def to_image_adjoint(self, image: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
+        """Return the volume as it is: :meth:`to_depth_adjoint` makes modes of one layer at a time."""
+        return image
+
+    def to_depth_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
+        """Return the modes over time at the film of a volume."""
+        film: RealArray = aligned_empty(self.room.source_size, self.tables.dtype)
+        film[:] = 0
+        for number, (engine, layer) in enumerate(self._layers, start=1):
+            part = watch.of_layer(number, len(self._layers))
+            some = np.ascontiguousarray(modes[..., slice(*layer.slices)])
+            field = engine.to_depth_adjoint(engine.to_image_adjoint(some, part), part)
+            source, target = engine.room.rows(field), self.room.rows(film)
+            if layer.extrapolation is None:
+                samples = self.tables.time.samples
+                target[:, :samples] += source[:, :samples]
+            else:
+                self._extrapolate(layer.extrapolation, source, target, part, adjoint=False)
+        return film
+
+    def to_depth(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> RealArray:
+        """Return the volume of modes over time at the film, which are not changed: adjoint of the above."""
+        volume: RealArray = np.empty(self.tables.geometry.shape, self.tables.dtype)
+        for number, (engine, layer) in enumerate(self._layers, start=1):
+            part = watch.of_layer(number, len(self._layers))
+            field: RealArray = aligned_empty(engine.room.source_size, self.tables.dtype)
+            source, target = self.room.rows(modes), engine.room.rows(field)
+            if layer.extrapolation is None:
+                samples = self.tables.time.samples
+                target[:, :samples] = source[:, :samples]
+            else:
+                self._extrapolate(layer.extrapolation, source, target, part, adjoint=True)
+            volume[..., slice(*layer.slices)] = engine.to_image(engine.to_depth(field, part), part)
+        return volume
+
+    def to_image(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
+        """Return the volume as it is: :meth:`to_depth` has made it."""
+        return modes
+
+    def _extrapolate(
+        self, way: Extrapolation, source: RealArray, target: RealArray, watch: ProgressMonitor, *, adjoint: bool
+    ) -> None:
+        """Add the extrapolated field to the film's rows; or put the adjoint of the film's rows into a field's."""
+        from scipy import fft
+
+        from steradian.imaging.engines.numba.extrapolation import transfer
+
+        dtype = np.dtype(self.tables.dtype)
+        skipped = max(0, -way.first)  # samples before the pulse hear nothing
+        heard = slice(way.first + skipped, way.first + way.samples)
+        decay, growth = way.decay.astype(dtype), way.growth[skipped:].astype(dtype)
+        s = way.frequencies
+        shift = way.taper * np.exp(1j * s.imag * way.fraction * way.interval)
+
+        def work(piece: int, factor: NDArray[Any], flag: NDArray[np.uint8]) -> None:
+            columns = self._order[piece * _COLUMNS : (piece + 1) * _COLUMNS]
+            squares, which = np.unique(self._squares[columns], return_inverse=True)
+            transfer(squares, s, way.path, shift, factor)
+            rows = (2 * columns[:, None] + np.arange(2)).ravel()
+            line = np.zeros((len(rows), way.length), dtype)
+            if adjoint:
+                line[:, heard] = source[rows, skipped : way.samples] * growth
+            else:
+                line[:, : way.source] = source[rows, : way.source] * decay
+            spectrum = fft.rfft(line, axis=1, overwrite_x=True).reshape(len(columns), 2, -1)
+            spectrum *= (np.conj(factor) if adjoint else factor)[which, None]
+            line = fft.irfft(spectrum.reshape(len(rows), -1), way.length, axis=1, overwrite_x=True)
+            if adjoint:
+                target[rows, : way.source] = line[:, : way.source] * decay
+            else:
+                target[rows, skipped : way.samples] += line[:, heard] * growth
+
+        def scratch() -> NDArray[Any]:
+            return np.empty((_COLUMNS, len(s)), np.result_type(dtype, np.complex64))
+
+        pieces = -(-len(self._order) // _COLUMNS)
+        workers.parallel_for("layers above", pieces, scratch, work, threads=self.room.threads, **watch._asdict())
+
+
+def _squares(tables: TransformTables) -> NDArray[np.float64]:
+    """Return |k|² in 1/m² of each stored mode."""
+    (nx, ny), period = tables.lateral.modes, (1.0, *tables.geometry.period)[-2:]
+    x, y = (2 * np.pi * numbers_of(n) / side for n, side in zip((nx, ny), period, strict=True))
+    return (x**2 + y[: ny // 2 + 1, None] ** 2).ravel()

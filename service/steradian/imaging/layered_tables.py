@@ -1,0 +1,89 @@
+"""Tables of the forward model of a layered medium: those of each layer, and the way from there to the film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steradian.imaging.acquisition import AcquisitionGeometry
+from steradian.imaging.film_response import FilmResponse
+from steradian.imaging.geometry.model import layered_geometries
+from steradian.imaging.medium import LayerPath
+from steradian.imaging.options import ImageGrid, Precision
+from steradian.imaging.transform_tables import TransformTables, forward_tables
+from steradian.imaging.transforms.extrapolation import Extrapolation, plan_extrapolation
+from steradian.imaging.transforms.windows import Shape, Window
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerTables:
+    """Tables of one layer of the forward model.
+
+    Parameters
+    ----------
+    tables
+        Of the field at the plane of the layer's first slice; at the film for the layer at the film.
+    slices
+        First slice of the layer in the volume, and one past its last.
+    extrapolation
+        From that plane to the film; None for the layer at the film.
+    """
+
+    tables: TransformTables
+    slices: tuple[int, int]
+    extrapolation: Extrapolation | None
+
+
+def layered_tables(
+    acquisition: AcquisitionGeometry,
+    grid: ImageGrid,
+    dtype: Precision,
+    *,
+    tolerance: float,
+    window: Shape | Window,
+    max_frequency: float | None,
+    response: FilmResponse | None,
+) -> tuple[TransformTables, list[LayerTables]]:
+    """Return the tables of sensors and record with the whole volume, and those of each layer in its depth range.
+
+    Parameters as in :class:`steradian.ForwardOperator`.
+
+    Raises
+    ------
+    InvalidInput
+        Naming the parameter and what is allowed.
+    """
+    film, layers = layered_geometries(acquisition, grid)
+    found = []
+    for layer in layers:
+        path, geometry = layer.path, layer.geometry
+        at_film = response and (_AtFilm(path, response) if path.overlying else response)
+        tables = forward_tables(
+            geometry, dtype, tolerance=tolerance, window=window, max_frequency=max_frequency, response=at_film
+        )
+        way = None
+        if path.overlying:
+            way = plan_extrapolation(
+                path, layer.gap, source=geometry.samples, samples=film.samples, interval=film.sampling_interval,
+                time_zero=film.time_zero,
+            )  # fmt: skip
+        found.append(LayerTables(tables, layer.slices, way))
+    whole = forward_tables(film, dtype, tolerance=tolerance, window=window, max_frequency=None, response=None)
+    return whole, found
+
+
+@dataclass(frozen=True, slots=True)
+class _AtFilm:
+    """Response of the film over the angle within a deeper layer."""
+
+    path: LayerPath
+    response: FilmResponse
+
+    def evaluate(
+        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
+    ) -> NDArray[np.complex128]:
+        first = self.path.layers[0].sound_speed
+        at_film = np.minimum(np.asarray(sines) * (first / self.path.sound_speed), 1.0)
+        return self.response.evaluate(frequencies, at_film, first)
