@@ -5,6 +5,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from support.budget import Budget
+
 WEB, MEASURED = (Path(__file__).with_name(name) for name in ("web", "measured"))
 MEASURED_DATA = "STERADIAN_MEASURED_DATA"
 """Variable of the environment that names the folder of measured data."""
@@ -28,6 +30,7 @@ def pytest_configure(config):
         os.environ["NUMBA_ENABLE_CUDASIM"] = "1"
     if hasattr(config.option, "loadscopereorder"):  # of pytest-xdist: by the number of tests, which says little here
         config.option.loadscopereorder = False
+    config.pluginmanager.register(Budget(config))
 
 
 def pytest_sessionfinish():

@@ -14,6 +14,8 @@ from steradian_client.cli import main
 from steradian_client.config import Address, config_file
 from support import recordings
 
+pytestmark = pytest.mark.long
+
 CLIENT = Path(__file__).parents[2] / "clients" / "python"
 
 

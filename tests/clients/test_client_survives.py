@@ -19,6 +19,8 @@ import pytest
 from steradian_client import Client, ConnectionFailed, CorruptTransfer, JobFailed
 from support.flaky import Flaky
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def service(url):

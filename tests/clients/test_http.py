@@ -11,6 +11,8 @@ import pytest
 
 from support import recordings
 
+pytestmark = pytest.mark.long
+
 HTTP = Path(__file__).parents[2] / "clients" / "http"
 
 

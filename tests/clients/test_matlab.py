@@ -14,6 +14,7 @@ from support import recordings
 
 MATLAB = Path(__file__).parents[2] / "clients" / "matlab"
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.timeout(400),
     pytest.mark.skipif(shutil.which("octave") is None, reason="needs Octave: apt-get install octave"),
 ]

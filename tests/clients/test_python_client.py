@@ -43,6 +43,7 @@ def done(service):
     return mask, plan, scan, job
 
 
+@pytest.mark.walk
 def test_the_whole_walk(service, done, tmp_path):
     """Mask, plan, scan, reconstruction, projection and volume, with progress on the way."""
     mask, _plan, scan, job = done
@@ -80,6 +81,7 @@ def test_volumes_come_with_their_axes(service, done, tmp_path, monkeypatch):
     assert bare[2, 100] == whole.values[8, 5, 100]
 
 
+@pytest.mark.long
 def test_arrays_become_a_scan(service):
     """Own traces and positions in, and a scan of just these values comes out, told of byte by byte and A-line."""
     random = np.random.default_rng(0)
@@ -102,6 +104,7 @@ def test_arrays_become_a_scan(service):
         service.imports.wait(service.imports.create(uploaded(service, b"a,b")), timeout=250)
 
 
+@pytest.mark.long
 def test_sgl_goes_in_and_comes_out_with_the_same_bytes(service, tmp_path):
     """Also what only its name says arrives: the file is sent without it."""
     samples = np.random.default_rng(0).normal(size=(64, 5 * 4))
@@ -280,6 +283,7 @@ def test_client_service_status_methods_return_service_state(service):
     assert "# HELP" in service.metrics()
 
 
+@pytest.mark.long
 def test_plan_and_mask_preview_stores_nothing(service, done):
     before = [plan.id for plan in service.plans.list()]
     assert service.plans.preview(done[0].id, pulse_rate=7).laser_seconds == pytest.approx(done[0].count / 7)

@@ -102,6 +102,7 @@ def test_clear_fault_with_active_cause_refused_then_scan_completes_once(simulato
     assert report(simulator)["shots"] == COUNT + scanner.status.shots_wasted
 
 
+@pytest.mark.long
 def test_clear_fault_before_host_restart_scan_completes_exactly_once(simulator):
     lines: list = []
     with fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:

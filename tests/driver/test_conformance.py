@@ -106,6 +106,7 @@ def test_conformance_with_unknown_name_is_refused_and_names_the_known_ones():
         run(None, only=["credit", "hello_nonse"])
 
 
+@pytest.mark.long
 def test_conformance_command_prints_table_writes_junit_and_sets_exit_code(tmp_path):
     command = [sys.executable, "-m", "fabry_perot", "conformance"]
     with launch(ring=32) as simulator:

@@ -231,6 +231,7 @@ def test_a_second_host_on_a_terminal_hears_which_process_holds_it():
     assert f"process {os.getpid()}" in str(busy.value)
 
 
+@pytest.mark.long
 def test_scan_report_after_permanent_link_loss_is_available():
     """Every stored A-line is counted, and the fired shots as last heard; the report says how old that is."""
     brief = fabry_perot.RecoveryPolicy(patience=0.5)

@@ -42,6 +42,7 @@ def points_of(tmp_path, count=40):
     return where * 1e-3
 
 
+@pytest.mark.long
 def test_list_command_shows_scanner_and_port_holder(simulator, tmp_path):
     said = run("list", simulator.url, tmp_path / "nothing", "--probe", cwd=tmp_path)
     nothing = f"{tmp_path / 'nothing'}\tcannot open {tmp_path / 'nothing'}: no such file; is the scanner"
@@ -98,6 +99,7 @@ def test_scan_command_output_file_equals_library_scan(simulator, tmp_path):
     assert "allowed" in run("scan", simulator.url, "points.csv", cwd=tmp_path, code=1), "the file exists"
 
 
+@pytest.mark.long
 def test_scan_command_sigint_turns_laser_off_and_keeps_every_shot(tmp_path):
     points_of(tmp_path, 2000)
     with launch(speed=1.0, **EXACT) as simulator:
@@ -123,6 +125,7 @@ def test_scan_command_sigint_turns_laser_off_and_keeps_every_shot(tmp_path):
     assert stored == account["shots"] == np.load(tmp_path / "scan.npy")["stored"].sum()
 
 
+@pytest.mark.long
 def test_monitor_shows_the_frames_of_both_directions(simulator, tmp_path):
     said = run("monitor", simulator.url, "--seconds", 0.5, cwd=tmp_path)
     for words in ("> HELLO ", "< HELLO_ACK ", "> CAPS ", "< CAPS_PIECE ", "< STATUS ", "acknowledged="):

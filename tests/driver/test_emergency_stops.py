@@ -50,6 +50,7 @@ def test_emergency_stop_of_idle_port_returns_device_status():
             assert scanner.state == "linked", "the port is free again"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", ["terminal", "tcp"])
 def test_emergency_stop_while_another_program_scans_turns_its_laser_off_and_ends_the_scan(line, tmp_path):
     """Other work of this machine may delay it, so one of several attempts has to be quick; none may be untrue."""
@@ -78,6 +79,7 @@ def test_emergency_stop_while_another_program_scans_turns_its_laser_off_and_ends
     pytest.fail(f"in none of {len(quick)} attempts did the program answer and turn the laser off within 250 ms")
 
 
+@pytest.mark.long
 def test_emergency_stop_of_a_frozen_program_goes_past_it_to_the_device(tmp_path):
     quick = []
     for attempt in range(6):
@@ -139,6 +141,7 @@ def test_emergency_stop_of_a_line_that_is_cut_is_unconfirmed():
     assert "no scanner answered" in answer.detail
 
 
+@pytest.mark.long
 def test_emergency_stop_during_unplug_keeps_laser_off_after_reconnect(tmp_path):
     """It comes back so soon that the scan would be taken up; a stop that a busy machine delays does not count."""
     for attempt in range(6):
@@ -195,6 +198,7 @@ def test_emergency_stop_of_a_scan_that_a_person_resumes_loses_nothing():
     assert [line.number for line in lines] == list(range(300))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root can become another user")
 def test_emergency_stop_without_port_permission_is_relayed_by_port_holder(tmp_path):
     with launch(**FAST) as simulator:
@@ -211,6 +215,7 @@ def test_emergency_stop_without_port_permission_is_relayed_by_port_holder(tmp_pa
             assert "emergency stop from guest" in scan.communicate(timeout=250)[1]
 
 
+@pytest.mark.long
 def test_emergency_stop_believes_no_process_that_does_not_hold_the_port(tmp_path):
     with launch(**FAST) as simulator, scan_of(simulator, tmp_path) as scan:
         with program(LIAR, simulator.url) as liar:

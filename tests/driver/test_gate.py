@@ -57,6 +57,7 @@ def test_the_average_of_a_gated_point_is_taken_from_one_edge_on():
     assert (times % PERIOD <= 5 * PULSE + 2).all()
 
 
+@pytest.mark.long
 def test_gated_upload_fires_on_gate_or_is_rejected_without_gate_input():
     where = np.column_stack([np.linspace(-1e-3, 1e-3, 30), np.zeros(30)])
     common = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 500.0}

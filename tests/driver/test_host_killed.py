@@ -7,6 +7,7 @@ import sys
 import time
 
 import numpy as np
+import pytest
 from driver_collected import collect
 
 import fabry_perot
@@ -64,6 +65,7 @@ def wait_for(simulator, device_time: int) -> None:
     raise AssertionError("the simulator stands still")
 
 
+@pytest.mark.long
 def test_kill_9_of_the_host_turns_the_laser_off_within_500_ms_and_the_scan_can_be_resumed_exactly():
     count = 300
     where = np.random.default_rng(0).uniform(-6e-3, 6e-3, (count, 2)).round(6)

@@ -134,6 +134,7 @@ def run(examples: int, steps: int, *, derandomize: bool) -> None:
     run_state_machine_as_test(ScanMachine, settings=limits)
 
 
+@pytest.mark.long
 def test_no_sequence_of_faults_loses_or_doubles_an_a_line_or_fires_outside_a_lease():
     run(30, 12, derandomize=True)
 

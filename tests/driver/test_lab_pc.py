@@ -201,6 +201,7 @@ def laser_process(port: int = 0) -> Iterator[tuple[str, subprocess.Popen]]:
             process.kill()
 
 
+@pytest.mark.long
 def test_scpi_laser_power_cycle_is_reopened_and_reconfigured(monkeypatch):
     monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
     with laser_process() as (visa, process), closing(ScpiLaser(visa)) as laser:
@@ -219,6 +220,7 @@ def test_scpi_laser_power_cycle_is_reopened_and_reconfigured(monkeypatch):
             assert laser._query(":POW:STAT?") == "1"
 
 
+@pytest.mark.long
 def test_host_reads_the_fault_of_an_instrument_in_its_words_and_goes_on_once_it_is_back(monkeypatch):
     monkeypatch.setattr(scpi_laser, "AGAIN", 0.0)
     with laser_process() as (visa, process):

@@ -105,6 +105,7 @@ def test_a_new_plan_reports_the_purged_a_lines_as_gone(bench):
     assert bench.host.gone == 20
 
 
+@pytest.mark.long
 def test_points_outside_the_devices_limits_are_refused_by_the_device_itself(bench):
     bench.connect()
     with pytest.raises(AssertionError, match="not reached"):

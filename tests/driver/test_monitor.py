@@ -121,6 +121,7 @@ def test_a_monitor_shows_the_laser_of_a_program_that_scans_and_stops_it(line, tm
         assert monitor.status.laser == "off"
 
 
+@pytest.mark.long
 def test_a_monitor_that_takes_over_from_a_program_that_was_killed_stops_the_laser(tmp_path):
     with launch(**FAST) as simulator, fabry_perot.Monitor(simulator.url) as monitor:
         connected(monitor)

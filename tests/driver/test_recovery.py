@@ -109,6 +109,7 @@ def run_scan(tmp_path, count: int, faults, **settings):
     return report
 
 
+@pytest.mark.long
 def test_unplugging_and_plugging_in_again_interrupts_a_scan_but_costs_no_shot(tmp_path):
     report = run_scan(tmp_path, 250, [(50, "unplug", 12.0)], speed=20, ring=64)
     assert (report.reconnects, report.restarts, report.refired) == (1, 0, ())

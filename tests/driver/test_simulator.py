@@ -53,6 +53,7 @@ def strongest(seed: int) -> float:
     return peak_pressure(phantoms.yarn(seed), 1500.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tcp", [None, "127.0.0.1:0"])
 def test_a_scan_over_a_real_port_is_bit_exact(tcp):
     where = points(150)
@@ -149,6 +150,7 @@ def wait_until(ready, limit: float) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.long
 def test_pause_and_resume_from_another_thread_finish_the_scan():
     import threading
 

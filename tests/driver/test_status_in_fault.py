@@ -25,6 +25,7 @@ def status(url: str) -> dict:
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 def test_status_of_a_scanner_in_fault_and_in_emergency_stop_names_them():
     with launch() as simulator:
         with fabry_perot.connect(simulator.url) as scanner:

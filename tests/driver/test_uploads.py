@@ -56,6 +56,7 @@ def test_upload_resume_requires_same_tag_and_delivers_held_alines_unfired():
             assert not scanner.has_pending_data
 
 
+@pytest.mark.long
 def test_a_pause_leaves_nothing_behind_and_idle_batches_keep_the_application_awake():
     where = np.tile(POINTS, (20, 1))  # more than the device holds: it cannot be done before the host acknowledges
     with launch(speed=10.0) as simulator, fabry_perot.connect(simulator.url) as scanner:

@@ -12,7 +12,7 @@ from support.waiting import until
 
 SCANNER = "/scanners/scanner-0"
 CLEAR = f"{SCANNER}/clear-fault"
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
 
 @pytest.fixture(scope="module")

@@ -90,6 +90,7 @@ def assert_dark(scanner, before, told):
     assert scanner.send_command("report", fired=False)["shots"] == after["shots"]
 
 
+@pytest.mark.walk
 def test_emergency_stop_while_scan_run_fires_turns_the_laser_off(scanner, released, plan, tmp_path):
     command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
     with running(*command, "-o", str(tmp_path / "scan.h5")):

@@ -53,13 +53,20 @@ def existing(http, free, mask, plan, scan, scan_with_alines):
     }
 
 
+@pytest.mark.parametrize("examples", [1, pytest.param(10, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", sorted(NAMES))
-def test_every_answer_is_as_documented(server, fault_clerk, existing, operations, name):
+def test_every_answer_is_as_documented(server, fault_clerk, existing, operations, name, examples):
     from schemathesis.checks import CHECKS
 
     checked = [check for check in CHECKED if not (name.endswith("/readyz") and check == "not_a_server_error")]
 
-    @settings(max_examples=10, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+    @settings(
+        max_examples=examples,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+    )
     @given(case=operations[name].as_strategy())
     def check(case):
         if case.path_parameters and len(str(case.path_parameters)) % 2:

@@ -94,6 +94,7 @@ def test_a_picture_in_a_page_that_is_named_is_no_read(page):
     assert page.get("/masks", headers={"Sec-Fetch-Mode": "no-cors"}).status_code == 403
 
 
+@pytest.mark.long
 def test_a_named_page_needs_a_key_where_one_is_needed(tmp_path, database):
     api = api_of(tmp_path, cors_origins=VIEWER, api_key=KEY, require_key=True, **database()).wait()
     try:

@@ -177,6 +177,7 @@ def test_batch_counts_deleted_members_and_is_deleted_with_remaining(bench):
     assert bench.is_gone(f"/batches/{batch['id']}", f"/reconstructions/{members[1]}")
 
 
+@pytest.mark.long
 def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next_start(tmp_path):
     server = api_of(tmp_path)
     server.wait()
@@ -204,6 +205,7 @@ def test_a_deletion_that_is_killed_before_the_files_went_is_finished_at_the_next
     assert "Traceback" not in again.log
 
 
+@pytest.mark.long
 def test_a_deletion_cut_at_any_point_leaves_no_row_without_its_file(tmp_path):
     """Killed at a random moment of many deletions: a scan is whole, or gone; what is left of the files goes too."""
     server = api_of(tmp_path)

@@ -20,6 +20,7 @@ def own():
     return equi_steradian_mask(13.56e-3, 3.6e-3, 75)
 
 
+@pytest.mark.long
 def test_design_preview_equals_library_mask_and_plan(http, own):
     told = http.post("/designs/preview", json={"arrangement": MASK, "point": PLACE, **HOW}).json()
     plan, seen = ScanPlan.create(mask=own, **HOW), evaluate_mask(own, PLACE)
@@ -51,6 +52,7 @@ def test_design_preview_without_point_of_interest_omits_dependent_values(http):
     assert len(told["visit"]) == len(told["positions"]) == 25
 
 
+@pytest.mark.long
 def test_a_point_spread_is_the_librarys(http, own):
     told = http.post("/designs/point-spread", json={"arrangement": MASK, "point": PLACE, "width": 3e-4}).json()
     seen = point_spread(own, PLACE, width=3e-4)

@@ -87,6 +87,7 @@ def test_a_large_body_of_nonsense_is_refused_in_one_sentence(server, positions, 
     assert len(answer.text) < 2000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "body"),
     [
@@ -125,6 +126,7 @@ def test_request_body_over_limit_returns_413(server, path):
         assert connection.recv(100).startswith(b"HTTP/1.1 413")
 
 
+@pytest.mark.long
 def test_a_picture_is_drawn_beside_the_api(server):
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
     mask = httpx.post(f"{server.url}/api/v1/masks", json=equi, timeout=300).json()
@@ -133,6 +135,7 @@ def test_a_picture_is_drawn_beside_the_api(server):
     assert "matplotlib" not in Path(f"/proc/{server.process.pid}/maps").read_text()
 
 
+@pytest.mark.long
 def test_an_order_that_is_searched_for_is_found_beside_the_api(server):
     api = f"{server.url}/api/v1"
     equi = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}

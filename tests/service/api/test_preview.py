@@ -48,6 +48,7 @@ def test_mask_preview_without_point_of_interest_omits_dependent_values(http):
     assert told["point_of_interest"] is told["evenness"] is told["largest_angle"] is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noun", ["masks", "plans"])
 def test_preview_returns_figures_or_png_by_accept_and_stores_nothing(server, http, bodies, noun):
     before = kept(server, http, noun)
@@ -67,6 +68,7 @@ def test_mask_preview_returns_same_errors_as_mask_creation(http):
         assert refused.json()["errors"] == made["errors"]
 
 
+@pytest.mark.long
 def test_multi_beam_plan_stores_mask_of_measured_points(http, mask):
     beams = [[0, 0], [8e-4, 0], [0, 8e-4], [8e-4, 8e-4]]
     wanted = {"mask_id": mask["id"], "beams": beams, "places": 30}

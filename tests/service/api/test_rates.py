@@ -65,6 +65,7 @@ def statuses(client, url, headers, many, method="GET"):
     return [client.request(method, url, headers=headers) for _ in range(many)]
 
 
+@pytest.mark.long
 def test_rate_limit_returns_429_only_to_exceeding_key(limited):
     script, person = key_of(limited, "script", Scope.READ), key_of(limited, "person", Scope.READ)
     here = f"{limited.url}/api/v1/masks"

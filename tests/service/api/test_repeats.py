@@ -67,6 +67,7 @@ def test_batch_with_deleted_jobs_is_forgotten_not_queued(server, http, scan_with
     assert batch["id"] in [item["id"] for item in http.get("/batches").json()["items"]]
 
 
+@pytest.mark.long
 def test_concurrent_first_mask_picture_requests_draw_once(server, http):
     """Two that draw share a draft: the slower one would find it renamed, or write into what is being read."""
     arrangement = {"arrangement": "equi-steradian", "aperture": 0.012, "depth": 4e-3, "count": 333}

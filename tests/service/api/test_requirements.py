@@ -118,6 +118,7 @@ def test_an_image_of_a_line_requires_memory_for_two_axes(http, ask):
     assert image.raise_for_status().json()["requires"]["memory"] == 4 * 32 * 256
 
 
+@pytest.mark.long
 def test_job_with_unmet_requirements_is_accepted_with_await_workers(database, tmp_path):
     server = api_of(tmp_path, await_workers=True, **database()).wait()
     try:

@@ -18,6 +18,7 @@ def new_scan(http, plan_id):
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
+@pytest.mark.long
 def test_root_describes_service_with_resolvable_links(server, http):
     root = http.get("/").json()
     assert (root["name"], root["mode"]) == ("steradian", "simulated")
@@ -88,6 +89,7 @@ def test_the_same_plan_is_made_once_and_states_its_cost(http, mask):
     assert plan["preview"]["bytes"] == mask["count"] * 300 * 2
 
 
+@pytest.mark.long
 @pytest.mark.timeout(400)
 def test_plan_with_tuning_map_reports_sensitivity_loss(http, mask):
     points = http.get(f"/masks/{mask['id']}/points").json()["positions"]

@@ -58,6 +58,7 @@ def state_of(pair, scan):
     return pair.http.get(f"/scans/{scan.json()['id']}").json()["state"]
 
 
+@pytest.mark.long
 def test_a_scanner_without_a_node_is_retired_and_no_press_waits_for_it_any_more(pair, gone):
     pressed = pair.http.post(f"{GONE}/emergency-stop")
     assert pressed.json()["emergency_stop"]["laser"] == "unconfirmed"
@@ -88,6 +89,7 @@ def test_a_node_that_another_scanner_has_at_the_address_by_now_is_not_taken_for_
     assert pair.http.delete(GONE).status_code == 204
 
 
+@pytest.mark.long
 def test_retired_scanner_restart_restores_it_with_emergency_stop(tmp_path):
     pair = Pair(tmp_path)
     try:
@@ -136,6 +138,7 @@ def test_retire_scanner_with_abandon_ends_its_unfinished_scan(pair, gone, states
     assert state_of(pair, scan) == then
 
 
+@pytest.mark.long
 def test_a_service_of_its_own_has_no_scanners_of_nodes_that_cannot_be(tmp_path):
     """`steradian serve` on the database of nodes: one of them may have left a scan."""
     former = Pair(tmp_path)

@@ -1,6 +1,9 @@
 """``/scans/{id}/signals``: the inspection over HTTP, with the refusals."""
 
+import pytest
 
+
+@pytest.mark.long
 def test_scan_signals_of_partial_scan_cover_stored_alines(http, scan_with_alines):
     """Five A-lines are stored, of as many as the mask has points."""
     scan = scan_with_alines["scan"]["id"]

@@ -219,6 +219,7 @@ def test_other_addresses_than_the_loopback_need_a_key_before_the_start(tmp_path)
     database.close()
 
 
+@pytest.mark.long
 def test_a_setting_demands_keys_on_the_loopback_too(tmp_path):
     database = Database(f"sqlite:///{tmp_path / 'x.sqlite'}")
     database.migrate()

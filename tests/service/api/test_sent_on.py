@@ -19,6 +19,8 @@ from support.apis import ApiProcess
 from support.pairs import NOBODY, SECRET, Pair
 from support.waiting import until
 
+pytestmark = pytest.mark.long
+
 STOP = "/scanners/scanner-0/emergency-stop"
 
 

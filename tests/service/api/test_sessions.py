@@ -177,6 +177,7 @@ def test_the_stop_is_pressed_with_a_cookie_also_while_the_database_is_not_asked(
     assert browser.ask("DELETE", STOP).status_code == 200
 
 
+@pytest.mark.long
 def test_a_session_survives_a_restart_unless_the_settings_name_another_key(tmp_path):
     def started(key):
         return api_of(tmp_path, require_key=True, api_key=key).wait()
@@ -227,6 +228,7 @@ def test_session_store_keeps_only_hashes(guarded, browser):
     assert browser.token.encode() not in kept
 
 
+@pytest.mark.long
 def test_a_session_counts_against_its_keys_rate(tmp_path):
     """However long it takes: both together have what the key alone would have."""
     server = api_of(tmp_path, require_key=True, requests_per_second=1).wait()

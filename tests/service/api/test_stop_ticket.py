@@ -173,6 +173,7 @@ def test_stop_ticket_secret_is_for_its_user_alone_and_outlasts_a_restart(tmp_pat
     assert len(stored_secret(path)) == 32, "a damaged file is replaced"
 
 
+@pytest.mark.long
 def test_stop_ticket_of_one_api_node_is_good_on_another(tmp_path):
     """The nodes of a cluster have their key from the secret that they share, and nothing in a folder."""
     shared = "n" * 32

@@ -86,6 +86,7 @@ def test_a_damaged_file_and_one_that_is_gone(http):
     assert look(http, "u0").status_code == 404
 
 
+@pytest.mark.long
 def test_sgl_preview_reports_file_name_metadata_and_assumptions(http):
     """The upload has no name; the description brings it."""
     numbers = np.concatenate([[3, 3, 32, 500, 500, 20], TRACES.T.ravel()])

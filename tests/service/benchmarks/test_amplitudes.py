@@ -11,6 +11,8 @@ import pytest
 from steradian.scans.importing.geometry import fit_sensor_plane
 from steradian_benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 
 

@@ -20,9 +20,10 @@ from steradian_benchmarks.paper.sections import SECTION_NAMES, Claim, Verdict, s
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
-pytestmark = pytest.mark.timeout(
-    600
-)  # the small run of the benchmark takes some 15 s, many times that on a busy machine
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.timeout(600),  # the small run of the benchmark takes some 15 s, many times that on a busy machine
+]
 
 
 @pytest.fixture(scope="module")

@@ -62,6 +62,7 @@ def test_each_command_leaves_its_file(walk):
     assert (walk / "out" / "mip-z.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.walk
 def test_the_identifiers_link_volume_scan_plan_and_mask(walk):
     """A volume's provenance names the plan and the mask that the commands printed."""
     with h5py.File(walk / "out" / "volume.h5") as file:
@@ -71,6 +72,7 @@ def test_the_identifiers_link_volume_scan_plan_and_mask(walk):
     assert provenance["simulated"] == "True"
 
 
+@pytest.mark.long
 def test_kwave_data_are_reconstructed_like_the_truth(tmp_path):
     """Data of another project's simulation give the true projection (correlation 0.971 with every second sensor)."""
     run_here("reconstruct", DATA / "yarn_kwave_slice.npz", "--modes", "64", "--output", "yarn", cwd=tmp_path)

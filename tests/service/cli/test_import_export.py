@@ -74,6 +74,7 @@ def test_refusals_are_one_clear_line(walk, arguments, code, words):
         assert word in said
 
 
+@pytest.mark.long
 def test_reconstruct_command_imports_array_with_inline_json_description(tmp_path):
     """One command from somebody's array to an image; lengths and times in the object's own units."""
     traces, positions = ball()

@@ -51,6 +51,7 @@ def test_a_mask_of_another_aperture_is_judged_by_the_object_on_its_own_voxels():
         assert found.by["direct"].field == alone.by["direct"].field
 
 
+@pytest.mark.long
 def test_iterations_bring_both_closer_to_the_object(vessels):
     for region in ("around", "field"):
         direct, iterative = (dict(vessels.ranking(region, method)) for method in ("direct", "iterative"))

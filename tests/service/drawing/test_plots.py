@@ -91,6 +91,7 @@ def test_no_quarter_of_a_mask_is_empty():
         assert all(axes.has_data() for axes in plots)
 
 
+@pytest.mark.long
 def test_the_same_distance_everywhere_is_one_colour_with_a_number():
     """Distances of a lattice differ by their rounding, which is nothing to colour."""
     plots = plots_of(hexagonal_mask(13.56e-3, count=400))

@@ -70,6 +70,7 @@ KNOWN = {LIBRARY.get(name, name) for name in (*NEEDED, *OPTIONAL, *FIT)} | {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     chosen=st.fixed_dictionaries(NEEDED, optional=OPTIONAL),

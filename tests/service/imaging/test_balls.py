@@ -87,6 +87,7 @@ def test_depth_range_is_a_part_of_the_full_image() -> None:
     np.testing.assert_allclose(part.values, full.values[:, :, first : first + part.values.shape[2]], atol=1e-6 * scale)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("modes", [(24, 26), (25, 27)], ids=["even", "odd"])
 def test_upsampling_is_the_sinc_interpolation_of_the_image(modes: tuple[int, int]) -> None:
     positions = scattered(24)

@@ -15,6 +15,8 @@ from steradian.benchmarks.speed import limit_violations, speed
 from steradian.benchmarks.speed_cases import speed_cases
 from steradian.benchmarks.speed_report import BEGIN, END, table, write_page
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.long
 def test_accuracy_table_rows_meet_tolerance() -> None:

@@ -84,6 +84,7 @@ def test_late_record_on_the_gpu_engine_is_that_of_the_array_engine(cuda: Any) ->
     assert apart(engine.host(run_inverse(engine, traces)), run_inverse(ReferenceEngine(plan.tables), traces)) < 1e-12
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     begins=st.one_of(st.floats(-40, 200), st.integers(-40, 200)), padding=st.sampled_from([1.0, 1.5]),
@@ -110,6 +111,7 @@ def test_any_time_zero_and_depth_range_gives_the_direct_sums(
     assert np.abs(found.values - image[:, first : last + 1]).max() < 1e-5 * np.abs(image).max()
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(begins=st.integers(0, 300), ends=st.tuples(st.floats(0, 1), st.floats(0, 1)))
 def test_any_depth_range_of_a_late_record_is_that_of_the_zero_filled_one(

@@ -100,6 +100,7 @@ class Smooth:
         return (1 - 0.5 * sine**2) / (1 + 1j * frequency / 3e6) * np.exp(-2j * np.pi * frequency * 2e-8 * sine)
 
 
+@pytest.mark.long
 def test_the_film_s_response_is_part_of_both_products() -> None:
     film = Smooth()
     operator = flat_operator(

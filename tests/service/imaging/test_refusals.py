@@ -154,6 +154,7 @@ def test_equivalent_parameter_types_give_same_image() -> None:
         np.testing.assert_allclose(same, image, atol=1e-4 * np.abs(image).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["nedner", "iterative"])
 def test_mask_argument_equals_explicit_positions_weights_aperture(method: Any) -> None:
     common = {name: value for name, value in COMMON.items() if name != "aperture"}
@@ -224,6 +225,7 @@ print("grown by", (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) 
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of an address space is Linux's")
 def test_an_image_that_the_memory_cannot_hold_is_refused_with_both_numbers_before_anything_is_taken() -> None:
     done = subprocess.run([sys.executable, "-c", CHILD], capture_output=True, text=True, check=False)

@@ -150,6 +150,7 @@ def test_thresholds_follow_the_streaks_at_each_depth() -> None:
     np.testing.assert_allclose(rms_per_depth(values)[2:-2], width[2:-2], rtol=0.1)
 
 
+@pytest.mark.long
 def test_a_step_that_makes_it_worse_is_not_taken() -> None:
     """Without thresholds the streaks would be fed back: the misfit falls all the same from step to step."""
     mask, traces = seen(phantoms.yarn(0, centre=(0.0, 0.0, DEPTH), radius=1.1e-3), 30.0)

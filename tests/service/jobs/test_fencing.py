@@ -126,6 +126,7 @@ def test_a_job_that_an_earlier_start_is_still_at_is_put_back(bench):
     assert "still runs job locked" in status.attempts[0]["detail"]
 
 
+@pytest.mark.long
 def test_job_with_unwritable_log_fails_after_three_attempts(bench):
     """As on a full disk: the worker wants to note why the process died, and cannot."""
     log = DataDirectory(bench.settings.data).job("full").log

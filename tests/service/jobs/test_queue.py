@@ -18,6 +18,7 @@ from support.waiting import until
 R = ReconstructionState
 
 
+@pytest.mark.long
 def test_a_job_runs_once_and_leaves_its_result(bench):
     bench.submit("good", "succeed", answer=42)
     bench.submit("good", "succeed", answer=43)

@@ -23,6 +23,7 @@ def told(bench, statement):
         session.execute(text(statement))
 
 
+@pytest.mark.long
 def test_a_result_that_the_database_refuses_fails_its_job_and_is_not_offered_for_ever(bench):
     told(
         bench,

@@ -135,6 +135,7 @@ def test_restart_preserves_order_of_jobs_queued_by_earlier_version(store, tmp_pa
     assert order == ["early", "usual", "new", "late"]
 
 
+@pytest.mark.long
 def test_the_worker_takes_them_in_turns_and_their_places_say_so(bench):
     bench.submit("busy", "hang")
     bench.until_working("busy")

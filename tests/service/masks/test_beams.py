@@ -38,6 +38,7 @@ def test_points_are_the_pattern_moved_as_a_whole_and_as_few_places_as_there_can_
     np.testing.assert_allclose(shots[:, 0] * 1e9, np.rint(shots[:, 0] * 1e9), atol=1e-6)
 
 
+@pytest.mark.long
 def test_multi_beam_points_stay_in_outline_and_cover_sensed_area(mask, covered):
     assert outlines.contains(outlines.buffered_hull(mask.outline, 1e-9), covered.positions).all()
     np.testing.assert_allclose(covered.weights, voronoi_cell_areas(covered.positions, mask.outline), rtol=1e-9)
@@ -56,6 +57,7 @@ def test_the_density_is_the_masks(paper):
     np.testing.assert_allclose(found, np.bincount(third) * covered.count / mask.count, rtol=0.1)
 
 
+@pytest.mark.long
 def test_the_cover_is_nearly_as_even_as_the_mask_and_far_evener_than_places_drawn_by_chance(paper):
     """The quantisation error at points of the plane, by a direct sum: the mask's own is the measure."""
     mask, covered = paper

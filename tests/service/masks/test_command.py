@@ -73,6 +73,7 @@ def test_a_picture_of_an_unknown_kind_is_refused_and_nothing_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long
 def test_points_subset_and_show_work_on_files(tmp_path):
     """A table becomes a mask, a part of it another, and a picture is drawn."""
     (tmp_path / "lab.csv").write_text("x_mm,y_mm\n1,2\n-3,0.5\n0,0\n2,2\n")

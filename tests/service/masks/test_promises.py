@@ -114,6 +114,7 @@ def test_a_point_spread_needs_a_point():
         point_spread(grid_mask(1e-2, 5, 1e-3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "mask", [equi_steradian_mask(8e-3, 2e-3, 100), equiangular_mask(1e-2, 2e-3, 30), grid_mask(1e-2, 5, 1e-3)]
 )

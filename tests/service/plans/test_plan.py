@@ -133,6 +133,7 @@ def test_pulses_may_not_overlap_records(mask):
         ScanPlan.create(mask=mask, pulse_rate=9000, samples=65536, sampling_interval=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [VisitOrder.SNAKE, VisitOrder.PROGRESSIVE])
 def test_a_plan_can_be_drawn(mask, order, tmp_path):
     """A PNG is written whole."""

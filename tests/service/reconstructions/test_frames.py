@@ -172,6 +172,7 @@ def test_reconstruct_command_takes_a_wavelength_an_average_or_each(scan, tmp_pat
     assert values[1] / values[0] == pytest.approx(2, rel=0.01)
 
 
+@pytest.mark.long
 def test_reconstruct_command_takes_frames_of_a_file_that_is_not_imported(scan, tmp_path):
     """The file is imported beside the image first, with its pulse energies, which differ by half."""
     export_scan(scan, tmp_path / "lab.hdf5", format="ipasc")

@@ -167,6 +167,7 @@ def test_a_volume_is_exported_as_one_file(place, format, begins):
             assert sum(member.endswith(".png") for member in archive.namelist()) == 3
 
 
+@pytest.mark.long
 def test_a_scan_that_was_exported_comes_back_by_import_with_the_same_alines(place):
     name, report = place.do("export", scan_id=place.scan, format="ipasc")
     upload = place.upload((place.data.job(name).root / report["files"][0]).read_bytes())

@@ -136,6 +136,7 @@ def test_late_scan_subset_comparison_keeps_depth_axis(late: Path, tmp_path: Path
     assert report.quality["volume_correlation"] > 0.5
 
 
+@pytest.mark.long
 def test_speed_of_sound_of_a_late_record_is_that_of_the_zero_filled_one() -> None:
     chance, mask = np.random.default_rng(5), grid_mask(8e-3, 40, 0.2e-3)
     centres = np.column_stack([chance.uniform(-2.5e-3, 2.5e-3, (12, 2)), chance.uniform(5e-3, 7.5e-3, 12)])
@@ -154,6 +155,7 @@ def test_speed_of_sound_of_a_late_record_is_that_of_the_zero_filled_one() -> Non
         assert one.best == pytest.approx(other.best, abs=2.0)
 
 
+@pytest.mark.long
 def test_speed_search_of_a_late_scan_takes_a_depth_range_of_its_record(
     late: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

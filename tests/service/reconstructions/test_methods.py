@@ -47,6 +47,7 @@ def recording(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_the_command_line_fits_iteratively(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     options = ["--method", "iterative", "--regularisation", "sparsity", "--iterations", "4", "--film", "simulated"]

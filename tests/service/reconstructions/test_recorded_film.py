@@ -52,6 +52,7 @@ def test_other_correction_of_an_ideal_film_is_called_too_much(ideal, tmp_path):
     assert notes == ["the scan's film was ideal: the correction amplifies what was not lost"]
 
 
+@pytest.mark.long
 def test_uncorrected_film_response_is_noted_in_report(ideal, tmp_path):
     scan = scan_through("bandlimited", tmp_path)
     notes, plain = image(scan, "ideal", tmp_path / "a")

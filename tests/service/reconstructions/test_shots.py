@@ -95,6 +95,7 @@ def test_a_ball_recorded_with_uneven_energies_and_time_zeros_has_its_true_depth_
     assert np.abs(values - truth).max() < 0.005 * height
 
 
+@pytest.mark.long
 def test_each_correction_may_be_left_out_and_then_misses(even, uneven):
     """… so the test above is worth its name."""
     _, height = peak(image(even))
@@ -115,6 +116,7 @@ def test_a_time_zero_that_all_a_lines_have_moves_nothing(even, tmp_path):
     assert height == pytest.approx(strength, rel=0.005)
 
 
+@pytest.mark.long
 def test_saturated_and_mistuned_a_lines_are_left_out_and_the_others_make_up_for_them(even, tmp_path):
     chance = np.random.default_rng(5)
     flags = np.zeros(PLAN.mask.count, int)

@@ -52,6 +52,7 @@ def test_large_volume_without_consent_is_refused_with_size(wide, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_large_volume_is_asked_about_at_a_terminal(wide, tmp_path):
     near, far = pty.openpty()
     command = [sys.executable, "-m", "steradian", "reconstruct", wide, "-o", "out"]
@@ -65,6 +66,7 @@ def test_large_volume_is_asked_about_at_a_terminal(wide, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("given", [{"modes": 100}, {"depth_range": (0.0, 0.1e-3)}])
 def test_smaller_volume_of_the_same_scan_needs_no_consent(wide, tmp_path, given):
     report = reconstruct_scan(wide, tmp_path, ReconstructionParameters.create(**given), agreed=False)

@@ -61,6 +61,7 @@ def test_sound_speed_maximum_at_range_end_is_flagged_as_edge() -> None:
     assert (curve.best, curve.standard_error) == (1420.0, None)
 
 
+@pytest.mark.long
 def test_a_recording_gets_its_curve_as_json_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, few in (("ROUNDS", 1), ("SUPPORT_STEPS", 2), ("STEPS", 2)):
         monkeypatch.setattr(speed_fit, name, few)

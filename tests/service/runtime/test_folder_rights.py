@@ -207,6 +207,7 @@ def unchanged(folder):
     assert look() == before
 
 
+@pytest.mark.long
 def test_serve_on_folder_with_foreign_scans_leaves_it_unchanged(tmp_path):
     from steradian.core.exceptions import DamagedFile
     from steradian.core.settings import Settings

@@ -3,9 +3,12 @@
 import json
 import threading
 
+import pytest
+
 from steradian.runtime.heartbeat import Heartbeat
 
 
+@pytest.mark.long
 def test_heartbeat_file_rewrite_is_atomic_for_readers(tmp_path):
     path, over, read = tmp_path / "run" / "worker-0.json", threading.Event(), []
 

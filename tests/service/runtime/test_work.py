@@ -25,7 +25,7 @@ from support.processes import children_of, resident, runs
 from support.services import WAIT, Service
 from support.waiting import until
 
-pytestmark = pytest.mark.timeout(300)  # the first reconstruction on a machine compiles its kernels
+pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]  # the first reconstruction on a machine compiles its kernels
 PARAMETERS = {"modes": 24}
 
 

@@ -195,6 +195,7 @@ def test_when_the_service_ends_the_scan_is_made_safe_and_left_interrupted(tmp_pa
     bench.close()
 
 
+@pytest.mark.long
 def test_paused_scan_fires_nothing_until_resumed(bench):
     identifier = bench.queue(count=200, pulse_rate=1.0)
     fired = []

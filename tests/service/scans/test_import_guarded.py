@@ -69,6 +69,7 @@ def test_sandboxed_import_preserves_error_types_fields_and_messages(tmp_path):
         import_in_sandbox(source, tmp_path / "scan.h5")
 
 
+@pytest.mark.long
 def test_modules_beside_a_file_are_not_run(tmp_path, monkeypatch):
     """Importing inside a downloaded folder runs no program of it, whatever module that is named after."""
     source, description = foreign.npy_time_first(tmp_path)
@@ -79,6 +80,7 @@ def test_modules_beside_a_file_are_not_run(tmp_path, monkeypatch):
     assert not (tmp_path / "was-run").exists()
 
 
+@pytest.mark.long
 def test_a_stopped_import_leaves_nothing(tmp_path):
     """Cancelled at the first report, the process is ended and what it began is removed."""
     source, description = foreign.npy_time_first(tmp_path)

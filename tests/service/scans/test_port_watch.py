@@ -175,6 +175,7 @@ def test_stop_while_a_scan_connects_asks_the_scanner_through_its_port(tmp_path, 
             assert port.watch.stop("Ada").laser == "off"
 
 
+@pytest.mark.long
 def test_status_of_a_port_on_which_nothing_answers_is_noted_and_logged_once(tmp_path, caplog):
     caplog.set_level("INFO", "steradian")
     with socket.create_server(("127.0.0.1", 0)) as silent:

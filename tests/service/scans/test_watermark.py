@@ -105,6 +105,7 @@ class StopsWhileFull(SessionControl):
         time.sleep(0.001)
 
 
+@pytest.mark.long
 def test_an_aline_that_found_no_space_is_not_freed_by_the_next_one(plan, tmp_path, monkeypatch):
     """The disk is full for one write, somebody stops the scan, and what comes after finds space."""
     plan = plan.replace(mask=equi_steradian_mask(aperture=13.56e-3, depth=3.6e-3, count=300))
