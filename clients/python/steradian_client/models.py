@@ -73,7 +73,7 @@ class Mask(ResponseModel):
     depth: float | None
     count: int
     weight_ratio: float
-    sensed_area: float | None = None
+    sensed_area: float
 
 
 class MaskPreview(ResponseModel):

@@ -100,7 +100,7 @@ def test_request_id_of_older_rows_is_null(server, http, plan, scan_with_alines):
 
 
 def kept(request):
-    """A request that requires nothing of its worker as it is kept: earlier workers refuse a member they do not know."""
+    """A request that requires nothing of its worker, as it is stored."""
     whole = request.model_dump(mode="json")
     assert whole.pop("requires") == {"memory": None, "cores": None}
     return whole
@@ -149,7 +149,7 @@ def test_reconstruction_request_is_stored_unchanged_in_job_ledger(http, ledger, 
     row = ledger.get(made["id"])
     assert (made["kind"], row.kind, row.priority) == (kind, kind, 7)
     whole = JOB_TYPES[kind].request.create(**body)
-    assert JOB_TYPES[kind].request.create(**forms.today(row.payload)) == whole
+    assert JOB_TYPES[kind].request.create(**forms.current(row.payload)) == whole
     assert row.payload["form"] == forms.FORM
     assert http.get(f"/jobs/{made['id']}").json()["asked"] == forms.asked(row.payload) == kept(whole)
 

@@ -258,7 +258,7 @@ def test_zarr_python_opens_a_volume_by_its_address(server, long):
 
 
 def test_a_volume_in_one_piece_is_the_same_hierarchy(tmp_path, monkeypatch):
-    """Of version 1, or from a line of sensors: planes are its chunks, the last ones filled up."""
+    """Planes are its chunks, the last ones filled up."""
     monkeypatch.setattr(stored_values, "CHUNK_BYTES", 4 * 10 * 23 * 4)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         about = {"axes": "x, y, z", "spacing_m": SPACING, "origin_m": VOLUME.origin}

@@ -1,21 +1,19 @@
 """Nobody waits for all that another one has queued."""
 
 from collections import Counter
-from contextlib import closing
 from datetime import UTC, datetime
 from itertools import combinations, count
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sqlalchemy import select, text
+from sqlalchemy import select
 
 from steradian.core.settings import Settings
 from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.queue.estimates import forecast
 from steradian.jobs.queue.fair_queueing import QUEUE_ORDER, queue_priority
 from steradian.jobs.queue.job_ledger import JobLedger
-from steradian.jobs.queue.queue_client import JobQueue
 from steradian.jobs.registry import LIVE_KIND
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
@@ -113,26 +111,6 @@ def test_fair_queueing_ignores_other_jobs_of_same_owner(ledger, why):
         ledger.start_attempt(_ask(ledger, "anna", kind=LIVE_KIND), "worker")
     asked = _ask(ledger, "ben")
     assert [row.id for row in _waiting(ledger)].index(asked) <= 1
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("store", ["embedded", "postgres"])
-def test_restart_preserves_order_of_jobs_queued_by_earlier_version(store, tmp_path, request):
-    """The engine's numbers of an earlier version, the priority and one, are made anew when the service starts."""
-    url = request.getfixturevalue("postgres").database() if store == "postgres" else None
-    made = Settings.create(data=tmp_path, database_url=url)
-    table = "dbos.workflow_status" if url else "workflow_status"
-    with closing(JobQueue(made)) as queue:
-        for name, priority in (("late", 1000), ("usual", 100), ("early", 1)):
-            queue.submit(JobRequest(name, "echo", {}, priority))
-        with queue.ledger.database.write() as session:
-            session.execute(text(f"UPDATE {table} SET priority = 1001 WHERE workflow_uuid = 'late'"))  # noqa: S608
-    with closing(JobQueue(made)) as queue:
-        queue.submit(JobRequest("new", "echo", {}, 100, principal="ben"))
-        with queue.ledger.database.read() as session:
-            engine = f"SELECT workflow_uuid FROM {table} ORDER BY priority, created_at"  # noqa: S608
-            order = session.scalars(text(engine)).all()
-    assert order == ["early", "usual", "new", "late"]
 
 
 @pytest.mark.long

@@ -207,6 +207,6 @@ def test_progress_stop_and_refusals(tmp_path, scan, plan):
         export_scan(scan, tmp_path / "stopped.hdf5", format="dicom")
     with pytest.raises(NotFound):
         export_scan(tmp_path / "none.h5", tmp_path / "stopped.hdf5")
-    with pytest.raises(DamagedFile, match="not a scan file"):
+    with pytest.raises(DamagedFile, match="expected 'steradian-scan'"):
         export_scan(tmp_path / "out.hdf5", tmp_path / "stopped.hdf5")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.hdf5", "scan.h5"]

@@ -1,4 +1,4 @@
-"""The scan file is what its document says, and files of the first version are read and continued."""
+"""The scan file is what its document says, and files of other versions are refused."""
 
 import re
 import subprocess
@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from earlier import as_version_1
 
-from fabry_perot.simulator import launch
+from steradian.core.exceptions import DamagedFile
 from steradian.masks import equi_steradian_mask, multi_beam_mask
 from steradian.masks.multi_beam import read_beams
 from steradian.plans import ScanPlan
-from steradian.scans.acquisition.run import resume_scan, run_scan
-from steradian.scans.acquisition.session_control import Command, SessionControl
+from steradian.scans.exporting import export_scan
 from steradian.scans.file.read import list_frames, read_scan
+from steradian.scans.file.tail import ScanTail
 from steradian.scans.file.verify import verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 
@@ -90,22 +89,16 @@ def test_where_it_comes_from_is_in_it(path, plan):
     assert list_frames(path)[0].excitation == 8e-7
 
 
-def test_a_file_of_version_1_is_read_checked_and_continued(tmp_path, plan):
-    class Stop(SessionControl):
-        stored = 0
+def export_as_ipasc(path):
+    export_scan(path, path.with_suffix(".hdf5"))
 
-        def progress(self, done, total):
-            self.stored = done
 
-        def command(self):
-            return Command.STOP if self.stored >= 20 else Command.RUN
-
-    path, slow = tmp_path / "old.h5", plan.replace(pulse_rate=100.0, samples=512)
-    with launch(speed=20.0, ring=8) as simulator:
-        run_scan(slow, simulator.url, path, control=Stop())
-        as_version_1(path)
-        before = read_scan(path)
-        assert 20 <= len(before.traces) < plan.mask.count
-        assert verify_scan_file(path).is_consistent
-        assert resume_scan(path, simulator.url, plan=slow).stored == plan.mask.count
-    assert verify_scan_file(path).is_consistent
+@pytest.mark.parametrize("version", [2, 0, "1", None])
+@pytest.mark.parametrize("read", [read_scan, list_frames, verify_scan_file, ScanTail, export_as_ipasc])
+def test_scan_file_of_unknown_version_is_refused_with_the_allowed_one(path, read, version):
+    with h5py.File(path, "r+") as file:
+        del file.attrs["schema_version"]
+        if version is not None:
+            file.attrs["schema_version"] = version
+    with pytest.raises(DamagedFile, match=f"schema_version is {version}; allowed: 1$"):
+        read(path)

@@ -59,9 +59,9 @@ def test_a_data_folder_is_made_for_its_user_alone(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="modes are of POSIX systems")
 def test_restrict_permissions_closes_own_files_and_ignores_foreign_ones(tmp_path):
     data = DataDirectory(tmp_path / "data")
-    for name in ("scans", "reconstructions", "run"):
+    for name in ("scans", "jobs", "run"):
         (data.root / name).mkdir(mode=0o755, parents=True)
-    for name in ("steradian.sqlite", "steradian.sqlite-wal", "queue.sqlite", "lock"):
+    for name in ("steradian.sqlite", "steradian.sqlite-wal", "lock"):
         (data.root / name).write_text("")
         (data.root / name).chmod(0o644)
     data.root.chmod(0o775)
@@ -100,20 +100,6 @@ def test_a_job_knows_whether_a_process_runs_it(tmp_path):
     with job.hold_running_lock():
         assert DataDirectory(tmp_path).job("j1").is_running
     assert not job.is_running
-
-
-def test_a_folder_of_the_earlier_layout_is_opened_with_all_that_its_jobs_left(tmp_path):
-    """Volumes, exports and imports lay under ``reconstructions``; a move that was cut short is finished."""
-    for name in ("r1", "j1"):
-        (tmp_path / "reconstructions" / name).mkdir(parents=True)
-        (tmp_path / "reconstructions" / name / "volume.h5").write_text(name)
-    (tmp_path / "jobs" / "r0").mkdir(parents=True)
-    (tmp_path / "jobs" / "r0" / "volume.h5").write_text("r0")
-    for _ in range(2):
-        with DataDirectory(tmp_path).lock():
-            found = {name: DataDirectory(tmp_path).job(name).volume.read_text() for name in ("r0", "r1", "j1")}
-        assert found == {"r0": "r0", "r1": "r1", "j1": "j1"}
-    assert not (tmp_path / "reconstructions").exists()
 
 
 def test_startup_check_accepts_import_interrupted_before_its_row(tmp_path):

@@ -1,4 +1,4 @@
-"""Mutants of the job queue: turns, matching, estimates, the ledger, requests of earlier versions, child processes."""
+"""Mutants of the job queue: turns, matching, estimates, the ledger, versions of requests, child processes."""
 
 from support.mutants import Mutant
 
@@ -78,22 +78,16 @@ MUTANTS = {
         ("jobs/test_fencing.py::test_interruptions_are_not_counted_as_attempts_but_do_not_go_on_for_ever",),
     ),
     "requests of the future": Mutant(
-        "jobs.request_versions:today",
-        "0 <= form <= FORM",
-        "form",
+        "jobs.request_versions:current",
+        "form != FORM",
+        "form < FORM",
         ("jobs/test_forms.py::test_unknown_request_form_is_refused_with_form_name[2]",),
-    ),
-    "options of the method that was asked for": Mutant(
-        "jobs.request_versions:_without_options_of_other_methods",
-        '== "iterative"',
-        '!= "iterative"',
-        ("jobs/test_forms.py::test_form_0_upgrade_keeps_iterative_options",),
     ),
     "stored without its form": Mutant(
         "jobs.request_versions:stored",
         "KEY: FORM, ",
         "",
-        ("jobs/test_forms.py::test_job_of_stores_the_form_of_its_request_and_today_reads_it",),
+        ("jobs/test_forms.py::test_job_of_stores_the_form_of_its_request_and_current_reads_it",),
     ),
     "a scan's time is the job's": Mutant(
         "jobs.worker.process:JobProcess.run",

@@ -58,8 +58,8 @@ class MaskView(BaseModel):
     depth: float | None = Field(description="Distance of the point of interest (m)")
     count: int = Field(description="Number of points")
     weight_ratio: float = Field(description="Largest over smallest weight")
-    sensed_area: float | None = Field(
-        description="What the points stand for together, the sum of their weights (m², m for a line); null: not noted"
+    sensed_area: float = Field(
+        description="What the points stand for together, the sum of their weights (m², m for a line)"
     )
     created: datetime
     links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
@@ -160,7 +160,7 @@ class ScanView(BaseModel):
     id: str
     plan_id: str
     mask_id: str
-    scanner_id: str | None = Field(description="Owner; null: imported, or created by an earlier version")
+    scanner_id: str | None = Field(description="Owner; null: imported")
     simulated: bool = Field(description="Whether the scanner is a simulation")
     state: ScanState
     desired_state: DesiredScanState

@@ -14,7 +14,6 @@ from sqlalchemy import make_url
 
 from steradian.core.settings import Settings
 from steradian.jobs.queue.engine_version import ENGINE_VERSION_FACT, engine_version
-from steradian.jobs.queue.fair_queueing import renumber_waiting
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.advisory_locks import TIMEOUTS
 from steradian.storage.db.database import Database, metadata_url
@@ -54,7 +53,6 @@ def migrate_queue(settings: Settings) -> str:
         with database.migrating():
             DBOS.migrate(queue_url(settings))
         with database.write() as session:
-            renumber_waiting(session, workflow_table(database))
             database.set_fact(session, ENGINE_VERSION_FACT, engine_version())
     finally:
         database.close()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import exists, func, select, text
+from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
 
 from steradian.jobs.registry import LIVE_KINDS
@@ -50,16 +50,3 @@ def next_start_tag(session: Session, owner: str, priority: int) -> int:
 def queue_priority(row: JobRow) -> int:
     """Return the engine's numeric priority of a job, computed from priority and start tag; smaller runs first."""
     return row.priority * TAG_LIMIT + row.turn + 1
-
-
-def renumber_waiting(session: Session, engine_table: str) -> None:
-    """Recompute the engine's priorities of queued jobs after an upgrade or the restore of a backup.
-
-    Parameters
-    ----------
-    engine_table
-        The engine's table of jobs, beside the ledger's.
-    """
-    ours = f"SELECT priority * {TAG_LIMIT} + turn + 1 FROM jobs WHERE id = {engine_table}.workflow_uuid"  # noqa: S608 - ours
-    waits = f"status IN ('ENQUEUED', 'DELAYED') AND priority <> ({ours})"
-    session.execute(text(f"UPDATE {engine_table} SET priority = ({ours}) WHERE {waits}"))  # noqa: S608

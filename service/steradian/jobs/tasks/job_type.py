@@ -43,9 +43,9 @@ class JobType:
     def run(self, work: JobContext, request: Mapping[str, Any]) -> dict[str, Any]:
         """Validate a stored request, run the handler and return its report as JSON-compatible values.
 
-        Raises :class:`InvalidInput`, :class:`Conflict` for a request of a newer version, and the handler's errors.
+        Raises :class:`InvalidInput`, :class:`Conflict` for a request of another version, and the handler's errors.
         """
-        report: dict[str, Any] = to_jsonable(self.work(work, self.request.create(**forms.today(request))))
+        report: dict[str, Any] = to_jsonable(self.work(work, self.request.create(**forms.current(request))))
         return report
 
 

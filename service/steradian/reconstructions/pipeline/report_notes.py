@@ -28,7 +28,7 @@ def notes_on_depth(recording: Recording, chosen: ReconstructionParameters) -> It
 
 
 def notes_on_weights(recording: Recording, total: float) -> Iterator[str]:
-    """Yield a warning if the sum of the weights is not the sensed area, as in scans of early versions."""
+    """Yield a warning if the sum of the weights is not the sensed area."""
     if recording.outline is not None:
         return
     ratio = total / outlines.area(sensed_region(recording.positions, recording.aperture))

@@ -11,7 +11,7 @@
 
 Values and levels are in chunks of about 64³ (:mod:`steradian.reconstructions.volumes.pyramid`), without compression.
 From a line of sensors ``values`` is (Nx, Nz) in one piece, its axes "x, z", and there are neither levels nor
-projections. In files of version 1 values are in one piece and there are no levels.
+projections.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ from steradian.scans.file.h5py_errors import reraise_as_damaged
 if TYPE_CHECKING:
     import h5py
 
-FORMAT, VERSION = "steradian-volume", 2
-READABLE = (1, VERSION)
+FORMAT, VERSION = "steradian-volume", 1
 
 
 def write_volume(
@@ -178,8 +177,10 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
 
 def check_format(file: h5py.File, path: Path) -> None:
     """Raise :class:`DamagedFile` if an HDF5 file is not a volume file or has an unknown version."""
-    if file.attrs.get("format") != FORMAT or file.attrs.get("schema_version") not in READABLE:
-        raise DamagedFile(f"{path} is not a volume file of schema version {' or '.join(map(str, READABLE))}")
+    if (kind := file.attrs.get("format")) != FORMAT:
+        raise DamagedFile(f"{path} is an HDF5 file, but its format is {kind!r}; expected {FORMAT!r}")
+    if (version := file.attrs.get("schema_version")) != VERSION:
+        raise DamagedFile(f"{path}: schema_version is {version}; allowed: {VERSION}")
 
 
 def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:

@@ -90,12 +90,12 @@ def check_identity(store: ScanFileWriter, plan: ScanPlan | None, capabilities: f
     """Compare plan, tuning map and scanner with those recorded in the scan file."""
     with open_for_reading(store.path) as file:
         plan_id, serial = str(file["plan"].attrs["id"]), str(file.attrs["scanner"])
-        tuning, simulated = str(file.attrs.get("tuning_map", "")), bool(file.attrs["simulated"])
+        tuning, simulated = str(file.attrs["tuning_map"]), bool(file.attrs["simulated"])
     pairs = [("the scanner", serial, capabilities.serial)]
     pairs.append(("the scanner", _kind(simulated), _kind(capabilities.simulated)))
     if plan is not None:
         pairs.append(("the plan", plan_id, plan.id))
-        pairs.append(("the tuning map", tuning or tuning_map_hash(plan), tuning_map_hash(plan)))
+        pairs.append(("the tuning map", tuning, tuning_map_hash(plan)))
     return [Check(what, then, now, "", then == now) for what, then, now in pairs]
 
 

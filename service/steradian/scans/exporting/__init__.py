@@ -76,13 +76,7 @@ def export_scan(
         except OSError as error:
             raise DamagedFile(f"{scan} cannot be read as a scan: {error}") from error
         with file:
-            if (
-                file.attrs.get("format") != schema.FORMAT
-                or file.attrs.get("schema_version") not in schema.SUPPORTED_VERSIONS
-            ):
-                raise DamagedFile(
-                    f"{scan} is not a scan file of schema version {', '.join(map(str, schema.SUPPORTED_VERSIONS))}"
-                )
+            schema.check_format(scan, file)
             if format == "sgl":
                 from steradian.scans.exporting.sgl import write_sgl
 

@@ -2,7 +2,7 @@
 
 One CRC-32C (Castagnoli) covers the row's samples and then its columns in the order of :data:`schema.ROW`, packed,
 little-endian. The samples' own checksum comes with them from the scanner; it is only continued over the columns, some
-50 bytes. In files before version 3 the checksum covers the samples alone.
+50 bytes.
 """
 
 from __future__ import annotations
@@ -27,13 +27,10 @@ class ShotTable:
 
     Attributes
     ----------
-    version
-        Of the file.
     columns
-        (n,) each, by the names of :data:`schema.COLUMNS`; what the file's version lacks is what its plan says.
+        (n,) each, by the names of :data:`schema.COLUMNS`.
     """
 
-    version: int
     columns: dict[str, NDArray[Any]]
 
     @classmethod
@@ -42,27 +39,14 @@ class ShotTable:
 
         While the file is written ``status`` is read first, as it is written last. Raises KeyError where one is missing.
         """
-        alines, version, plan = file["alines"], int(file.attrs["schema_version"]), file["plan"].attrs
-        kinds = schema.columns_of(version)
-        columns = {name: np.asarray(alines[name][rows], kind) for name, kind in reversed(kinds.items())}
-        return cls.of_columns(version, columns, int(plan["averages"]), float(plan["time_zero_s"]))
-
-    @classmethod
-    def of_columns(cls, version: int, columns: Mapping[str, NDArray[Any]], averages: int, time_zero: float) -> Self:
-        """Create a table from columns; columns missing in earlier file versions get the plan's values."""
-        usual = {"averages": averages, "time_zero_s": time_zero}
-        lacking = {
-            name: np.full(len(columns["status"]), usual.get(name, 0), kind)
-            for name, kind in schema.COLUMNS.items()
-            if name not in columns
-        }
-        return cls(version, {**columns, **lacking})
+        alines = file["alines"]
+        return cls({name: np.asarray(alines[name][rows], kind) for name, kind in reversed(schema.COLUMNS.items())})
 
     @classmethod
     def joined(cls, tables: Sequence[ShotTable]) -> Self:
         """Concatenate tables of one file."""
         names = tables[0].columns
-        return cls(tables[0].version, {name: np.concatenate([each[name] for each in tables]) for name in names})
+        return cls({name: np.concatenate([each[name] for each in tables]) for name in names})
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return the values (n,) of a column by name."""
@@ -74,23 +58,16 @@ class ShotTable:
         stored: NDArray[np.bool_] = self.columns["status"] == schema.STORED
         return stored
 
-    @property
-    def checksums_cover_columns(self) -> bool:
-        """Whether the row checksums of this file version cover the metadata columns."""
-        return self.version >= schema.ROW_CHECKSUM_SINCE
-
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> ShotTable:
         """Return a table of a subset of the rows."""
-        return ShotTable(self.version, {name: values[index] for name, values in self.columns.items()})
+        return ShotTable({name: values[index] for name, values in self.columns.items()})
 
     def verify_rows(self, samples: NDArray[Any]) -> NDArray[np.bool_]:
         """Return a boolean array (n,): rows that, with their samples (n, N_t), match their checksum."""
         if not len(samples):
             return np.zeros(0, np.bool_)
         checksums = [google_crc32c.value(row.tobytes()) for row in samples]
-        proven: NDArray[np.bool_] = (
-            row_checksums(self.version, checksums, pack_rows(self.columns)) == self.columns["crc32c"]
-        )
+        proven: NDArray[np.bool_] = row_checksums(checksums, pack_rows(self.columns)) == self.columns["crc32c"]
         return proven
 
 
@@ -104,12 +81,8 @@ def pack_rows(columns: Mapping[str, Any]) -> NDArray[np.void]:
     return packed
 
 
-def row_checksums(
-    version: int, samples: Sequence[int] | NDArray[np.uint32], packed: NDArray[np.void]
-) -> NDArray[np.uint32]:
+def row_checksums(samples: Sequence[int] | NDArray[np.uint32], packed: NDArray[np.void]) -> NDArray[np.uint32]:
     """Return the checksums (n,) of rows from the checksums of their samples and their packed columns."""
-    if version < schema.ROW_CHECKSUM_SINCE:
-        return np.asarray(samples, np.uint32)
     data, size, extend = packed.tobytes(), packed.itemsize, google_crc32c.extend
     starts = range(0, len(data), size)
     checksums = samples.tolist() if isinstance(samples, np.ndarray) else samples

@@ -67,7 +67,7 @@ def create_scan_file(
     created
         When it was measured (ISO 8601); now, if not given.
     visit
-        (M,) points in the order of interrogation where that is not the plan's own, as an older program found it.
+        (M,) points in the order of interrogation where that is not the plan's own.
     bias
         (M,) wavelengths in m that were set at the points, if there were any, where they are not the plan's own.
     pulse_energy

@@ -18,8 +18,8 @@ def latest_row(file: h5py.File) -> int | None:
     """Return the most recently stored row, also while the scan runs; ``None`` if no row is stored.
 
     A-lines are stored in the order in which their rows were given to the scanner: it is the last one up to which all of
-    them are there. Where none of them is there yet, or the file does not say what was given, it is the row of the
-    latest shot; shots are counted anew when the scanner boots.
+    them are there. Where none of them is there yet, it is the row of the latest shot; shots are counted anew when
+    the scanner boots.
 
     Raises
     ------
@@ -39,10 +39,7 @@ def latest_row(file: h5py.File) -> int | None:
 
 def _uploaded_rows(file: h5py.File) -> NDArray[np.int64]:
     """Return the rows of the last upload to the scanner, in order; empty if the record's checksum is wrong."""
-    nothing = np.zeros(0, np.int64)
-    if "run" not in file:
-        return nothing
     head, queue = np.asarray(file["run/upload"]), np.asarray(file["run/queue"])
     rows = queue[: max(0, int(head[0]))]
     proven = crc32c(rows.tobytes() + head[:-1].tobytes()) == int(head[-1])
-    return rows.astype(np.int64) if proven else nothing
+    return rows.astype(np.int64) if proven else np.zeros(0, np.int64)

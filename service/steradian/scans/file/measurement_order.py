@@ -87,18 +87,16 @@ class ScanProgram:
         plan, where = file["plan"], np.asarray(file["mask/positions"], dtype=np.float64)
         if where.shape[1] == 1:
             where = np.column_stack([where[:, 0], np.zeros(len(where))])
-        tuned = "bias" if "bias" in plan else "wavelengths"
-        excitation = np.asarray(plan["frame_excitation"]) if "frame_excitation" in plan else np.zeros(1)
         return cls(
             positions=where,
             visit=np.asarray(plan["visit"], dtype=np.int64),
-            excitation=tuple(excitation.tolist()),
-            wavelengths=np.asarray(plan[tuned], dtype=np.float64) if tuned in plan else None,
+            excitation=tuple(np.asarray(plan["frame_excitation"]).tolist()),
+            wavelengths=np.asarray(plan["bias"], dtype=np.float64) if "bias" in plan else None,
             samples=int(plan.attrs["samples"]),
             sampling_interval=float(plan.attrs["sampling_interval_s"]),
             pulse_rate=float(plan.attrs["pulse_rate_hz"]),
             averages=int(plan.attrs["averages"]),
-            gate=str(plan.attrs.get("gate", "none")),
+            gate=str(plan.attrs["gate"]),
             beams=len(plan["beams"]) if "beams" in plan else 1,
         )
 

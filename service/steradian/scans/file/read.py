@@ -35,7 +35,7 @@ def list_frames(path: Path) -> tuple[Frame, ...]:
         When the file is truncated, of another kind or newer.
     """
     with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
-        _check_kind(path, file)
+        schema.check_format(path, file)
         course = ScanProgram.of_file(file)
         stored = np.asarray(file["alines/status"]).reshape(-1, course.points) == schema.STORED
         fired = np.asarray(file["alines/fire_time_s"]).reshape(stored.shape)
@@ -67,17 +67,8 @@ def read_scan(path: Path, frame: int | list[int] | None = 0) -> Recording:
         When the file is truncated, of another kind or newer, or holds no A-line.
     """
     with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
-        _check_kind(path, file)
+        schema.check_format(path, file)
         return _read(path, file, frame)
-
-
-def _check_kind(path: Path, file: h5py.File) -> None:
-    kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
-    if kind != schema.FORMAT:
-        raise DamagedFile(f"{path} is an HDF5 file, but its format is {kind!r}; expected {schema.FORMAT!r}")
-    if version not in schema.SUPPORTED_VERSIONS:
-        allowed = ", ".join(str(number) for number in schema.SUPPORTED_VERSIONS)
-        raise DamagedFile(f"{path} has schema version {version}; this program reads {allowed}")
 
 
 def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Recording:
@@ -150,8 +141,6 @@ def shots_of(table: ShotTable) -> ShotMetadata:
 
 
 def _frame_provenance(file: h5py.File, numbers: list[int], frames: int) -> dict[str, str]:
-    if frames == 1 and "frame_excitation" not in file["plan"]:
-        return {}
     lights = {float(file["plan/frame_excitation"][number]) for number in numbers}
     told = {"excitation": ", ".join(f"{1e9 * light:g} nm" for light in sorted(lights))} if all(lights) else {}
     return told | ({"frame": f"{', '.join(map(str, numbers))} of {frames}"} if frames > 1 else {})

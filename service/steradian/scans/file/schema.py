@@ -1,4 +1,4 @@
-"""HDF5 schema of scan files, version 3; ``docs/scan-file.md`` describes it in full.
+"""HDF5 schema of scan files, version 1; ``docs/scan-file.md`` describes it in full.
 
 ::
 
@@ -7,7 +7,7 @@
     /mask                       attributes: id, aperture_m, sensed_area_m2 (m for a line), depth_m, offset_m (absent if
                                 none), arrangement (JSON)
         positions (M, 2) f8     x, y in metres, centred on the aperture
-        weights   (M,)   f8     areas in m², sum = sensed_area_m2 (in older files, which lack it, aperture²)
+        weights   (M,)   f8     areas in m², sum = sensed_area_m2
         outline   (V, 2) f8     corners of the sensed area; absent where not known
     /plan                       attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,
                                             sound_speed_m_s, order, time_zero_s, frames, document (JSON)
@@ -29,21 +29,24 @@
         reference (4,)   f8     point, bias wavelength (m), sensitivity (V/m), reflectivity (V) when the scan began
     /fired        scalar i8     shots the scanner has fired for this scan
 
-Version 2 had no averages, time_zero_s, dc_v and gain_db, and checksums of the samples alone. Version 1 had one frame
-and none of /run, wavelengths, frame_excitation, document and what else came later. Both are read and continued.
-
 Every dataset has its full size, and its place in the file, from the start. A scan therefore only overwrites bytes
 inside existing datasets and never touches the file's own bookkeeping: whatever kills the scan leaves a valid file.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from steradian.core.exceptions import DamagedFile
+
+if TYPE_CHECKING:
+    import h5py
+
 FORMAT = "steradian-scan"
-VERSION = 3
-SUPPORTED_VERSIONS = (1, 2, 3)
-"""Versions that this program reads."""
+VERSION = 1
 CHUNK_BYTES = 1 << 18
 
 MISSING, STORED = 0, 1
@@ -63,14 +66,10 @@ COLUMNS: dict[str, np.dtype[np.generic]] = {
     "status": np.dtype("<u1"),
 }
 """One value per A-line each; ``crc32c`` comes first, ``status`` is written last."""
-ROW_CHECKSUM_SINCE = 3
-"""First version whose checksums cover the columns."""
 ROW = np.dtype(list(COLUMNS.items()))
 """A row of the table, packed; its checksum comes first and covers all that follows it."""
 FILE_FORMAT_MARKER = COLUMNS["crc32c"].itemsize
 """Bytes of a row that are its checksum."""
-_ADDED_LATER = {"averages": 3, "time_zero_s": 3, "dc_v": 3, "gain_db": 3}
-"""Version that brought a column."""
 
 SAMPLES = np.dtype("<i2")
 EXACT_SAMPLES = np.dtype("<f4")
@@ -94,6 +93,14 @@ UNITS = {
 """Units of columns, as attributes."""
 
 
-def columns_of(version: int) -> dict[str, np.dtype[np.generic]]:
-    """Return the names and dtypes of the metadata columns in a file version."""
-    return {name: kind for name, kind in COLUMNS.items() if _ADDED_LATER.get(name, 0) <= version}
+def check_version(name: Path | str, version: object) -> None:
+    """Raise :class:`DamagedFile` for a ``schema_version`` that this program does not read."""
+    if version != VERSION:
+        raise DamagedFile(f"{name}: schema_version is {version}; allowed: {VERSION}")
+
+
+def check_format(name: Path | str, file: h5py.File) -> None:
+    """Raise :class:`DamagedFile` if an HDF5 file is not a scan file, or has an unknown version."""
+    if (kind := file.attrs.get("format")) != FORMAT:
+        raise DamagedFile(f"{name} is an HDF5 file, but its format is {kind!r}; expected {FORMAT!r}")
+    check_version(name, file.attrs.get("schema_version"))

@@ -18,7 +18,7 @@ from steradian.scans.file.aline_metadata import ShotTable
 from steradian.scans.file.arrangement_metadata import arrangement_of, centre_of
 from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
-from steradian.scans.file.read import _check_kind, list_frames, shots_of
+from steradian.scans.file.read import list_frames, shots_of
 from steradian.scans.file.sensitivity import sensitivity_of
 from steradian.scans.recording import Recording, ShotMetadata
 
@@ -81,7 +81,7 @@ class ScanTail:
     def __init__(self, path: Path, frame: int = 0) -> None:
         self.path = path
         with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
-            _check_kind(path, file)
+            schema.check_format(path, file)
             points = len(file["mask/weights"])
             frames = len(file["alines/status"]) // points
             if not 0 <= frame < frames:

@@ -37,7 +37,7 @@ class CheckReport:
     damaged
         Rows that the table calls stored and that do not match: cut off by a power failure, or changed since.
     unlisted
-        Rows that are proven, samples and columns, and that the table calls missing; none in files before version 3.
+        Rows that are proven, samples and columns, and that the table calls missing.
     repaired
         Whether the table was corrected.
     strength
@@ -98,22 +98,17 @@ def verify_scan_file(path: Path, *, repair: bool = True, progress: Progress | No
 
 def _check_frame(path: Path, file: h5py.File) -> None:
     """Check format, version and geometry checksum of a scan file; raises :class:`DamagedFile`."""
-    kind, version = file.attrs.get("format"), file.attrs.get("schema_version")
-    if kind != schema.FORMAT or version not in schema.SUPPORTED_VERSIONS:
-        raise DamagedFile(f"{path} is not a scan file that this program reads: format {kind!r}, version {version}")
-    if "geometry_crc32c" in file.attrs and int(file.attrs["geometry_crc32c"]) != geometry_checksum(file):
+    schema.check_format(path, file)
+    if int(file.attrs["geometry_crc32c"]) != geometry_checksum(file):
         raise DamagedFile(f"{path}: positions, weights or order of the points do not match their checksum")
 
 
 def _verify(
     file: h5py.File, table: ShotTable, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-    """Return a boolean array (F·M,) of intact rows, and the signal strengths of their A-lines, chunk by chunk.
-
-    Where the checksum does not cover the columns, nothing proves those of a row that the table does not list.
-    """
+    """Return a boolean array (F·M,) of intact rows, and the signal strengths of their A-lines, chunk by chunk."""
     samples, checksums = file["alines/samples"], table["crc32c"]
-    candidates = (checksums != 0) if table.checksums_cover_columns else table.stored
+    candidates = checksums != 0
     count, step = len(checksums), samples.chunks[0] if samples.chunks else 64
     whole, strength = np.zeros(count, np.bool_), np.zeros(count, np.float32)
     for first in range(0, count, step):

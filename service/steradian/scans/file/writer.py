@@ -104,17 +104,15 @@ class ScanFileWriter:
         self._chunks = [
             samples.id.get_chunk_info_by_coord((row, 0)).byte_offset for row in range(0, self.count, self._chunk_rows)
         ]
-        self.version = int(file.attrs["schema_version"])
-        kinds = schema.columns_of(self.version)
-        self._offsets = {name: alines[name].id.get_offset() for name in kinds}
+        self._offsets = {name: alines[name].id.get_offset() for name in schema.COLUMNS}
         # not through HDF5, which may answer a second opening of a file by one process from what it remembers
         self._columns = {
-            name: self._read(self._offsets[name], self.count, np.dtype(kind)).copy() for name, kind in kinds.items()
+            name: self._read(self._offsets[name], self.count, kind).copy() for name, kind in schema.COLUMNS.items()
         }
         self._stored: NDArray[np.bool_] = self._columns["status"] == schema.STORED
         self._fired_offset = file["fired"].id.get_offset()
         self.fired = int(self._read(self._fired_offset, 1, np.dtype(schema.FIRED))[0])
-        self._run = {name: file["run"][name].id.get_offset() for name in file["run"]} if "run" in file else {}
+        self._run = {name: file["run"][name].id.get_offset() for name in file["run"]}
 
     @property
     def stored(self) -> int:
@@ -161,7 +159,7 @@ class ScanFileWriter:
             raise InvalidInput("point", int(beyond[0]), f"0 to {len(given) - 1}")
         places = given[points]
         new = pack_rows(columns.values)
-        new["crc32c"] = row_checksums(self.version, columns.checksums, new)
+        new["crc32c"] = row_checksums(columns.checksums, new)
         before = {name: values[places] for name, values in self._columns.items()}
         self._stored[places] = False
         try:
@@ -184,9 +182,7 @@ class ScanFileWriter:
                 raise
 
     def record_upload(self, upload: UploadRecord) -> None:
-        """Store durably the record of the upload to the scanner that follows; files of version 1 have none."""
-        if not self._run:
-            return
+        """Store durably the record of the upload to the scanner that follows."""
         data = np.ascontiguousarray(upload.rows, schema.UPLOAD).tobytes()
         self._overwrite(self._run["queue"], data)
         head = [len(upload.rows), upload.tag, upload.fired, upload.laser_shots]
@@ -196,8 +192,6 @@ class ScanFileWriter:
 
     def last_upload(self) -> UploadRecord | None:
         """Return the record of the last upload; ``None`` if it is missing or its checksum is wrong."""
-        if not self._run:
-            return None
         head = self._read(self._run["upload"], schema.UPLOAD_FIELDS, schema.UPLOAD)
         count, tag, fired, laser_shots, crc = head.tolist()
         if not 0 < count <= self.count:
@@ -209,14 +203,11 @@ class ScanFileWriter:
 
     def set_reference(self, point: int, bias: float, sensitivity: float, reflectivity: float) -> None:
         """Store the film's tuning at a reference point at the beginning of the scan."""
-        if self._run:
-            values = np.array([point, bias, sensitivity, reflectivity], schema.REFERENCE)
-            self._overwrite(self._run["reference"], values.tobytes())
+        values = np.array([point, bias, sensitivity, reflectivity], schema.REFERENCE)
+        self._overwrite(self._run["reference"], values.tobytes())
 
     def reference(self) -> tuple[int, float, float, float] | None:
         """Return the tuning stored by :meth:`set_reference`; ``None`` without one."""
-        if not self._run:
-            return None
         point, bias, sensitivity, reflectivity = self._read(self._run["reference"], 4, schema.REFERENCE).tolist()
         return (int(point), bias, sensitivity, reflectivity) if bias > 0 else None
 
@@ -235,7 +226,7 @@ class ScanFileWriter:
         return self._read(start, self.samples, self.kind)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a copy of a metadata column (F·M,); KeyError if the file's version does not have it."""
+        """Return a copy of a metadata column (F·M,) by name."""
         return self._columns[name].copy()
 
     def close(self) -> None:

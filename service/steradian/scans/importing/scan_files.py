@@ -123,8 +123,7 @@ def open_scan(source: Path) -> Iterator[tuple[ScanPlan, Hdf5TraceBlocks, float]]
 def _read(file: h5py.File) -> _Scan:
     name = untrusted.name_of(file)
     version = untrusted.float_attribute(file, "/", "schema_version")
-    if version not in schema.SUPPORTED_VERSIONS:
-        raise DamagedFile(f"{name} has schema version {version}; this program reads {schema.SUPPORTED_VERSIONS}")
+    schema.check_version(name, version if version is None or version % 1 else int(version))
     _refuse_unknown(file)
     plan = read_plan(file)
     samples = untrusted.dataset(file, "alines/samples", most_bytes=untrusted.TRACE_BYTES)
@@ -133,27 +132,24 @@ def _read(file: h5py.File) -> _Scan:
             f"{name}: alines/samples is {samples.dtype} of the shape {samples.shape}; expected int16 or float32"
             f" of ({plan.aline_count}, {plan.samples})"
         )
-    columns = {column: untrusted.array(file, f"alines/{column}") for column in schema.columns_of(int(version))}
-    for column, kind in schema.columns_of(int(version)).items():
+    columns = {column: untrusted.array(file, f"alines/{column}") for column in schema.COLUMNS}
+    for column, kind in schema.COLUMNS.items():
         if columns[column].shape != (plan.aline_count,) or columns[column].dtype.newbyteorder("<") != kind:
             raise DamagedFile(f"{name}: alines/{column} is not {kind} of ({plan.aline_count},)")
     if not np.isin(columns["status"], (schema.MISSING, schema.STORED)).all():
         raise DamagedFile(f"{name}: alines/status has values other than {schema.MISSING} and {schema.STORED}")
     stored = columns["status"] == schema.STORED
     for column, (least, most) in LIMITS.items():
-        if column in columns:
-            _require_range(column, columns[column], stored, least, most)
-    light = untrusted.array(file, "plan/frame_excitation") if "plan/frame_excitation" in file else None
-    if light is not None and not np.array_equal(light, plan.frame_excitation):
+        _require_range(column, columns[column], stored, least, most)
+    if not np.array_equal(untrusted.array(file, "plan/frame_excitation"), plan.frame_excitation):
         raise DamagedFile(f"{name}: plan/frame_excitation differs from the plan")
     beams = untrusted.array(file, "plan/beams") if "plan/beams" in file else np.empty((0, 2))
     if not np.array_equal(beams, np.reshape(plan.beams, (-1, 2))):
         raise DamagedFile(f"{name}: plan/beams differs from the plan")
     visit, bias = _visit(file, plan), _bias(file, plan)
-    if untrusted.float_attribute(file, "/", "geometry_crc32c") not in (None, geometry_checksum(file)):
+    if untrusted.float_attribute(file, "/", "geometry_crc32c") != geometry_checksum(file):
         raise DamagedFile(f"{name}: positions, weights or order of the points do not match their checksum")
-    rows = ShotTable.of_columns(int(version), columns, plan.averages, _time_zero(file))
-    return _Scan(plan, visit, bias, Hdf5TraceBlocks(samples), rows, stored, _fired(file))
+    return _Scan(plan, visit, bias, Hdf5TraceBlocks(samples), ShotTable(columns), stored, _fired(file))
 
 
 def _refuse_unknown(file: h5py.File) -> None:
@@ -183,9 +179,9 @@ def _visit(file: h5py.File, plan: ScanPlan) -> NDArray[np.int64]:
 
 
 def _bias(file: h5py.File, plan: ScanPlan) -> NDArray[np.float64] | None:
-    """Read the bias wavelengths that were set; without a record, the optimum wavelengths of the plan."""
-    if "plan/bias" not in file:
-        return plan.wavelengths
+    """Read the bias wavelengths that were set; ``None`` where the scanner tunes by its own map."""
+    if plan.wavelengths is None and "plan/bias" not in file:
+        return None
     bias = untrusted.array(file, "plan/bias")
     if bias.shape != (plan.mask.count,) or bias.dtype.kind != "f" or not ((bias > 0) & (bias < np.inf)).all():
         name = untrusted.name_of(file)
@@ -252,8 +248,6 @@ def _require_range(column: str, values: NDArray[Any], stored: NDArray[np.bool_],
 
 def _copy_resume_state(file: h5py.File, scan: _Scan, store: ScanFileWriter) -> None:
     """Copy the data needed to resume the scan: record of the last upload, if valid, and tuning reference."""
-    if not {"run/queue", "run/upload", "run/reference"}.issubset(_names(file)):
-        return  # version 1
     queue, head, told = (untrusted.array(file, f"run/{name}") for name in ("queue", "upload", "reference"))
     if queue.shape != scan.stored.shape or head.shape != (schema.UPLOAD_FIELDS,) or told.shape != (4,):
         raise DamagedFile(f"{untrusted.name_of(file)}: run has datasets of the wrong shape")

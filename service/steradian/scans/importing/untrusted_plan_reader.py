@@ -21,7 +21,6 @@ NUMBERS = {
     "sound_speed": "sound_speed_m_s",
 }
 """Fields of a plan and the attributes that repeat them beside its document."""
-WHOLE = ("averages", "samples")
 
 
 def read_plan(file: h5py.File) -> ScanPlan:
@@ -35,8 +34,7 @@ def read_plan(file: h5py.File) -> ScanPlan:
         When a value is out of range.
     """
     stated = {field: _needed(file, "plan", name) for field, name in NUMBERS.items()}
-    said = untrusted.text(file, "plan", "document")
-    fields: dict[str, Any] = _json(file, "plan", said) if said is not None else _of_attributes(file, stated)
+    fields = _json(file, "plan", untrusted.text(file, "plan", "document"))
     if "plan/wavelengths" in file:
         fields["wavelengths"] = untrusted.array(file, "plan/wavelengths")
     fields["mask"] = read_mask(file)
@@ -71,12 +69,6 @@ def read_mask(file: h5py.File) -> Mask:
     if not np.isfinite(aims).all():
         raise DamagedFile(f"{untrusted.name_of(file)}: the mask's points of interest are not all finite")
     return mask
-
-
-def _of_attributes(file: h5py.File, stated: dict[str, float]) -> dict[str, Any]:
-    """Return the fields of a plan from attributes of a scan file of version 1, which lacks the JSON document."""
-    whole = {name: int(stated[name]) for name in WHOLE}
-    return stated | whole | {"order": untrusted.text(file, "plan", "order")}
 
 
 def _needed(file: h5py.File, place: str, name: str) -> float:

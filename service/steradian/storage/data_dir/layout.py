@@ -30,8 +30,8 @@ from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.storage.data_dir.job_directory import JobDirectory
 
 FOLDERS: Final = ("scans", "uploads", "pictures", "references", "jobs", "run")
-FILE_NAMES: Final = frozenset({*FOLDERS, "reconstructions", "emergency-stop", "identity", "lock", "cache"})
-DATABASES: Final = ("steradian.sqlite", "queue.sqlite")
+FILE_NAMES: Final = frozenset({*FOLDERS, "emergency-stop", "identity", "lock", "cache"})
+DATABASE_FILE: Final = "steradian.sqlite"
 PRIVATE_MODE: Final = 0o700
 """Mode of folders, and with :data:`UMASK` of all files: for this user alone."""
 UMASK: Final = 0o077
@@ -52,7 +52,7 @@ class DataDirectory:
     @property
     def metadata_file(self) -> Path:
         """Path of the SQLite file with the metadata."""
-        return self.root.absolute() / "steradian.sqlite"
+        return self.root.absolute() / DATABASE_FILE
 
     @property
     def metadata_url(self) -> str:
@@ -172,14 +172,13 @@ class DataDirectory:
         try:
             with atomic_write(owner) as beside:
                 beside.write_text(json.dumps({"pid": os.getpid()}))
-            self._rename_earlier()
             yield
         finally:
             owner.unlink(missing_ok=True)
             lock.release()
 
     def restrict_permissions(self) -> list[str]:
-        """Remove other users' permissions on files of earlier versions.
+        """Remove other users' permissions on the folder's files, as a copy of it may have them.
 
         The folder itself is only changed when nothing else lies in it.
 
@@ -191,20 +190,12 @@ class DataDirectory:
         if os.name != "posix":
             return []
         there = list(self.root.iterdir())
-        ours = [path for path in there if path.name in FILE_NAMES or path.name.startswith(DATABASES)]
+        ours = [path for path in there if path.name in FILE_NAMES or path.name.startswith(DATABASE_FILE)]
         for path in [*ours, self.root] if len(ours) == len(there) else ours:
             with suppress(PermissionError, FileNotFoundError):
                 path.chmod(path.stat().st_mode & PRIVATE_MODE)
         still = [f"read {path}" for path in ours if _mode(path) & UMASK]
         return still + ([f"change {self.root}"] if self.root.stat().st_mode & UMASK & 0o222 else [])
-
-    def _rename_earlier(self) -> None:
-        """Move job folders of earlier versions from ``reconstructions`` to ``jobs``."""
-        earlier = self.root / "reconstructions"
-        if earlier.is_dir():
-            for folder in earlier.iterdir():
-                folder.rename(self.root / "jobs" / folder.name)
-            earlier.rmdir()
 
 
 def _mode(path: Path) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text, false
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from steradian.storage.db.types import EnumText, UtcTime
@@ -40,7 +40,7 @@ class MaskRow(Base):
     depth: Mapped[float | None]
     count: Mapped[int]
     weight_ratio: Mapped[float]
-    sensed_area: Mapped[float | None]
+    sensed_area: Mapped[float]
     arrangement: Mapped[dict[str, Any]]
     document: Mapped[str] = mapped_column(Text, deferred=True)
 
@@ -62,7 +62,7 @@ class ScanRow(Base):
 
     ``revision`` is the row version, ``fence`` the number of the scanner lease, ``completes`` the partial scan that this
     scan continues, ``request_id`` the HTTP request that created the row, if any. ``scanner_id`` is empty for imported
-    scans and for scans of versions without scanner names.
+    scans.
     """
 
     __tablename__ = "scans"
@@ -113,21 +113,21 @@ class JobRow(Base):
     scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
     batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
     request_id: Mapped[str | None] = mapped_column(String(64))
-    owner: Mapped[str] = mapped_column(Text, default="", server_default="")
+    owner: Mapped[str] = mapped_column(Text, default="")
     priority: Mapped[int]
-    turn: Mapped[int] = mapped_column(default=0, server_default="0")
+    turn: Mapped[int] = mapped_column(default=0)
     timeout: Mapped[float | None]
-    promised: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
-    requires_memory: Mapped[int] = mapped_column(BigInteger, default=0, server_default="0")
-    requires_cores: Mapped[int] = mapped_column(default=0, server_default="0")
-    requires_gpu: Mapped[bool] = mapped_column(default=False, server_default=false())
+    promised: Mapped[int] = mapped_column(BigInteger, default=0)
+    requires_memory: Mapped[int] = mapped_column(BigInteger, default=0)
+    requires_cores: Mapped[int] = mapped_column(default=0)
+    requires_gpu: Mapped[bool] = mapped_column(default=False)
     state: Mapped[ReconstructionState] = mapped_column(EnumText(ReconstructionState), index=True)
     desired_state: Mapped[DesiredJobState] = mapped_column(EnumText(DesiredJobState))
     reason: Mapped[str | None] = mapped_column(Text)
     created: Mapped[datetime]
     started: Mapped[datetime | None]
     ended: Mapped[datetime | None]
-    fence: Mapped[int] = mapped_column(default=0, server_default="0")
+    fence: Mapped[int] = mapped_column(default=0)
     attempt: Mapped[int] = mapped_column(default=0)
     attempts: Mapped[list[dict[str, Any]]]
     stage: Mapped[str | None] = mapped_column(String(120))
@@ -186,7 +186,7 @@ class ScannerRow(Base):
     interlock: Mapped[str] = mapped_column(String(16), default="unknown")
     key_switch: Mapped[str] = mapped_column(String(16), default="unknown")
     shutter: Mapped[str] = mapped_column(String(16), default="unknown")
-    laser: Mapped[str] = mapped_column(String(16), default="unknown", server_default="unknown")
+    laser: Mapped[str] = mapped_column(String(16), default="unknown")
     fault: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     port_holder: Mapped[str | None] = mapped_column(String(200))
     model: Mapped[str | None] = mapped_column(String(120))
@@ -207,7 +207,7 @@ class ScannerRow(Base):
     stop_seconds: Mapped[float | None]
     stop_detail: Mapped[str | None] = mapped_column(Text)
     address: Mapped[str | None] = mapped_column(String(200))
-    follows: Mapped[bool] = mapped_column(default=False, server_default=false())
+    follows: Mapped[bool] = mapped_column(default=False)
     retired: Mapped[datetime | None]
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
@@ -293,7 +293,7 @@ class TicketRow(Base):
     principal: Mapped[str] = mapped_column(String(160))
     expires: Mapped[datetime]
     opened: Mapped[datetime | None]
-    streams: Mapped[int] = mapped_column(default=0, server_default="0")
+    streams: Mapped[int] = mapped_column(default=0)
 
 
 class SessionRow(Base):

@@ -10,11 +10,11 @@ from shlex import quote
 from typing import Final
 
 from steradian.core.exceptions import FolderNotWritable
-from steradian.storage.data_dir.layout import DATABASES, FOLDERS, DataDirectory
+from steradian.storage.data_dir.layout import DATABASE_FILE, FOLDERS, DataDirectory
 
-ALSO: Final = ("cache", "emergency-stop", "reconstructions")
+ALSO: Final = ("cache", "emergency-stop")
 """Folders that are there in some cases only."""
-FILES: Final = (*("lock", "identity"), *(name + end for name in DATABASES for end in ("", "-wal", "-shm", "-journal")))
+FILES: Final = (*("lock", "identity"), *(DATABASE_FILE + end for end in ("", "-wal", "-shm", "-journal")))
 WITHIN: Final = ("emergency-stop", "jobs", "run", "scans", "uploads")
 """Folders of which also what lies in them is looked at."""
 
