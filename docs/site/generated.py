@@ -15,7 +15,7 @@ LIBRARY = {
     "Plans and scans": "ScanPlan Scan open",
     "Reconstruction": "reconstruct Acquisition AcquisitionGeometry ImageGrid Compute ReconstructionPlan ForwardOperator"
     " FrameChoice Volume measure_width quality",
-    "Medium": "Medium Layer",
+    "Medium": "Medium Layer Attenuation",
     "Reconstruction methods": "Nufft Ner LinearKappa NearestKappa Gridded Iterative",
     "Errors": "SteradianError InvalidInput",
 }

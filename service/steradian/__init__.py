@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from steradian.imaging import (
         Acquisition,
         AcquisitionGeometry,
+        Attenuation,
         Compute,
         Gridded,
         ImageGrid,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Acquisition": "steradian.imaging",
     "AcquisitionGeometry": "steradian.imaging",
+    "Attenuation": "steradian.imaging",
     "Compute": "steradian.imaging",
     "ForwardOperator": "steradian.imaging.operators",
     "FrameChoice": "steradian.scans.frames",
@@ -82,6 +84,7 @@ _HOMES = {
 __all__ = [
     "Acquisition",
     "AcquisitionGeometry",
+    "Attenuation",
     "Compute",
     "ForwardOperator",
     "FrameChoice",

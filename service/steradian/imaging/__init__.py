@@ -6,6 +6,7 @@ An :class:`Acquisition` (A-lines (M, N_t), sensors (M, 2), timing), an :class:`I
 
 from steradian.imaging._reconstruct import Method, reconstruct
 from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
+from steradian.imaging.attenuation import ATTENUATIONS, Attenuation
 from steradian.imaging.brute_force_reference import direct_spectrum, spectrum_of
 from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter, MeasuredFilm
 from steradian.imaging.geometry.sensor_areas import voronoi_weights
@@ -27,8 +28,10 @@ from steradian.imaging.transforms.windows import Window, kaiser_bessel
 from steradian.imaging.volume import ReconstructionInfo, Volume, VoxelAxes
 
 __all__ = [
+    "ATTENUATIONS",
     "Acquisition",
     "AcquisitionGeometry",
+    "Attenuation",
     "Compute",
     "Conditioning",
     "DirectMethod",

@@ -59,6 +59,10 @@ class IncrementalReconstruction:
     def __init__(self, plan: ReconstructionPlan, *, fitted: bool = True) -> None:
         if plan.chosen.device != "cpu":
             raise InvalidInput("device", plan.chosen.device, "cpu for an image that grows")
+        if plan.acquisition.medium.lossy:
+            raise InvalidInput(
+                "medium", str(plan.acquisition.medium), "one without attenuation for an image that grows"
+            )
         if plan.method == "interpolated":
             raise InvalidInput("method", plan.method, "nedner, ner, linear or nearest for an image that grows")
         self.plan = plan

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.film_response import FilmResponse
-from steradian.imaging.geometry.model import layered_geometries
-from steradian.imaging.medium import LayerPath
+from steradian.imaging.geometry.model import LayerGeometry, layered_geometries
+from steradian.imaging.medium import LayerPath, Medium
 from steradian.imaging.options import ImageGrid, Precision
+from steradian.imaging.signal.attenuation import attenuation_matrix
 from steradian.imaging.transform_tables import TransformTables, forward_tables
 from steradian.imaging.transforms.extrapolation import Extrapolation, plan_extrapolation
 from steradian.imaging.transforms.windows import Shape, Window
@@ -29,11 +30,14 @@ class LayerTables:
         First slice of the layer in the volume, and one past its last.
     extrapolation
         From that plane to the film; None for the layer at the film.
+    attenuation
+        (N, N) matrix over the N times of the plane's field, of the layer's own attenuation; None if it is lossless.
     """
 
     tables: TransformTables
     slices: tuple[int, int]
     extrapolation: Extrapolation | None
+    attenuation: NDArray[np.float64] | None
 
 
 def layered_tables(
@@ -69,9 +73,16 @@ def layered_tables(
                 path, layer.gap, source=geometry.samples, samples=film.samples, interval=film.sampling_interval,
                 time_zero=film.time_zero,
             )  # fmt: skip
-        found.append(LayerTables(tables, layer.slices, way))
+        found.append(LayerTables(tables, layer.slices, way, _own_attenuation(layer)))
     whole = forward_tables(film, dtype, tolerance=tolerance, window=window, max_frequency=None, response=None)
     return whole, found
+
+
+def _own_attenuation(layer: LayerGeometry) -> NDArray[np.float64] | None:
+    own, g = Medium([replace(layer.path.layers[-1], thickness=None)]), layer.geometry
+    if not own.lossy:
+        return None
+    return attenuation_matrix(own, samples=g.samples, interval=g.sampling_interval, time_zero=g.time_zero)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ Waves that are evanescent in a layer above, beyond its critical angle, do not re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import asin, degrees
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.core.quantity_ranges import DENSITY, LAYER_SPEED, LAYER_THICKNESS
+from steradian.imaging.attenuation import Attenuation
 
 Floats = NDArray[np.float64]
 MAX_LAYERS = 16
@@ -35,6 +36,8 @@ class Layer:
         In m; None for the last layer, which has no lower boundary.
     density
         In kg/m³, for the transmission at the boundaries; None: not known.
+    attenuation
+        Power law of attenuation, with dispersion; ``sound_speed`` is then meant at 1 MHz. None: lossless.
 
     Raises
     ------
@@ -45,6 +48,7 @@ class Layer:
     sound_speed: float
     thickness: float | None = None
     density: float | None = None
+    attenuation: Attenuation | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sound_speed", LAYER_SPEED.check("sound_speed", self.sound_speed))
@@ -52,6 +56,8 @@ class Layer:
             object.__setattr__(self, "thickness", LAYER_THICKNESS.check("thickness", self.thickness))
         if self.density is not None:
             object.__setattr__(self, "density", DENSITY.check("density", self.density))
+        if not isinstance(self.attenuation, Attenuation | None):
+            raise InvalidInput("attenuation", type(self.attenuation).__name__, "an Attenuation, or None")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +110,16 @@ class Medium:
         """Highest speed of sound of all layers in m/s."""
         return max(layer.sound_speed for layer in self.layers)
 
+    @property
+    def lossy(self) -> bool:
+        """Whether a layer attenuates."""
+        return any(each.attenuation is not None and each.attenuation.coefficient > 0 for each in self.layers)
+
+    @property
+    def lossless(self) -> Medium:
+        """The same layers without attenuation."""
+        return Medium([replace(each, attenuation=None) for each in self.layers])
+
     def depth_at(self, time: float) -> float:
         """Return the depth in m from which sound along the film's normal needs ``time`` (s) to the film."""
         depth = 0.0
@@ -124,6 +140,9 @@ class Medium:
 
     def __str__(self) -> str:
         parts = [f"{layer.sound_speed:g} m/s" for layer in self.layers]
+        for i, layer in enumerate(self.layers):
+            if layer.attenuation is not None:
+                parts[i] += f" with {layer.attenuation}"
         for i, depth in enumerate(self.boundaries):
             parts[i] += f" to {1e3 * depth:g} mm"
         return ", ".join(parts)
@@ -154,6 +173,11 @@ class LayerPath:
     def overlying(self) -> tuple[Layer, ...]:
         """Layers above this one."""
         return self.layers[:-1]
+
+    @property
+    def medium(self) -> Medium:
+        """These layers as a medium, the layer itself without a lower boundary."""
+        return Medium([*self.overlying, replace(self.layers[-1], thickness=None)])
 
     @property
     def critical_angle(self) -> float | None:

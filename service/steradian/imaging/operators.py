@@ -14,7 +14,9 @@ and all κ beyond the Nyquist frequency of time or beyond ``max_frequency``, are
 
 In a medium of several layers each layer has such a model below the plane of its first slice, and the field that this
 plane hears from the pulse on is extrapolated to the film (:mod:`.transforms.extrapolation`). Echoes between boundaries,
-and what the boundaries reflect downwards, are left out.
+and what the boundaries reflect downwards, are left out. Attenuation is a matrix over time that the A-lines are
+multiplied with at the end (:mod:`.signal.attenuation`): N_t² numbers, and M·N_t² multiplications a product. In layers
+it acts on the field at the layer's plane, for each mode, and the layers above attenuate what crosses them.
 
 The paper's formula (equation 7) is the pseudo-inverse of this for sensors everywhere, up to the waves that leave
 downwards along the film.
@@ -36,7 +38,7 @@ from steradian.core.quantity_ranges import TOLERANCE
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
-from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
+from steradian.imaging.engines.array_namespace import is_gpu_array, like, to_numpy
 from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.engines.numba.layered import LayeredEngine
 from steradian.imaging.engines.numba.memory_plan import min_bytes
@@ -46,6 +48,7 @@ from steradian.imaging.geometry.model import model_geometry
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.layered_tables import layered_tables
 from steradian.imaging.options import Compute, ImageGrid, check_max_frequency, check_window
+from steradian.imaging.signal.attenuation import attenuation_matrix
 from steradian.imaging.transform_tables import forward_tables
 from steradian.imaging.transforms.windows import Shape, Window
 from steradian.imaging.volume import RealArray
@@ -127,6 +130,10 @@ class ForwardOperator(_LinearOperator):
             memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
             self.tables = forward_tables(shape, dtype, **settings)
             self.chosen = EngineSelector(self.tables, compute)
+        self._attenuation: RealArray | None = None
+        if geometry.medium.lossy and len(geometry.medium.layers) == 1:
+            timing = {"interval": geometry.dt, "time_zero": geometry.t0}
+            self._attenuation = attenuation_matrix(geometry.medium, samples=geometry.samples, **timing).astype(dtype)
         size = (len(shape.positions) * shape.samples, int(np.prod(shape.shape)))
         super().__init__(np.dtype(dtype), size)  # type: ignore[call-arg]
 
@@ -194,9 +201,13 @@ class ForwardOperator(_LinearOperator):
             raise InvalidInput(name, f"an array of shape {array.shape}", f"shape {shape}")
 
         def work(engine: AnyEngine) -> Any:
+            given = array
             if isinstance(engine, NumbaEngine):
-                return make(engine, np.ascontiguousarray(to_numpy(array), self.tables.dtype), watch)
-            return make(engine, array, watch)
+                given = np.ascontiguousarray(to_numpy(array), self.tables.dtype)
+            if self._attenuation is None:
+                return make(engine, given, watch)
+            matrix = like(self._attenuation, given)
+            return make(engine, given, watch) @ matrix.T if name == "volume" else make(engine, given @ matrix, watch)
 
         found: RealArray = self.chosen.run_with_fallback(work, keep=is_gpu_array(values))
         return found

@@ -11,74 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.core.quantity_ranges import as_finite_float
-from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.compute import memory_limit as memory
-from steradian.imaging.engines import NO_MONITOR, ProgressMonitor, run_inverse
-from steradian.imaging.engines.array_namespace import is_gpu_array, to_numpy
-from steradian.imaging.engines.numba.engine import NumbaEngine
+from steradian.imaging.engines import NO_MONITOR, ProgressMonitor
+from steradian.imaging.engines.array_namespace import is_gpu_array
 from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.geometry.layers import resolve_layers
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
+from steradian.imaging.layer_plan import LayerPlan
 from steradian.imaging.medium import Medium
-from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, Precision, require_direct
-from steradian.imaging.transform_tables import TransformTables, inverse_tables
+from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, require_direct
+from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.volume import ReconstructionInfo, Volume
-
-
-class LayerPlan:
-    """Precomputed tables and engine of the image of one layer of the medium.
-
-    Parameters
-    ----------
-    geometry
-        Sensors, timing and voxels of the layer.
-    method, dtype, compute
-        Direct method, working precision and execution options.
-
-    Attributes
-    ----------
-    tables, chosen
-        Tables and engine selection (:mod:`steradian.imaging.engines`).
-    """
-
-    def __init__(
-        self, geometry: ReconstructionGeometry, method: DirectMethod, dtype: Precision, compute: Compute
-    ) -> None:
-        self.tables = inverse_tables(geometry, method, dtype)
-        self.chosen = EngineSelector(self.tables, compute)
-
-    def decimate(self, traces: NDArray[Any], watch: ProgressMonitor = NO_MONITOR) -> NDArray[Any]:
-        """Return A-lines (K, N_t) resampled for the engine: fewer samples if ``max_frequency`` permits.
-
-        Raises
-        ------
-        InvalidInput
-            If a sample is not finite.
-        """
-        fewer = self.tables.decimation
-        if fewer is None:
-            return traces
-        threads = self.chosen.engine.room.threads
-        result = fewer.apply(traces, self.tables.dtype, threads=threads, **watch._asdict())
-        if not np.isfinite(result).all():
-            raise InvalidInput("traces", checks.describe_non_finite(traces), "finite numbers")
-        return result
-
-    def image(self, data: Any, scale: float, watch: ProgressMonitor, *, keep: bool) -> Any:
-        """Return the layer's image of A-lines (M, N_t) times ``scale``, on the GPU if ``keep``."""
-
-        def work(engine: AnyEngine) -> Any:
-            if not isinstance(engine, NumbaEngine):  # it decimates by itself
-                return run_inverse(engine, data, watch, scale=scale)
-            traces = self.decimate(to_numpy(data), watch)
-            if traces.dtype not in (np.float32, np.float64, np.int16, np.int32):
-                small = traces.dtype.kind in "iu" and traces.dtype.itemsize < 4
-                traces = traces.astype(np.int32 if small else np.float64)
-            return run_inverse(engine, traces, watch, scale=scale)
-
-        return self.chosen.run_with_fallback(work, keep=keep)
 
 
 class ReconstructionPlan:
@@ -124,7 +69,10 @@ class ReconstructionPlan:
             raise InvalidInput("method", method.name, "ner or nedner for a medium of several layers")
         for shape in shapes:
             memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
-        self.layers = [LayerPlan(shape, method, dtype, compute) for shape in shapes]
+        self.layers = [
+            LayerPlan(shape, shape.path.medium if shape.path else geometry.medium, method, dtype, compute)
+            for shape in shapes
+        ]
         self._geometry = replace(shapes[0], depth=(shapes[0].depth[0], shapes[-1].depth[1]), path=None)
 
     @property
@@ -175,6 +123,9 @@ class ReconstructionPlan:
         copied first.
         """
         largest = max(layer.chosen.engine.room.memory_bytes for layer in self.layers)
+        if self.acquisition.medium.lossy:
+            samples, item = self.geometry.samples, np.dtype(self.dtype).itemsize
+            largest += samples * (len(self.geometry.positions) * 3 * item + 6 * 8 * samples * len(self.layers))
         return largest + (2 * self.output_bytes if len(self.layers) > 1 else 0)
 
     def run(
@@ -251,9 +202,14 @@ class ReconstructionPlan:
         """Return an image [x, (y,) z] of this plan as :class:`Volume`, with coordinates and reconstruction info."""
         g, used = self.geometry, self.chosen
         notes = [note for layer in self.layers for note in layer.chosen.notes]
+        notes += hidden_angles(self.acquisition.medium)
+        noise_gain = tuple(pair for layer in self.layers for pair in layer.noise_gain)
+        if noise_gain:
+            ends = " to ".join(f"{gain:.2g} at {1e3 * depth:.3g} mm" for depth, gain in (noise_gain[0], noise_gain[-1]))
+            notes.append(f"attenuation was compensated, with a noise gain of {ends}")
         info = ReconstructionInfo(
-            self.method, used.device, (*notes, *hidden_angles(self.acquisition.medium)), g.highest_frequency,
-            memory_bytes=self.memory_bytes,
+            self.method, used.device, tuple(notes), g.highest_frequency, memory_bytes=self.memory_bytes,
+            noise_gain=noise_gain,
         )  # fmt: skip
         return Volume(values, g.axes(), g.spacing, g.sound_speed, info)
 

@@ -64,6 +64,9 @@ class ReconstructionInfo:
         Samples of the traces that one sample of an iterative method's model represents.
     memory_bytes
         Upper bound of the memory that was allocated, image included.
+    noise_gain
+        Pairs of a depth in m and the amplification of the A-lines' noise there by the compensation of attenuation; ()
+        without one.
     """
 
     method: str
@@ -76,6 +79,7 @@ class ReconstructionInfo:
     products: int = 0
     decimation: int = 1
     memory_bytes: int = 0
+    noise_gain: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,6 +2,14 @@
 
 Independent of the reconstruction, which knows no rays. Valid where the medium does not change over a wavelength, that
 is not for balls within a wavelength of a boundary; waves beyond critical angles and echoes are left out.
+
+Attenuation is in closed form for each frequency. With the sign e^{−iωt} of ``numpy.fft`` and the complex wave numbers
+K′ = conj K, whose imaginary parts decay, a ball of standard deviation s in the layer with c and K′ has the spectrum
+
+    A·√(2π)·s³/2·iω/c²·e^{−K′²s²/2}·e^{−iΣ K′_i ℓ_i}·(spreading)
+
+at the end of a ray with the lengths ℓ_i in the layers. In one medium it solves the Helmholtz equation with the source
+iω/c²·p₀ (P. J. La Rivière, J. Zhang and M. A. Anastasio, Opt. Lett. 31, 781, 2006).
 """
 
 from __future__ import annotations
@@ -35,7 +43,8 @@ def layered_pressure(
     positions
         (M, 2) x, y in m.
     medium
-        Layers; with densities, the pressure's plane-wave transmission at the ray's angle is included.
+        Layers; with densities, the pressure's plane-wave transmission at the ray's angle is included. An attenuation
+        acts along the ray.
     samples
         N_t, the first one at ``time_zero`` after the laser pulse.
     sampling_interval, time_zero
@@ -58,14 +67,39 @@ def layered_pressure(
     traces = np.zeros((len(where), samples))
     for centre, sigma, amplitude in zip(balls.centres, balls.sigmas, balls.amplitudes, strict=True):
         path = next(path for path in medium.layer_paths() if centre[2] <= path.bottom)
-        arrival, loudness = trace_rays(path, np.linalg.norm(where - centre[:2], axis=1), float(centre[2]))
+        arrival, loudness, lengths = trace_rays(path, np.linalg.norm(where - centre[:2], axis=1), float(centre[2]))
+        if medium.lossy:
+            pulses = _attenuated(path, sigma, arrival, lengths, samples, sampling_interval, time_zero)
+            traces += (amplitude * loudness)[:, None] * pulses
+            continue
         ahead = path.sound_speed * (arrival[:, None] - times)
         traces += (amplitude * loudness)[:, None] * ahead / 2 * np.exp(-(ahead**2) / (2 * sigma**2))
     return traces
 
 
-def trace_rays(path: LayerPath, offsets: Floats, depth: float) -> tuple[Floats, Floats]:
-    """Return travel time and amplitude of the rays from a point to sensors on the film.
+def _attenuated(
+    path: LayerPath, sigma: float, arrival: Floats, lengths: Floats, samples: int, interval: float, time_zero: float
+) -> Floats:
+    """Return the pulses (M, N_t) of a ball of unit amplitude, without spreading, after rays of (L, M) lengths."""
+    length = 2 * int(samples + max(0.0, time_zero) / interval)
+    f = np.arange(1, length // 2 + 1) / (length * interval)
+    omega = 2 * np.pi * f
+    excess = [
+        np.zeros(len(f), complex) if each.attenuation is None else np.conj(each.attenuation.excess(f))
+        for each in path.layers
+    ]
+    speed = path.sound_speed
+    source = np.sqrt(2 * np.pi) * sigma**3 / 2 * 1j * omega / speed**2
+    source = source * np.exp(-((omega / speed + excess[-1]) ** 2) * sigma**2 / 2)
+    way = omega * (arrival[:, None] - time_zero) + lengths.T @ np.array(excess)
+    spectrum = np.zeros((len(arrival), length // 2 + 1), np.complex128)
+    spectrum[:, 1:] = source * np.exp(-1j * way)
+    found: Floats = np.fft.irfft(spectrum, length, axis=1)[:, :samples] / interval
+    return found
+
+
+def trace_rays(path: LayerPath, offsets: Floats, depth: float) -> tuple[Floats, Floats, Floats]:
+    """Return travel time, amplitude and lengths of the rays from a point to sensors on the film.
 
     Parameters
     ----------
@@ -78,7 +112,7 @@ def trace_rays(path: LayerPath, offsets: Floats, depth: float) -> tuple[Floats, 
 
     Returns
     -------
-    Arrays (M,): times in s, and amplitudes in 1/m (1/R in a homogeneous medium).
+    Arrays (M,): times in s, and amplitudes in 1/m (1/R in a homogeneous medium); (L, M) lengths in m in each layer.
     """
     speeds = np.array([layer.sound_speed for layer in path.layers])[:, None]
     above = [layer.thickness or 0.0 for layer in path.overlying]
@@ -97,7 +131,7 @@ def trace_rays(path: LayerPath, offsets: Floats, depth: float) -> tuple[Floats, 
     own = speeds[-1] ** 2 / cosines[-1] ** 2
     spread = own * np.divide(p, offsets, out=1 / widening, where=offsets > 1e-9 * depth) / widening
     sines = speeds[-1] * p
-    return time, np.sqrt(spread) * path.transmission(sines)
+    return time, np.sqrt(spread) * path.transmission(sines), lengths / cosines
 
 
 def _tangents(speeds: Floats, p: Floats) -> Floats:

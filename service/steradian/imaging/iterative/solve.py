@@ -117,6 +117,10 @@ def solve(
     if options.regularisation == "thresholding":  # its inverse is not padded: what that loses, the next step finds
         direct = Nufft(tolerance=options.tolerance, correction=options.correction)
         inverse = ReconstructionPlan(thin, replace(voxels, lateral_padding=None), direct, compute=compute)
+        for layer in inverse.layers:
+            if layer.compensation is not None:
+                deviation = float(expected) / float(np.sqrt(measured.size))
+                layer.compensation.hold(measured, noise=deviation, highest=float(limit))
         solver, resident = partial(IterativeSoftThresholding, inverse), resident and inverse.chosen.resident
     shown = slice(first - coarse[0] * factor, last - coarse[0] * factor)
 

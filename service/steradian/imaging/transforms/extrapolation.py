@@ -3,9 +3,10 @@
 A field that a plane hears from the laser pulse on, of sound that goes up, is known in all layers above it. In the
 Laplace transform over time, s = ε + iω, and the Fourier transform over the plane that is one factor for each s and k:
 
-    H(s, k) = Π T_i · e^{−Σ γ_i d_i},   γ_i = √(s²/c_i² + |k|²),   T_i = 2ρ_i γ_{i+1}/(ρ_i γ_{i+1} + ρ_{i+1} γ_i)
+    H(s, k) = Π T_i · e^{−Σ γ_i d_i},   γ_i = √((s/c_i + Λ_i)² + |k|²),   T_i = 2ρ_i γ_{i+1}/(ρ_i γ_{i+1} + ρ_{i+1} γ_i)
 
-with the pressure's transmission T_i from layer i + 1 up to layer i. Evanescent waves decay, as γ is real there. The
+with the pressure's transmission T_i from layer i + 1 up to layer i, and a layer's attenuation Λ_i(s)
+(:mod:`steradian.imaging.attenuation`). Evanescent waves decay, as γ is real there. The
 damping ε keeps γ off its branch points, and what a finite transform folds back from beyond its end is e^{−εP} times as
 strong, for P samples.
 """
@@ -47,7 +48,9 @@ class Extrapolation:
     length, damping
         P, and ε·``interval``.
     path
-        (3, L) speeds in m/s, lengths in m and densities in kg/m³ of the layers from the film to that of the plane.
+        (2, L) lengths in m and densities in kg/m³ of the layers from the film to that of the plane.
+    slowness
+        (L, P//2 + 1) s/c_i + Λ_i(s) in 1/m of these layers.
     """
 
     source: int
@@ -58,14 +61,7 @@ class Extrapolation:
     length: int
     damping: float
     path: Floats
-
-    @property
-    def frequencies(self) -> NDArray[np.complex128]:
-        """Complex frequencies s in 1/s of the transform, shape (P//2 + 1,)."""
-        turns = np.arange(self.length // 2 + 1, dtype=np.float64) / self.length
-        found = np.empty(len(turns), np.complex128)
-        found.real, found.imag = self.damping / self.interval, 2 * np.pi * turns / self.interval
-        return found
+    slowness: NDArray[np.complex128]
 
     @property
     def taper(self) -> Floats:
@@ -76,6 +72,12 @@ class Extrapolation:
         share = np.arange(self.length // 2 + 1) * (2 / self.length)
         found: Floats = np.cos(0.5 * np.pi * np.clip((share - FLAT) / (1 - FLAT), 0, 1)) ** 2
         return found
+
+    @property
+    def shift(self) -> NDArray[np.complex128]:
+        """Factors of the frequencies that take samples to the film's times: taper, and the fraction of a sample."""
+        turns = np.arange(self.length // 2 + 1) * (self.fraction / self.length)
+        return np.asarray(self.taper * np.exp(2j * np.pi * turns))
 
     @property
     def decay(self) -> Floats:
@@ -110,8 +112,14 @@ def plan_extrapolation(
     begins = round(time_zero / interval, 6)
     first = floor(begins)
     length = fast_size(LENGTH * max(source, first + samples))
-    layers = [(each.sound_speed, each.thickness or 0.0, each.density or EQUAL_DENSITY) for each in path.layers]
-    table = np.array(layers, np.float64).T
-    table[1, -1] = gap
     damping = -log(FOLDED) / length
-    return Extrapolation(source, samples, interval, first, begins - first, length, damping, np.ascontiguousarray(table))
+    s = (damping + 2j * np.pi * np.arange(length // 2 + 1) / length) / interval
+    slowness = [
+        s / each.sound_speed + (0 if each.attenuation is None else each.attenuation.decay(s)) for each in path.layers
+    ]
+    table = np.array([(each.thickness or 0.0, each.density or EQUAL_DENSITY) for each in path.layers]).T
+    table[0, -1] = gap
+    return Extrapolation(
+        source, samples, interval, first, begins - first, length, damping, np.ascontiguousarray(table),
+        np.array(slowness),
+    )  # fmt: skip

@@ -10,18 +10,16 @@ from steradian.core.jit import jit
 
 
 @jit
-def transfer(squares: Any, s: Any, path: Any, shift: Any, result: Any) -> None:
+def transfer(squares: Any, slowness: Any, path: Any, shift: Any, result: Any) -> None:
     """Compute result[u, f] = shift[f]·H(s[f], √squares[u]) (:mod:`steradian.imaging.transforms.extrapolation`)."""
-    layers = path.shape[1]
     for u in range(squares.size):
-        for f in range(s.size):
+        for f in range(shift.size):
             exponent, gained, above = complex(0.0), shift[f], complex(0.0)
-            for i in range(layers):
-                slowness = s[f] / path[0, i]
-                gamma = np.sqrt(slowness * slowness + squares[u])
-                exponent -= gamma * path[1, i]
+            for i in range(path.shape[1]):
+                gamma = np.sqrt(slowness[i, f] * slowness[i, f] + squares[u])
+                exponent -= gamma * path[0, i]
                 if i > 0:
-                    passed = path[2, i - 1] * gamma
-                    gained *= 2 * passed / (passed + path[2, i] * above)
+                    passed = path[1, i - 1] * gamma
+                    gained *= 2 * passed / (passed + path[1, i] * above)
                 above = gamma
             result[u, f] = gained * np.exp(exponent)

@@ -26,7 +26,7 @@ from steradian.imaging.transforms.extrapolation import Extrapolation
 from steradian.imaging.transforms.lateral import numbers_of
 from steradian.imaging.volume import RealArray
 
-_COLUMNS, _NUMBERS = 32, 14  # modes extrapolated together, and what each takes, in samples
+_COLUMNS, _NUMBERS = 32, 16  # modes extrapolated together, and what each takes, in samples
 
 
 class LayeredEngine(NumbaEngine):
@@ -63,9 +63,9 @@ class LayeredEngine(NumbaEngine):
             (NumbaEngine(layer.tables, threads=threads, memory_limit=memory_limit), layer) for layer in layers
         ]
         item = np.dtype(tables.dtype).itemsize
-        spectra = [each.extrapolation.length for each in layers if each.extrapolation is not None]
+        spectra = [each.extrapolation.length if each.extrapolation else each.tables.time.samples for each in layers]
         # numbers of a piece of each thread, for a mode and a sample: lines, spectra, the factor, and copies of them
-        scratch = threads * _COLUMNS * max(spectra, default=0) * _NUMBERS * item
+        scratch = threads * _COLUMNS * max(spectra) * _NUMBERS * item
         largest = max(engine.room.memory_bytes + engine.room.output_bytes for engine, _ in self._layers)
         needed = self.room.memory_bytes + largest + self.room.output_bytes + scratch
         self.room = replace(self.room, memory_bytes=needed)
@@ -85,12 +85,7 @@ class LayeredEngine(NumbaEngine):
             part = watch.of_layer(number, len(self._layers))
             some = np.ascontiguousarray(modes[..., slice(*layer.slices)])
             field = engine.to_depth_adjoint(engine.to_image_adjoint(some, part), part)
-            source, target = engine.room.rows(field), self.room.rows(film)
-            if layer.extrapolation is None:
-                samples = self.tables.time.samples
-                target[:, :samples] += source[:, :samples]
-            else:
-                self._extrapolate(layer.extrapolation, source, target, part, adjoint=False)
+            self._take(layer, engine.room.rows(field), self.room.rows(film), part, adjoint=False)
         return film
 
     def to_depth(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> RealArray:
@@ -99,12 +94,7 @@ class LayeredEngine(NumbaEngine):
         for number, (engine, layer) in enumerate(self._layers, start=1):
             part = watch.of_layer(number, len(self._layers))
             field: RealArray = aligned_empty(engine.room.source_size, self.tables.dtype)
-            source, target = self.room.rows(modes), engine.room.rows(field)
-            if layer.extrapolation is None:
-                samples = self.tables.time.samples
-                target[:, :samples] = source[:, :samples]
-            else:
-                self._extrapolate(layer.extrapolation, source, target, part, adjoint=True)
+            self._take(layer, self.room.rows(modes), engine.room.rows(field), part, adjoint=True)
             volume[..., slice(*layer.slices)] = engine.to_image(engine.to_depth(field, part), part)
         return volume
 
@@ -112,44 +102,77 @@ class LayeredEngine(NumbaEngine):
         """Return the volume as it is: :meth:`to_depth` has made it."""
         return modes
 
-    def _extrapolate(
-        self, way: Extrapolation, source: RealArray, target: RealArray, watch: ProgressMonitor, *, adjoint: bool
+    def _take(
+        self, layer: LayerTables, source: RealArray, target: RealArray, watch: ProgressMonitor, *, adjoint: bool
     ) -> None:
-        """Add the extrapolated field to the film's rows; or put the adjoint of the film's rows into a field's."""
+        """Add a layer's field to the film's rows; or put the adjoint of the film's rows into a field's."""
+        matrix = None if layer.attenuation is None else layer.attenuation.astype(self.tables.dtype)
+        way = None if layer.extrapolation is None else _Extrapolator(layer.extrapolation, self.tables.dtype)
+        own, heard = layer.tables.time.samples, self.tables.time.samples
+
+        def work(piece: int, factor: NDArray[Any], flag: NDArray[np.uint8]) -> None:
+            columns = self._order[piece * _COLUMNS : (piece + 1) * _COLUMNS]
+            rows = (2 * columns[:, None] + np.arange(2)).ravel()
+            line = source[rows, : heard if adjoint else own]
+            if way is not None and adjoint:
+                line = way.backward(line, self._squares[columns], factor)
+            if matrix is not None:
+                line = line @ (matrix if adjoint else matrix.T)
+            if way is not None and not adjoint:
+                line = way.forward(line, self._squares[columns], factor)
+            if adjoint:
+                target[rows, :own] = line
+            else:
+                target[rows, :heard] += line
+
+        def scratch() -> NDArray[Any]:
+            count = 0 if way is None else len(way.shift)
+            return np.empty((_COLUMNS, count), np.result_type(self.tables.dtype, np.complex64))
+
+        pieces = -(-len(self._order) // _COLUMNS)
+        workers.parallel_for("layers above", pieces, scratch, work, threads=self.room.threads, **watch._asdict())
+
+
+class _Extrapolator:
+    """Extrapolation of rows of samples, real and imaginary parts of modes in turn, and its adjoint."""
+
+    def __init__(self, way: Extrapolation, dtype: str) -> None:
+        self._way = way
+        self._skipped = max(0, -way.first)  # samples before the pulse hear nothing
+        self._heard = slice(way.first + self._skipped, way.first + way.samples)
+        self._decay, self._growth = way.decay.astype(dtype), way.growth[self._skipped :].astype(dtype)
+        self.shift = way.shift
+
+    def forward(self, rows: RealArray, squares: NDArray[np.float64], factor: NDArray[Any]) -> RealArray:
+        """Return the film's samples of modes with |k|² ``squares`` from those at the plane."""
+        line = np.zeros((len(rows), self._way.length), rows.dtype)
+        line[:, : self._way.source] = rows * self._decay
+        found = np.zeros((len(rows), self._way.samples), rows.dtype)
+        line = self._filtered(line, squares, factor, adjoint=False)
+        found[:, self._skipped :] = line[:, self._heard] * self._growth
+        return found
+
+    def backward(self, rows: RealArray, squares: NDArray[np.float64], factor: NDArray[Any]) -> RealArray:
+        """Apply the adjoint of :meth:`forward`."""
+        line = np.zeros((len(rows), self._way.length), rows.dtype)
+        line[:, self._heard] = rows[:, self._skipped :] * self._growth
+        line = self._filtered(line, squares, factor, adjoint=True)
+        found: RealArray = line[:, : self._way.source] * self._decay
+        return found
+
+    def _filtered(
+        self, line: RealArray, squares: NDArray[np.float64], factor: NDArray[Any], *, adjoint: bool
+    ) -> RealArray:
         from scipy import fft
 
         from steradian.imaging.engines.numba.extrapolation import transfer
 
-        dtype = np.dtype(self.tables.dtype)
-        skipped = max(0, -way.first)  # samples before the pulse hear nothing
-        heard = slice(way.first + skipped, way.first + way.samples)
-        decay, growth = way.decay.astype(dtype), way.growth[skipped:].astype(dtype)
-        s = way.frequencies
-        shift = way.taper * np.exp(1j * s.imag * way.fraction * way.interval)
-
-        def work(piece: int, factor: NDArray[Any], flag: NDArray[np.uint8]) -> None:
-            columns = self._order[piece * _COLUMNS : (piece + 1) * _COLUMNS]
-            squares, which = np.unique(self._squares[columns], return_inverse=True)
-            transfer(squares, s, way.path, shift, factor)
-            rows = (2 * columns[:, None] + np.arange(2)).ravel()
-            line = np.zeros((len(rows), way.length), dtype)
-            if adjoint:
-                line[:, heard] = source[rows, skipped : way.samples] * growth
-            else:
-                line[:, : way.source] = source[rows, : way.source] * decay
-            spectrum = fft.rfft(line, axis=1, overwrite_x=True).reshape(len(columns), 2, -1)
-            spectrum *= (np.conj(factor) if adjoint else factor)[which, None]
-            line = fft.irfft(spectrum.reshape(len(rows), -1), way.length, axis=1, overwrite_x=True)
-            if adjoint:
-                target[rows, : way.source] = line[:, : way.source] * decay
-            else:
-                target[rows, skipped : way.samples] += line[:, heard] * growth
-
-        def scratch() -> NDArray[Any]:
-            return np.empty((_COLUMNS, len(s)), np.result_type(dtype, np.complex64))
-
-        pieces = -(-len(self._order) // _COLUMNS)
-        workers.parallel_for("layers above", pieces, scratch, work, threads=self.room.threads, **watch._asdict())
+        distinct, which = np.unique(squares, return_inverse=True)
+        transfer(distinct, self._way.slowness, self._way.path, self.shift, factor)
+        spectrum = fft.rfft(line, axis=1, overwrite_x=True).reshape(len(squares), 2, -1)
+        spectrum *= (np.conj(factor) if adjoint else factor)[which, None]
+        found: RealArray = fft.irfft(spectrum.reshape(len(line), -1), self._way.length, axis=1, overwrite_x=True)
+        return found
 
 
 def _squares(tables: TransformTables) -> NDArray[np.float64]:
