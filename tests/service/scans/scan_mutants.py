@@ -53,4 +53,4 @@ MUTANTS = {
 
 if __name__ == "__main__":
     MUTANTS[sys.argv[1]]()
-    sys.exit(pytest.main(["-q", "-rA", "-p", "no:cacheprovider", *sys.argv[2:]]))
+    sys.exit(pytest.main(["-q", "-rA", "-p", "no:cacheprovider", "-m", "not nightly", *sys.argv[2:]]))
