@@ -11,14 +11,14 @@ WEB, MEASURED = (Path(__file__).with_name(name) for name in ("web", "measured"))
 MEASURED_DATA = "STERADIAN_MEASURED_DATA"
 """Variable of the environment that names the folder of measured data."""
 LONGEST = """
-    docs/test_first_hour test_hardware_page test_mutants test_backup test_contributing test_attacking_files
-    runtime/test_work api/test_expensive scans/test_import_guarded jobs/test_queue drawing/test_labels
-    api/test_quota cli/test_commands api/test_deletion cli/test_terminal imaging/test_accuracy
-    driver/test_driver_command api/test_together api/test_races test_serve test_emergency_stop
-    clients/test_python_client clients/test_client_survives clients/test_client_command
-    api/test_repeats api/test_rates api/test_lease
-    masks/test_equi_steradian imaging/test_engines jobs/test_fencing jobs/test_refused imaging/test_operators
-    imaging/test_thresholding fuzz/test_fuzz benchmarks/test_paper imaging/test_benchmarks
+    test_hardware_page docs/test_first_hour crash/test_crash crash/test_fenced scans/test_attacking_files
+    crash/test_backup test_emergency_stop cluster/test_cut cluster/test_stop cli/test_terminal
+    cluster/test_nodes jobs/test_capabilities api/test_contract api/test_attacks runtime/test_work
+    api/test_sent_on clients/test_matlab driver/test_emergency_stops driver/test_monitor imaging/test_windows
+    scans/test_import_guarded clients/test_python_client jobs/test_queue api/test_expensive
+    driver/test_control_socket scans/test_port_watch api/test_conventions jobs/test_fencing
+    imaging/test_late_records cli/test_commands driver/test_driver_command driver/test_simulator
+    runtime/test_inspection api/test_retiring api/test_resources api/test_stop_ticket
 """.split()
 """Files that take longest: where several workers run, the last file to end is a short one."""
 
