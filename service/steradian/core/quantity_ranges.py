@@ -71,6 +71,8 @@ LAYER_SPEED = QuantityRange(300, 12_000, "m/s")
 LAYER_THICKNESS = QuantityRange(1e-6, 1, "m")
 """Thickness of a layer of the medium."""
 DENSITY = QuantityRange(100, 25_000, "kg/m³")
+SPOT = QuantityRange(1e-7, 5e-3, "m")
+"""Diameter of an interrogation beam."""
 ATTENUATION = QuantityRange(0, 100, "dB/(MHz^y cm)")
 """Coefficient of a power law of acoustic attenuation."""
 ATTENUATION_POWER = QuantityRange(0, 2.9, "power of the frequency")

@@ -23,6 +23,7 @@ from steradian.imaging.options import (
     Nufft,
 )
 from steradian.imaging.plan import ReconstructionPlan
+from steradian.imaging.sensing_spot import SensingSpot
 from steradian.imaging.signal.conditioning import Conditioning, Display, rim_weights
 from steradian.imaging.transforms.windows import Window, kaiser_bessel
 from steradian.imaging.volume import ReconstructionInfo, Volume, VoxelAxes
@@ -53,6 +54,7 @@ __all__ = [
     "Nufft",
     "ReconstructionInfo",
     "ReconstructionPlan",
+    "SensingSpot",
     "Volume",
     "VoxelAxes",
     "Window",

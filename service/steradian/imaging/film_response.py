@@ -210,7 +210,7 @@ class InverseFilter:
 
 
 def tabulate(
-    response: FilmResponse | None, *, nyquist: float, bandwidth: float, sound_speed: float
+    response: FilmResponse | None, *, nyquist: float, bandwidth: float, sound_speed: float, signed: bool = False
 ) -> tuple[RealTable, RealTable]:
     """Return the kernels' table of a response (2, F, S), amplitude and phase in turns, and its rows per κ and sine.
 
@@ -224,6 +224,8 @@ def tabulate(
         The same in units of κ.
     sound_speed
         In m/s.
+    signed
+        Whether the response passes through zero: amplitudes then have signs, so that phases do not jump.
     """
     if response is None:
         return np.ones((2, 1, 1)), np.ones(2)
@@ -231,6 +233,11 @@ def tabulate(
     values = response.evaluate(frequencies, sines, sound_speed)
     if values.shape != (_FREQUENCIES, _SINES) or not np.isfinite(values).all():
         raise InvalidInput("response", f"values of shape {values.shape}", "a finite number at each frequency and angle")
+    if signed:
+        turns = np.unwrap(np.angle(values**2) / (4 * np.pi), axis=0, period=0.5)  # but for half turns
+        turns += np.unwrap(turns[_FREQUENCIES // 8], period=0.5) - turns[_FREQUENCIES // 8]
+        steps = np.array([(_FREQUENCIES - 1) / bandwidth, _SINES - 1.0])
+        return np.stack([(values * np.exp(-2j * np.pi * turns)).real, turns]), steps
     turns = np.unwrap(np.angle(values), axis=0) / (2 * np.pi)
     turns -= np.rint(turns[_FREQUENCIES // 8])  # neighbouring angles on the same branch
     return np.stack([np.abs(values), turns]), np.array([(_FREQUENCIES - 1) / bandwidth, _SINES - 1.0])

@@ -16,6 +16,7 @@ from steradian.imaging.film_response import FilmResponse, tabulate
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.medium import LayerPath
 from steradian.imaging.options import DirectMethod, Precision
+from steradian.imaging.sensing_spot import changes_sign
 from steradian.imaging.transforms.decimation import Decimation, plan_decimation
 from steradian.imaging.transforms.grid_sizes import lateral_grid
 from steradian.imaging.transforms.lateral import LateralTransform, detect_grid, linearly_gridded, non_uniform, on_grid
@@ -213,8 +214,9 @@ def _kappa_map(
         if response is not None or path.layers[0].density is not None:
             response = _ThroughLayers(path, response, inverse=waves == "rising")
     table, steps = tabulate(
-        response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed
-    )
+        response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed,
+        signed=changes_sign(response),
+    )  # fmt: skip
     scales = [g.record * g.sound_speed * g.sampling_interval / X for X in g.period]
     first = g.time_zero / g.sampling_interval + (0.0 if fewer is None else fewer.first)
     turns = time.centre / time.record + first / g.record

@@ -9,6 +9,7 @@ from steradian.phantoms.film_response import angular_response, band_limited
 from steradian.phantoms.forward import pressure, rasterise
 from steradian.phantoms.layered import layered_pressure
 from steradian.phantoms.noise import add_noise
+from steradian.phantoms.sensing_spot import averaged_over_spot
 from steradian.phantoms.targets import chart, star
 from steradian.phantoms.tree_2d import tree
 from steradian.phantoms.vessels import vessels
@@ -18,6 +19,7 @@ __all__ = [
     "Balls",
     "add_noise",
     "angular_response",
+    "averaged_over_spot",
     "band_limited",
     "chart",
     "initial_pressure",
