@@ -15,7 +15,7 @@ import uvicorn
 
 from steradian.api.app import create_app
 from steradian.api.http.connection_limits import ConnectionLimiter, LimitedConfig, raise_open_file_limit
-from steradian.api.middleware.base import StreamAdmissionMiddleware
+from steradian.api.middleware.base import ShutdownMiddleware, StreamAdmissionMiddleware
 from steradian.core.child_process import exit_when_stdin_closes
 from steradian.core.logging_config import configure_logging
 from steradian.core.settings import Settings
@@ -31,7 +31,7 @@ def main(descriptor: int) -> None:
     settings = Settings.create()
     configure_logging(settings, "api")
     config = LimitedConfig(
-        StreamAdmissionMiddleware(create_app(settings)),
+        ShutdownMiddleware(StreamAdmissionMiddleware(create_app(settings))),
         ConnectionLimiter(raise_open_file_limit(settings.max_connections), settings.client_timeout),
         log_config=None,
         access_log=False,

@@ -281,6 +281,13 @@ PROBLEM_TYPES: Final[Mapping[str, ProblemType]] = MappingProxyType(
             "Retry after Retry-After seconds; /readyz reports when the database is available.",
             retryable=True,
         ),
+        "shutting-down": ProblemType(
+            503,
+            "Service shutting down",
+            "The service ended before the request was complete; a change may have been applied or not.",
+            "Retry after Retry-After seconds, with the same Idempotency-Key.",
+            retryable=True,
+        ),
         "too-expensive": ProblemType(
             503,
             "Computation limit exceeded",

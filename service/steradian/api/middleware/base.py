@@ -185,6 +185,33 @@ class StreamAdmissionMiddleware:
             pass_on()
 
 
+class ShutdownMiddleware:
+    """Middleware that answers requests which the server cancels at its shutdown, instead of a traceback in the log."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Process a request; answer 503 when it is cancelled before its response has started."""
+        has_started = False
+
+        async def observe(message: Message) -> None:
+            nonlocal has_started
+            has_started = True
+            await send(message)
+
+        try:
+            await self.app(scope, receive, observe)
+        except asyncio.CancelledError:
+            if scope["type"] != "http":
+                raise
+            _log.warning("%s %s was cancelled by the shutdown", scope["method"], scope["path"])
+            if not has_started:
+                headers = {"Retry-After": "5", "Connection": "close"}
+                text = "the service shut down before the request was complete"
+                await problem_response(scope, "shutting-down", text, headers=headers)(scope, receive, send)
+
+
 class MaxStreamsMiddleware:
     """Middleware that rejects event streams beyond :data:`MAX_STREAMS`."""
 
