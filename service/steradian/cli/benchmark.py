@@ -48,9 +48,13 @@ def speed(
 
 @app.command()
 def accuracy(json_file: JsonFile = None) -> None:
-    """Compare the image's spectrum with direct float64 sums, per tolerance, method and size (relative l2 error)."""
+    """Compare the image's spectrum with direct float64 sums, per tolerance, method and size (relative l2 error).
+
+    Rows of the model compare A-lines with rays and integrals over the spot, and the adjoint with the model in float64.
+    """
     from steradian.benchmarks.accuracy import accuracy as measure
+    from steradian.benchmarks.medium_accuracy import medium_accuracy
 
     with progress_bar() as progress:
-        rows = measure(progress=progress)
+        rows = [{**row, "adjoint": None} for row in measure(progress=progress)] + medium_accuracy(progress=progress)
     print_and_save("accuracy", rows, json_file)

@@ -77,7 +77,7 @@ class LayerPlan:
     def image(self, data: Any, scale: float, watch: ProgressMonitor, *, keep: bool) -> Any:
         """Return the layer's image of A-lines (M, N_t) times ``scale``, on the GPU if ``keep``."""
         if self.compensation is not None:
-            found = self.compensation.restoration(to_numpy(data))
+            found = self.compensation.held or self.compensation.restoration(to_numpy(data))
             dtype = self.tables.dtype
             data = data.astype(dtype) @ like(found.matrix.T.astype(dtype), data)
             self.noise_gain = self._noise_gain(found.noise_gain)

@@ -206,8 +206,10 @@ class ForwardOperator(_LinearOperator):
                 given = np.ascontiguousarray(to_numpy(array), self.tables.dtype)
             if self._attenuation is None:
                 return make(engine, given, watch)
-            matrix = like(self._attenuation, given)
-            return make(engine, given, watch) @ matrix.T if name == "volume" else make(engine, given @ matrix, watch)
+            if name == "traces":
+                return make(engine, given @ like(self._attenuation, given), watch)
+            lossless = make(engine, given, watch)
+            return lossless @ like(self._attenuation.T, lossless)
 
         found: RealArray = self.chosen.run_with_fallback(work, keep=is_gpu_array(values))
         return found

@@ -11,6 +11,7 @@ import pytest
 
 from steradian.benchmarks.accuracy import accuracy
 from steradian.benchmarks.machine_limits import fft_pair_baselines
+from steradian.benchmarks.medium_accuracy import medium_accuracy, medium_cases
 from steradian.benchmarks.speed import limit_violations, speed
 from steradian.benchmarks.speed_cases import speed_cases
 from steradian.benchmarks.speed_report import BEGIN, END, table, write_page
@@ -27,6 +28,15 @@ def test_accuracy_table_rows_meet_tolerance() -> None:
     for row in rows:
         if row["tolerance"] is not None:
             assert row["error"] < row["tolerance"], row
+
+
+@pytest.mark.long
+def test_medium_rows_have_small_errors_and_adjoints_to_rounding() -> None:
+    rows = medium_accuracy()
+    assert [row["method"] for row in rows] == [f"model: {case.name}" for case in medium_cases()]
+    for row in rows:
+        assert row["adjoint"] < 1e-12, row
+        assert row["error"] is None or row["error"] < 0.01, row
 
 
 @pytest.fixture(scope="module")

@@ -111,6 +111,11 @@ class Compensation:
     ----------
     medium, samples, interval, time_zero
         As in :func:`attenuation_matrix`.
+
+    Attributes
+    ----------
+    held
+        Inverse to use for all A-lines (:meth:`hold`); None: each record's own.
     """
 
     def __init__(self, medium: Medium, *, samples: int, interval: float, time_zero: float) -> None:
@@ -119,11 +124,11 @@ class Compensation:
         self._squares, self._vectors = np.linalg.eigh(matrix.T @ matrix)
         self._images: Floats = matrix @ self._vectors
         self._kept: tuple[tuple[float, float], Restoration] | None = None
-        self._held: Restoration | None = None
+        self.held: Restoration | None = None
 
     def hold(self, traces: RealArray, *, noise: float, highest: float) -> None:
-        """Use the inverse for these A-lines for all others, too; parameters as in :meth:`restoration`."""
-        self._held = self.restoration(traces, noise=noise, highest=highest)
+        """Keep the inverse for these A-lines as :attr:`held`; parameters as in :meth:`restoration`."""
+        self.held = self.restoration(traces, noise=noise, highest=highest)
 
     def restoration(
         self, traces: RealArray, *, noise: float | None = None, highest: float | None = None
@@ -149,8 +154,6 @@ class Compensation:
         InvalidInput
             If a sample is not finite.
         """
-        if self._held is not None:
-            return self._held
         largest = float(np.abs(traces).max(initial=0.0))
         if not np.isfinite(largest):
             raise InvalidInput("traces", checks.describe_non_finite(traces), "finite numbers")
