@@ -165,7 +165,7 @@ def take_queue(camera, client, scan, jobs):
         camera.take("reconstructions", "/reconstructions", f"[data-row='{long.id}'][data-state='running']")
     finally:
         for job in (*waiting, long):
-            client.reconstructions.cancel(job.id)
+            client.jobs.cancel(job.id)
     camera.take("reconstruction-form", f"/reconstructions?again={jobs[0].id}", "[data-field='modes']")
 
 

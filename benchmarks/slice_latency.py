@@ -66,7 +66,7 @@ def main(url: str) -> None:
             figures = ", ".join(f"p{share} {np.percentile(times, share):.0f} ms" for share in (50, 95, 100))
             print(f"across {axis}: {figures}; reconstruction {client.reconstructions.get(busy.id).state}", flush=True)
         browser.close()
-        client.reconstructions.cancel(busy.id)
+        client.jobs.cancel(busy.id)
 
 
 if __name__ == "__main__":

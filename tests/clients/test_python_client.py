@@ -54,7 +54,7 @@ def test_the_whole_walk(service, done, tmp_path):
     volume = np.load(service.reconstructions.download_volume(job.id, tmp_path / "volume.npy"))
     assert volume.shape == (32, 32, 256)
     assert job.id in {made.id for made in service.reconstructions.list()}
-    assert "reconstruct" in service.reconstructions.log(job.id) or service.reconstructions.attempts(job.id)
+    assert "reconstruct" in service.jobs.log(job.id) or service.jobs.attempts(job.id)
     with h5py.File(service.scans.save_file(scan.id, tmp_path / "scan.h5")) as file:
         np.testing.assert_array_equal(service.scans.alines(scan.id, "3:9,::2"), file["alines/samples"][3:9, ::2])
         told = service.scans.shots(scan.id)

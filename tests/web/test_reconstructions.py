@@ -143,7 +143,7 @@ def test_the_queue_can_be_moved_and_cancelled(open_page, service, client, scan):
         assert rows.index(long.id) < rows.index(waiting[1].id) < rows.index(waiting[0].id)
     finally:
         for one in waiting:
-            client.reconstructions.cancel(one.id)
+            client.jobs.cancel(one.id)
         page.locator(f"[data-row='{long.id}'] >> text=Cancel").click()
     page.wait_for_selector(f"[data-row='{long.id}'][data-state='cancelled']")
 
@@ -191,7 +191,7 @@ def queue(client, scan):
     until(lambda: client.reconstructions.get(long).state == "running")
     yield long, waiting
     for one in (*waiting, long):
-        client.reconstructions.cancel(one)
+        client.jobs.cancel(one)
 
 
 def positions(service, waiting):
@@ -229,7 +229,7 @@ def test_a_move_that_is_refused_is_taken_back(open_page, service, client, queue)
     page = open_page(service, "/reconstructions")
     page.get_by_label(f"Move: {waiting[2]}").wait_for()
     take(page, waiting[2], waiting[0])
-    client.reconstructions.cancel(waiting[2])
+    client.jobs.cancel(waiting[2])
     until(lambda: client.reconstructions.get(waiting[2]).state == "cancelled")
     page.mouse.up()
     expect(page.locator("#reconstructions [role=alert]")).to_contain_text("cancelled")

@@ -42,12 +42,12 @@ from steradian.storage.db.database import Database, advisory_xact_lock, metadata
 from steradian.storage.db.tables import JobRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.maintenance.clock_trust import TrustedClock
+from steradian.storage.repositories.batches import BatchRepository
 from steradian.storage.repositories.deletion import DeletionService, InUse, remove_files
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.repositories.reconstructions import BatchRepository, ReconstructionRepository
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import is_terminal
@@ -85,7 +85,6 @@ class ServiceContainer:
         self.plans = PlanRepository(self.database, clock)
         self.scans = ScanRepository(self.database, clock)
         self.scanner = ScannerRepository(self.database, clock, settings.scanner_id)
-        self.reconstructions = ReconstructionRepository(self.database, clock)
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
         self.deletion = DeletionService(self.database, clock)

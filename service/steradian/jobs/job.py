@@ -79,6 +79,8 @@ class JobRequest:
         Owner: the principal that requested the job.
     batch_id
         Batch of the job, if any.
+    simulated
+        Whether the job's scan came from a simulated scanner.
     promised
         Bytes of disk space reserved for the job.
     requires
@@ -92,6 +94,7 @@ class JobRequest:
     timeout: float | None = None
     principal: str = "local"
     batch_id: str | None = None
+    simulated: bool = False
     promised: int = 0
     requires: Requirements = Requirements()
 
@@ -104,6 +107,10 @@ class JobStatus:
     ----------
     kind, payload
         Job kind and the request for its handler.
+    scan_id, batch_id
+        Scan and batch of the job, if any.
+    simulated
+        Whether the scan came from a simulated scanner.
     desired_state, reason
         State that a client requests, and the reason.
     revision
@@ -130,6 +137,9 @@ class JobStatus:
     state: ReconstructionState
     kind: str = ""
     payload: Mapping[str, Any] = field(default_factory=dict)
+    scan_id: str | None = None
+    batch_id: str | None = None
+    simulated: bool = False
     desired_state: DesiredJobState = DesiredJobState.SUCCEEDED
     reason: str | None = None
     revision: int = 0

@@ -256,13 +256,14 @@ def to_job_request(
     *,
     principal: str = "local",
     batch_id: str | None = None,
+    simulated: bool = False,
     promised: int = 0,
     memory: int = 0,
 ) -> JobRequest:
     """Convert an API request to a job for the queue; ``memory`` is a lower bound of the required bytes."""
     payload = request.model_dump(mode="json")
     if request.requires == Required():
-        del payload["requires"]  # workers of before do not know it
+        del payload["requires"]  # the default
     return JobRequest(
         job_id,
         request.kind,
@@ -271,6 +272,7 @@ def to_job_request(
         request.timeout,
         principal,
         batch_id,
+        simulated,
         promised,
         Requirements(
             memory=max(memory, request.requires.memory or 0),

@@ -11,7 +11,6 @@ from sqlalchemy import select
 
 from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.settings import Settings
-from steradian.jobs.registry import resource_of
 from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, result_name, scan_name
 from steradian.storage.data_dir.layout import DataDirectory
@@ -112,7 +111,7 @@ def _unknown_scan(path: Path) -> Inconsistency:
 
 
 def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iterator[Inconsistency]:
-    query = select(JobRow.id, JobRow.kind, JobRow.state, JobRow.result)
+    query = select(JobRow.id, JobRow.resource, JobRow.state, JobRow.result)
     rows = {row.id: row for row in rows_of(settings, query)}
     for path in data.job_folders():
         job = data.job(path.name)
@@ -126,7 +125,7 @@ def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iter
     for identifier, row in rows.items():
         if row.state is not ReconstructionState.SUCCEEDED:
             continue
-        wanted = ["volume.h5"] if resource_of(row.kind) == "reconstruction" else (row.result or {}).get("files", [])
+        wanted = ["volume.h5"] if row.resource == "reconstruction" else (row.result or {}).get("files", [])
         if gone := [name for name in wanted if arrays.stat(result_name(identifier, name)) is None]:
             yield Inconsistency("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
 

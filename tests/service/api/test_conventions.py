@@ -44,8 +44,6 @@ READS = {
     f"{V1}/scans/{{scan_id}}/coverage": set(),
     f"{V1}/reconstructions": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}": {TAG, PREFER},
-    f"{V1}/reconstructions/{{reconstruction_id}}/attempts": set(),
-    f"{V1}/reconstructions/{{reconstruction_id}}/log": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}/mip": {TAG, ACCEPT, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/volume": {TAG, ACCEPT, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/volume.ome.zarr/{{path}}": {TAG, PREFER},

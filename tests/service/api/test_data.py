@@ -176,10 +176,11 @@ def test_a_batch_that_cannot_work_queues_nothing(http, scan_with_alines, vary):
 
 
 def test_a_waiting_reconstruction_can_be_moved_in_the_queue(http, scan_with_alines):
-    here = f"/reconstructions/{scan_with_alines['reconstruction']['id']}"
+    identifier = scan_with_alines["reconstruction"]["id"]
+    here, job = f"/reconstructions/{identifier}", f"/jobs/{identifier}"
     assert http.patch(here, json={"priority": 1}).json()["priority"] == 1
-    assert http.get(f"{here}/attempts").json() == {"items": []}
-    http.put(f"{here}/desired-state", json={"state": "cancelled"}).raise_for_status()
+    assert http.get(f"{job}/attempts").json() == {"items": []}
+    http.put(f"{job}/desired-state", json={"state": "cancelled"}).raise_for_status()
     assert http.patch(here, json={"priority": 2}).status_code == 409
     history = http.get(here).json()["history"]
     assert [entry["state"] for entry in history] == ["queued", "cancelling", "cancelled"]

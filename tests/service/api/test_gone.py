@@ -169,7 +169,7 @@ def test_a_scan_with_a_damaged_header_is_a_damaged_file(bench, path, bit):
 
 def test_alines_and_volumes_with_damaged_headers_are_damaged_files(bench):
     image = bench.image()
-    scan = bench.services.reconstructions.get(image).scan_id
+    scan = bench.services.ledger.reconstruction(image).scan_id
     spoil(bench.services.data.scan_file(scan), "alines/samples")
     spoil(bench.services.data.job(image).volume, "values")
     for path in (f"/scans/{scan}/alines", f"/reconstructions/{image}/volume", f"/reconstructions/{image}/mip?axis=x"):

@@ -305,7 +305,7 @@ def test_the_newest_revision_is_shown_while_the_scan_runs(server, http, ledger, 
     assert again.status_code == 304
     assert http.get(f"/reconstructions/{job_id}/mip").content == b"\x89PNG"
     assert http.get(f"/reconstructions/{job_id}/volume").status_code == 409, "that only when it is over"
-    http.put(f"/reconstructions/{job_id}/desired-state", json={"state": "cancelled"}).raise_for_status()
+    http.put(f"/jobs/{job_id}/desired-state", json={"state": "cancelled"}).raise_for_status()
 
 
 @pytest.mark.parametrize(

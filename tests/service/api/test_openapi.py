@@ -35,8 +35,7 @@ OPERATIONS = {
         plan_create plan_delete plan_preview plan_read plans_list
     """,
     "reconstructions": """
-        reconstruction_attempts_read reconstruction_change reconstruction_create reconstruction_delete
-        reconstruction_desired_state_set reconstruction_log_read reconstruction_mip_read
+        reconstruction_change reconstruction_create reconstruction_delete reconstruction_mip_read
         reconstruction_quality_create reconstruction_quality_list reconstruction_read reconstruction_revision_read
         reconstruction_volume_read reconstruction_zarr_read reconstructions_list
     """,

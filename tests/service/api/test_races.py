@@ -20,7 +20,7 @@ from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.requests import ReconstructionRequest
 from steradian.storage.capacity.quota import reserved_bytes
 from steradian.storage.db.database import Database, metadata_url
-from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
+from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import Resource, lock_dependents
 from steradian.storage.state_machines import DesiredScanState, ScanState
@@ -244,9 +244,6 @@ def test_concurrent_deletion_and_retention_do_not_deadlock(bench, monkeypatch, f
     for request in made:
         with services.database.write() as session:
             services.ledger.add(session, request)
-            if request.kind == "reconstruction":
-                told = {"simulated": True, "created": services.clock(), "parameters": {}}
-                session.add(ReconstructionRow(id=request.id, scan_id=scan, **told))
         services.ledger.finish_attempt(
             request.id, services.ledger.start_attempt(request.id, "test").fence, Succeeded({}), "test"
         )

@@ -15,7 +15,7 @@ from steradian.imaging import Volume, VoxelAxes
 from steradian.jobs.job import Succeeded
 from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.reconstructions.volumes.file import write_volume
-from steradian.storage.db.tables import JobRow, ReconstructionRow
+from steradian.storage.db.tables import JobRow
 from steradian.storage.repositories.event_log import EventLog
 
 
@@ -59,7 +59,6 @@ def test_batch_with_deleted_jobs_is_forgotten_not_queued(server, http, scan_with
     seen = []
     for name in names:
         with server.database.write() as session:
-            session.execute(delete(ReconstructionRow).where(ReconstructionRow.id == name))
             session.execute(delete(JobRow).where(JobRow.id == name))
         shown = http.get(f"/batches/{batch['id']}").json()
         seen.append((shown["state"], shown["counts"]))

@@ -221,12 +221,12 @@ def test_a_reconstruction_is_queued_before_there_is_a_worker_and_can_be_cancelle
     job = answer.json()
     assert (answer.status_code, job["state"], job["attempt"]) == (202, "queued", 0)
     assert answer.headers["location"] == job["links"]["self"]
-    assert http.get(f"/reconstructions/{job['id']}/log").text == ""
+    assert http.get(f"/jobs/{job['id']}/log").text == ""
     for link in ("volume", "mip_z"):
         answer = http.get(job["links"][link].removeprefix("/api/v1"))
         assert (answer.status_code, answer.json()["code"]) == (409, "not-ready")
     for _ in range(2):
-        answer = http.put(f"/reconstructions/{job['id']}/desired-state", json={"state": "cancelled", "reason": "typo"})
+        answer = http.put(f"/jobs/{job['id']}/desired-state", json={"state": "cancelled", "reason": "typo"})
         assert (answer.status_code, answer.json()["state"], answer.json()["reason"]) == (200, "cancelled", "typo")
     answer = http.get(job["links"]["mip_z"].removeprefix("/api/v1"))
     assert (answer.status_code, answer.json()["code"]) == (409, "conflict")

@@ -237,7 +237,7 @@ def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tm
                 jobs = [service.http.post("/reconstructions", json=body).json()["id"] for _ in range(4)]
                 for job in jobs:
                     assert service.get(f"/reconstructions/{job}", headers=WAIT).json()["state"] == "succeeded"
-                starts = [service.get(f"/reconstructions/{job}/attempts").json()["items"] for job in jobs]
+                starts = [service.get(f"/jobs/{job}/attempts").json()["items"] for job in jobs]
                 assert {len(items) for items in starts} == {1}
                 who |= {items[0]["worker"] for items in starts}
             assert who == {"worker-0", "elsewhere-0"}

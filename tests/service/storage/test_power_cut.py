@@ -224,7 +224,9 @@ def lost(settings, told):
                 if noun == "uploads":
                     is_there = data.upload(identifier).is_file() and data.upload(identifier).stat().st_size == 6000
                 else:
-                    row = select(Base.metadata.tables[noun]).filter_by(id=identifier)
+                    row = select(Base.metadata.tables["jobs" if noun == "reconstructions" else noun]).filter_by(
+                        id=identifier
+                    )
                     found = session.execute(row).mappings().one_or_none()
                     is_there = found is not None and is_as_told(one, found)
                 if not is_there:

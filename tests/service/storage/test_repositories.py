@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
+from steradian.storage.repositories.batches import BatchRepository
 from steradian.storage.repositories.idempotency import IdempotencyKey, IdempotencyStore, StoredResponse
 from steradian.storage.repositories.masks import MaskRepository
 from steradian.storage.repositories.plans import PlanRepository
-from steradian.storage.repositories.reconstructions import ReconstructionRepository
 from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped, ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState
@@ -43,7 +43,7 @@ def test_a_mask_and_a_plan_come_back_as_they_went_in(database, clock, plan):
 
 
 def test_an_unknown_identifier_is_named(database):
-    for repository in (MaskRepository, PlanRepository, ScanRepository, ReconstructionRepository):
+    for repository in (MaskRepository, PlanRepository, ScanRepository, BatchRepository):
         with pytest.raises(NotFound, match=f"no {repository.kind} 'nope'"):
             repository(database).get("nope")
 

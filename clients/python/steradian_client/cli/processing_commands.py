@@ -55,7 +55,7 @@ def cancel_reconstruction(
     context: typer.Context, identifier: ResourceId, reason: Reason = None, as_json: AsJson = False
 ) -> None:
     """Cancel a queued or running reconstruction."""
-    print_item(client_of(context).reconstructions.cancel(identifier, reason), as_json)
+    print_item(client_of(context).jobs.cancel(identifier, reason), as_json)
 
 
 @reconstruction.command("volume", help="Download the volume as a NumPy file, float32 [x, y, z].")

@@ -10,13 +10,16 @@ from typing import Any, Literal
 from steradian_client import routes
 from steradian_client.arrays import RAW, Volume, parse_array, slice_axes
 from steradian_client.downloads import Report, download
-from steradian_client.models import Attempt, Job, Quality, Reconstruction, Revision
+from steradian_client.models import Job, Quality, Reconstruction, Revision
 from steradian_client.resources.base import AwaitableResource, drop_none
 from steradian_client.sync_async import Mode, dual_method
 
 
 class Reconstructions(AwaitableResource[Mode, Reconstruction]):
-    """Collection of reconstructions: jobs that compute volumes from scans."""
+    """Collection of reconstructions: jobs that compute volumes from scans.
+
+    :attr:`Client.jobs` cancels them and has their attempts and log, by the same identifier.
+    """
 
     _kind, _read, _list = Reconstruction, routes.READ_RECONSTRUCTION, routes.LIST_RECONSTRUCTIONS
     _delete = routes.DELETE_RECONSTRUCTION
@@ -72,25 +75,6 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
         return await self._session.request_model(
             Reconstruction, routes.CHANGE_RECONSTRUCTION, {"id": reconstruction_id}, json={"priority": priority}
         )
-
-    @dual_method
-    async def cancel(self, reconstruction_id: str, reason: str | None = None) -> Reconstruction:
-        """Cancel a queued or running reconstruction."""
-        body = {"state": "cancelled", "reason": reason}
-        return await self._session.request_model(
-            Reconstruction, routes.WISH_RECONSTRUCTION, {"id": reconstruction_id}, json=body
-        )
-
-    @dual_method
-    async def attempts(self, reconstruction_id: str) -> builtins.list[Attempt]:
-        """Return all execution attempts of a reconstruction with their outcomes."""
-        identifiers = {"id": reconstruction_id}
-        return await self._session.list(Attempt, routes.READ_RECONSTRUCTION_ATTEMPTS, identifiers=identifiers)
-
-    @dual_method
-    async def log(self, reconstruction_id: str) -> str:
-        """Return the log of the reconstruction."""
-        return (await self._session.send_with_retries(routes.READ_RECONSTRUCTION_LOG, {"id": reconstruction_id})).text
 
     @dual_method
     async def revision(self, reconstruction_id: str) -> Revision:

@@ -12,7 +12,6 @@ from sqlalchemy import select
 
 from steradian.core.atomic_files import remove, remove_drafts, remove_older
 from steradian.core.settings import Settings
-from steradian.jobs.registry import VOLUME_KINDS, resource_of
 from steradian.storage.blobs.interface import BlobStore, upload_name
 from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.capacity.quota import importing_job_id
@@ -108,18 +107,17 @@ def _sweep_drafts(context: RetentionContext) -> None:
 
 def _delete_jobs_before(context: RetentionContext, age: timedelta) -> None:
     when = context.clock() - age
-    query = select(JobRow.id, JobRow.kind, JobRow.ended).where(JobRow.ended.is_not(None), JobRow.ended < when)
+    query = select(JobRow.id, JobRow.resource, JobRow.ended).where(JobRow.ended.is_not(None), JobRow.ended < when)
     with context.database.write() as session:
         redate(session, when, context.clock())
         # Nobody begins to need one any more. In the order of deletions, or two wait for each other: first what
         # stands behind /reconstructions, then what may depend on it, each by name.
-        images = VOLUME_KINDS
-        ordered = query.order_by(JobRow.kind.not_in(images), JobRow.id)
+        ordered = query.order_by(JobRow.resource != "reconstruction", JobRow.id)
         rows = session.execute(ordered.with_for_update()).all()
         kept = referenced_jobs(session)
         old = [row for row in rows if row.id not in kept]
-        gone = [Resource(resource_of(row.kind), row.id) for row in old]
+        gone = [Resource(row.resource, row.id) for row in old]
         context.deletion.delete_rows(session, gone, "service", "older than retention_days")
     for row in old:
-        about = (resource_of(row.kind), row.id, row.ended, age.total_seconds() / 86_400)
+        about = (row.resource, row.id, row.ended, age.total_seconds() / 86_400)
         _log.info("%s %s is deleted: it ended at %s, more than %g days ago (retention_days)", *about)

@@ -24,7 +24,6 @@ from steradian.api.use_cases.submission import submit_batch
 from steradian.core.exceptions import Conflict
 from steradian.storage.db.tables import BatchRow
 from steradian.storage.repositories import filters
-from steradian.storage.state_machines import is_terminal
 
 router = APIRouter(prefix=f"{V1}/batches", tags=["batches"], route_class=AuthorizedRoute)
 
@@ -65,16 +64,14 @@ def set_batch_desired_state(
 ) -> BatchView:
     """Cancel all queued and running jobs of a batch; repeating the request has no effect."""
     row = services.batches.get(batch_id)
-    for member in services.reconstructions.of_batch(batch_id):
-        if not is_terminal(services.ledger.get(member.id).state):
+    for job in services.ledger.of_batch(batch_id):
+        if not job.is_over:
             try:
-                services.cancel(member.id, who.name, wanted.reason)
+                services.cancel(job.id, who.name, wanted.reason)
             except Conflict:
                 continue  # it ended meanwhile
     return _view(services, row)
 
 
 def _view(services: ServiceContainer, row: BatchRow) -> BatchView:
-    members = services.reconstructions.of_batch(row.id)
-    jobs = services.ledger.statuses([member.id for member in members])
-    return BatchView.of(row, [member for member in members if member.id in jobs], jobs)
+    return BatchView.of(row, services.ledger.of_batch(row.id))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from fastapi import APIRouter, Body, Request, Response
-from pydantic import Field
+from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.errors.handlers import NotReady
@@ -25,8 +25,9 @@ from steradian.api.params.dependencies import (
 )
 from steradian.api.params.filters import BatchIdFilter, JobKind, JobStates, ScanIdFilter
 from steradian.api.params.path import FILE_NAME, JOB_ID
-from steradian.api.routers.reconstructions import AttemptsView, JobWish, PriorityChange
+from steradian.api.routers.reconstructions import JobWish, PriorityChange
 from steradian.api.schemas.jobs import JobView
+from steradian.api.schemas.reports import AttemptView
 from steradian.api.schemas.resources import Listing
 from steradian.api.services import ServiceContainer
 from steradian.api.use_cases.submission import submit_job
@@ -41,6 +42,12 @@ from steradian.storage.repositories.idempotency import IdempotencyKey
 from steradian.storage.state_machines import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/jobs", tags=["jobs"], route_class=AuthorizedRoute)
+
+
+class AttemptsView(BaseModel):
+    """All attempts of a job."""
+
+    items: list[AttemptView]
 
 
 AnyRequest: TypeAlias = Annotated[WorkRequest, Field(discriminator="kind")]
@@ -135,7 +142,8 @@ def set_job_desired_state(services: ServicesDep, who: CurrentPrincipal, job_id: 
 @router.get("/{job_id}/attempts", summary="Every start of a job")
 def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
     """Return the attempts of a job: worker, start, end and outcome of each."""
-    return AttemptsView.of(services.ledger.status(job_id))
+    attempts = services.ledger.status(job_id).attempts
+    return AttemptsView(items=[AttemptView.model_validate(attempt) for attempt in attempts])
 
 
 @router.get(
@@ -147,7 +155,11 @@ def read_job_attempts(services: ServicesDep, job_id: JOB_ID) -> AttemptsView:
 def read_job_log(services: ServicesDep, job_id: JOB_ID) -> Response:
     """Return the log of all attempts of a job; empty before the first one."""
     services.ledger.get(job_id)
-    return job_log_response(services, job_id)
+    try:
+        return concatenated_log_response(_logs(services, job_id))
+    except (NotFound, FileNotFoundError):  # a worker puts it away just now
+        services.ledger.get(job_id)
+        return concatenated_log_response(_logs(services, job_id))
 
 
 @router.get(
@@ -173,15 +185,6 @@ async def read_job_file(
     etag = etag_of_file(path)
     conditions.tag(etag)
     return RangeFileResponse(path, media_type="application/octet-stream", filename=name, headers={"ETag": etag})
-
-
-def job_log_response(services: ServiceContainer, job_id: str) -> Response:
-    """Return a response with the concatenated logs of all attempts of a job."""
-    try:
-        return concatenated_log_response(_logs(services, job_id))
-    except (NotFound, FileNotFoundError):  # a worker puts it away just now
-        services.ledger.get(job_id)
-        return concatenated_log_response(_logs(services, job_id))
 
 
 def _logs(services: ServiceContainer, job_id: str) -> list[Path]:

@@ -63,7 +63,7 @@ async def create_reconstruction_quality(
     wait: Wait,
 ) -> Response:
     """Queue a comparison with a reference reconstruction and return its job."""
-    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
+    await run_in_threadpool(services.ledger.reconstruction, reconstruction_id)
     request = QualityRequest.create(reconstruction_id=reconstruction_id, **wanted.model_dump())
     return await submitted_job_response(services, who, request, key, wait)
 
@@ -71,7 +71,7 @@ async def create_reconstruction_quality(
 @router.get("/{reconstruction_id}/quality", summary="Comparisons of a reconstruction")
 def list_reconstruction_quality(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Listing[QualityView]:
     """List the comparisons of a reconstruction, newest first."""
-    services.reconstructions.get(reconstruction_id)
+    services.ledger.reconstruction(reconstruction_id)
     page = services.ledger.page(
         MAX_COMPARISONS, None, filters.jobs(kind="quality", reconstruction_id=reconstruction_id)
     )

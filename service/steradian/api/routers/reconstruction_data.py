@@ -1,4 +1,4 @@
-"""``/reconstructions/{id}/…``: projections, volume slices, Zarr hierarchy, revisions and log."""
+"""``/reconstructions/{id}/…``: projections, volume slices, Zarr hierarchy and revisions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from steradian.api.http.volume_response import ProjectionQuery, VolumeQuery, pro
 from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import ServicesDep, Wait
 from steradian.api.params.path import RECONSTRUCTION_ID
-from steradian.api.routers.jobs import job_log_response
 from steradian.api.routers.reconstructions import read_with_wait
 from steradian.api.schemas.reports import ImageView
 from steradian.api.services import ServiceContainer
@@ -107,7 +106,7 @@ async def read_reconstruction_revision(
     services: ServicesDep, response: Response, reconstruction_id: RECONSTRUCTION_ID, conditions: ReadPreconditionsDep
 ) -> RevisionView:
     """Return number, coverage and quality of the revision that /mip shows; the last one is the full reconstruction."""
-    await run_in_threadpool(services.reconstructions.get, reconstruction_id)
+    await run_in_threadpool(services.ledger.reconstruction, reconstruction_id)
     name = result_name(reconstruction_id, REVISION)
     if not await run_in_threadpool(services.arrays.stat, name):
         job = await run_in_threadpool(services.ledger.status, reconstruction_id)
@@ -186,22 +185,9 @@ async def read_reconstruction_zarr(
     return await run_in_threadpool(read)
 
 
-@router.get(
-    "/{reconstruction_id}/log",
-    summary="Log of the job",
-    deprecated=True,
-    response_class=Response,
-    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
-)
-def read_reconstruction_log(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> Response:
-    """Return the log of a reconstruction; deprecated: use GET /jobs/{id}/log, as for every kind of job."""
-    services.reconstructions.get(reconstruction_id)
-    return job_log_response(services, reconstruction_id)
-
-
 async def require_succeeded(services: ServiceContainer, identifier: str, wait: Wait) -> None:
     """Raise :class:`NotReady` or :class:`Conflict` unless a reconstruction has succeeded."""
-    _, job = await read_with_wait(services, identifier, wait)
+    job = await read_with_wait(services, identifier, wait)
     if job.state is ReconstructionState.SUCCEEDED:
         return
     if not job.is_over:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from steradian.api.http.conditional import ReadPreconditionsDep, WritePreconditionsDep, resource_etag
@@ -22,14 +22,14 @@ from steradian.api.params.dependencies import (
 )
 from steradian.api.params.filters import BatchIdFilter, JobStates, ScanIdFilter, ThroughMaskIdFilter, VolumeKind
 from steradian.api.params.path import RECONSTRUCTION_ID
-from steradian.api.schemas.reports import AttemptView
-from steradian.api.schemas.resources import Listing, ReconstructionView
+from steradian.api.schemas.jobs import ReconstructionView
+from steradian.api.schemas.resources import Listing
 from steradian.api.services import ServiceContainer
 from steradian.api.use_cases.submission import submit_reconstruction
 from steradian.core.validation import Value
 from steradian.jobs.job import LOWEST_PRIORITY, JobStatus
+from steradian.jobs.queue.job_ledger import to_status
 from steradian.jobs.requests import ReconstructionRequest
-from steradian.storage.db.tables import ReconstructionRow
 from steradian.storage.repositories import filters
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
@@ -52,17 +52,6 @@ class JobWish(Value):
     reason: str | None = Field(default=None, max_length=500)
 
 
-class AttemptsView(BaseModel):
-    """All attempts of a job."""
-
-    items: list[AttemptView]
-
-    @classmethod
-    def of(cls, job: JobStatus) -> Self:
-        """Return the view of a job's attempts."""
-        return cls(items=[AttemptView.model_validate(start) for start in job.attempts])
-
-
 @router.post(
     "",
     status_code=202,
@@ -79,8 +68,8 @@ async def create_reconstruction(
     """
 
     def read(identifier: str) -> tuple[ReconstructionView, bool]:
-        job = services.ledger.status(identifier)
-        return ReconstructionView.of(services.reconstructions.get(identifier), job), job.is_over
+        view = ReconstructionView.of(services.ledger.reconstruction(identifier))
+        return view, view.is_over
 
     answer = await run_in_threadpool(submit_reconstruction, services, who, wanted, key)
     return await final_response(answer, wait, read)
@@ -101,10 +90,9 @@ def list_reconstructions(
 ) -> Listing[ReconstructionView]:
     """List reconstructions."""
     where = filters.reconstructions(state=state, kind=kind, scan_id=scan_id, batch_id=batch_id, mask_id=mask_id)
-    page = services.reconstructions.page(limit, before, where)
+    page = services.ledger.page(limit, before, where)
     set_next_link(response, request, limit, page.cursor)
-    jobs = services.ledger.statuses([row.id for row in page.rows])
-    return Listing(items=[ReconstructionView.of(row, jobs[row.id]) for row in page.rows if row.id in jobs])
+    return Listing(items=[ReconstructionView.of(to_status(row)) for row in page.rows])
 
 
 @router.get("/{reconstruction_id}", summary="One reconstruction")
@@ -112,8 +100,8 @@ async def read_reconstruction(
     services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID, wait: Wait, conditions: ReadPreconditionsDep
 ) -> ReconstructionView:
     """Return a reconstruction: its request, progress and report."""
-    row, job = await read_with_wait(services, reconstruction_id, wait)
-    view = ReconstructionView.of(row, job, await run_in_threadpool(services.forecast, job))
+    job = await read_with_wait(services, reconstruction_id, wait)
+    view = ReconstructionView.of(job, await run_in_threadpool(services.forecast, job))
     conditions.tag(resource_etag(reconstruction_id, job.revision, view))
     return view
 
@@ -127,35 +115,14 @@ def change_reconstruction(
     conditions: WritePreconditionsDep,
 ) -> ReconstructionView:
     """Change the priority of a queued reconstruction; with If-Match only if it has not changed since."""
-    row = services.reconstructions.get(reconstruction_id)
-    job = services.queue.set_priority(row.id, wanted.priority, conditions.revision(row.id), who.name)
-    view = ReconstructionView.of(row, job, services.forecast(job))
-    conditions.tag(resource_etag(row.id, job.revision, view))
+    services.ledger.reconstruction(reconstruction_id)
+    revision = conditions.revision(reconstruction_id)
+    job = services.queue.set_priority(reconstruction_id, wanted.priority, revision, who.name)
+    view = ReconstructionView.of(job, services.forecast(job))
+    conditions.tag(resource_etag(reconstruction_id, job.revision, view))
     return view
 
 
-@router.put("/{reconstruction_id}/desired-state", summary="Cancel a reconstruction", deprecated=True)
-def set_reconstruction_desired_state(
-    services: ServicesDep, who: CurrentPrincipal, reconstruction_id: RECONSTRUCTION_ID, wanted: JobWish
-) -> ReconstructionView:
-    """Cancel a reconstruction; deprecated: use PUT /jobs/{id}/desired-state, as for every kind of job."""
-    row = services.reconstructions.get(reconstruction_id)
-    return ReconstructionView.of(row, services.cancel(row.id, who.name, wanted.reason))
-
-
-@router.get("/{reconstruction_id}/attempts", summary="Every start of the job", deprecated=True)
-def read_reconstruction_attempts(services: ServicesDep, reconstruction_id: RECONSTRUCTION_ID) -> AttemptsView:
-    """Return the attempts of a reconstruction; deprecated: use GET /jobs/{id}/attempts, as for every kind of job."""
-    services.reconstructions.get(reconstruction_id)
-    return AttemptsView.of(services.ledger.status(reconstruction_id))
-
-
-async def read_with_wait(
-    services: ServiceContainer, identifier: str, wait: Wait
-) -> tuple[ReconstructionRow, JobStatus]:
-    """Read a reconstruction and its job, with long polling if the client requested it."""
-
-    def read() -> tuple[ReconstructionRow, JobStatus]:
-        return services.reconstructions.get(identifier), services.ledger.status(identifier)
-
-    return await wait.wait_for(read, lambda seen: seen[1].is_over)
+async def read_with_wait(services: ServiceContainer, identifier: str, wait: Wait) -> JobStatus:
+    """Read a reconstruction, with long polling if the client requested it."""
+    return await wait.wait_for(lambda: services.ledger.reconstruction(identifier), lambda seen: seen.is_over)

@@ -17,7 +17,7 @@ from steradian.core.validation import Value
 from steradian.jobs.job import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
 from steradian.jobs.requests import Identifier, ReconstructionRequest, Required, Through
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.storage.db.tables import BatchRow, ReconstructionRow
+from steradian.storage.db.tables import BatchRow
 from steradian.storage.state_machines import BatchState
 
 MAX_JOBS = 200
@@ -121,10 +121,10 @@ class BatchView(BaseModel):
     links: dict[str, str]
 
     @classmethod
-    def of(cls, row: BatchRow, members: list[ReconstructionRow], jobs: dict[str, JobStatus]) -> Self:
+    def of(cls, row: BatchRow, jobs: list[JobStatus]) -> Self:
         """Return the view of a batch from its row and jobs."""
-        counts = Counter(str(jobs[member.id].state) for member in members)
-        if forgotten := math.prod(len(values) for values in row.vary.values()) - len(members):
+        counts = Counter(str(job.state) for job in jobs)
+        if forgotten := math.prod(len(values) for values in row.vary.values()) - len(jobs):
             counts["forgotten"] = forgotten
         here = link(f"/batches/{row.id}")
         return cls(
@@ -134,15 +134,15 @@ class BatchView(BaseModel):
             parameters=row.parameters,
             state=BatchState.of(counts),
             counts=dict(counts),
-            jobs=[_member(row, member, jobs[member.id]) for member in members],
+            jobs=[_member(row, job) for job in jobs],
             created=row.created,
             links={"self": here, "scan": link(f"/scans/{row.scan_id}")},
         )
 
 
-def _member(batch: BatchRow, row: ReconstructionRow, job: JobStatus) -> MemberView:
-    asked = {**row.parameters, **job.payload, **(job.payload.get("through") or {})}
+def _member(batch: BatchRow, job: JobStatus) -> MemberView:
+    asked = {**job.payload["parameters"], **job.payload, **(job.payload.get("through") or {})}
     varied = {name: asked.get(name) for name in batch.vary}
     progress = 1.0 if job.is_over else job.done / job.total if job.total else 0.0
     result = ReportView.model_validate(job.result) if job.result else None
-    return MemberView(id=row.id, varied=varied, state=job.state, progress=progress, figures=result)
+    return MemberView(id=job.id, varied=varied, state=job.state, progress=progress, figures=result)

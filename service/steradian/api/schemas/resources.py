@@ -9,14 +9,10 @@ from pydantic import BaseModel, Field
 
 from steradian.api.http.urls import BASE as BASE
 from steradian.api.http.urls import link
-from steradian.api.schemas.queue import QueueView, RequirementsView
-from steradian.api.schemas.reports import HistoryView, PreviewView, ReportView, SummaryView
-from steradian.jobs.job import JobStatus
-from steradian.jobs.queue.estimates import QueueEstimate
-from steradian.jobs.registry import LIVE_KIND
+from steradian.api.schemas.reports import HistoryView, PreviewView, SummaryView
 from steradian.plans import VisitOrder
-from steradian.storage.db.tables import MaskRow, PlanRow, ReconstructionRow, ScanRow
-from steradian.storage.state_machines import DesiredJobState, DesiredScanState, ReconstructionState, ScanState
+from steradian.storage.db.tables import MaskRow, PlanRow, ScanRow
+from steradian.storage.state_machines import DesiredScanState, ScanState
 
 if TYPE_CHECKING:
     from steradian.masks import Mask
@@ -204,78 +200,4 @@ class ScanView(BaseModel):
             ended=row.ended,
             history=[HistoryView.model_validate(change) for change in row.history],
             links={"self": here, "plan": link(f"/plans/{row.plan_id}"), **parts},
-        )
-
-
-class ReconstructionView(BaseModel):
-    """Reconstruction: its request and progress."""
-
-    id: str
-    kind: str = Field(description="reconstruction, live (follows its scan) or what-if", examples=["reconstruction"])
-    scan_id: str
-    batch_id: str | None = Field(description="The batch it belongs to")
-    mask_id: str | None = Field(description="Mask of a what-if's subset")
-    frame: int | None = Field(description="Which frame of the scan, if it has several")
-    wavelength: float | None = Field(default=None, description="Excitation wavelength chosen, in m")
-    average: bool = Field(default=False, description="Whether it is the mean of several frames")
-    simulated: bool = Field(description="Whether the scan came from a simulated scanner")
-    parameters: dict[str, Any] = Field(description="Requested parameters; after success, the effective ones")
-    priority: int = Field(description="Smaller values run first; among equal values, callers take turns")
-    turn: int = Field(description="Among jobs of equal priority, smaller turns run first, equal ones by age")
-    requires: RequirementsView
-    queue: QueueView | None = Field(description="Of one that waits or runs, where it alone is read; not in lists")
-    state: ReconstructionState
-    desired_state: DesiredJobState
-    reason: str | None = Field(description="Why it was cancelled")
-    attempt: int = Field(description="1 for the first start, 0 before it")
-    progress: ProgressView
-    error: ErrorView | None
-    request_id: RequestId
-    report: ReportView | None = Field(description="Figures and provenance, when it has succeeded")
-    created: datetime
-    started: datetime | None
-    ended: datetime | None
-    history: list[HistoryView] = Field(description="Every change of state, oldest first")
-    links: dict[str, str] = Field(examples=[{"self": "/api/v1/…"}])
-
-    @classmethod
-    def of(cls, row: ReconstructionRow, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
-        """Return the view of a reconstruction from its row and its job."""
-        here = link(f"/reconstructions/{row.id}")
-        job_at = link(f"/jobs/{row.id}")
-        mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
-        parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
-        parts["ome_zarr"] = f"{here}/volume.ome.zarr"
-        parts |= {"job": job_at} | {name: f"{job_at}/{name}" for name in ("log", "attempts", "desired-state")}
-        if job.kind == LIVE_KIND:
-            parts["revision"] = f"{here}/revision"
-        links = {"self": here, "scan": link(f"/scans/{row.scan_id}"), **parts}
-        return cls(
-            id=row.id,
-            kind=job.kind,
-            scan_id=row.scan_id,
-            batch_id=row.batch_id,
-            mask_id=(job.payload.get("through") or {}).get("mask_id"),
-            frame=job.payload.get("frame"),
-            wavelength=job.payload.get("wavelength"),
-            average=job.payload.get("average", False),
-            simulated=row.simulated,
-            parameters=(job.result or {}).get("parameters") or row.parameters,
-            priority=job.priority,
-            turn=job.turn,
-            requires=RequirementsView.of(job.requires),
-            queue=QueueView.of(queue),
-            state=job.state,
-            desired_state=job.desired_state,
-            reason=job.reason,
-            attempt=job.attempt,
-            progress=ProgressView(stage=job.stage, done=job.done, total=job.total),
-            error=ErrorView(code=job.error_code, detail=job.error or "") if job.error_code else None,
-            request_id=job.request_id,
-            report=ReportView.model_validate(job.result) if job.result else None,
-            created=row.created,
-            started=job.started,
-            ended=job.ended,
-            history=[HistoryView.model_validate(change) for change in job.history],
-            links=links | mips,
         )

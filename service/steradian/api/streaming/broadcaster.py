@@ -22,7 +22,6 @@ from starlette.concurrency import run_in_threadpool
 
 from steradian.api.background.batcher import BatchLoader
 from steradian.api.services import ServiceContainer
-from steradian.jobs.registry import resource_of
 from steradian.storage.db.tables import EventRow
 from steradian.storage.repositories.event_log import LogBounds
 
@@ -160,7 +159,7 @@ class EventBroadcaster:
 
     def _find_progress(self) -> dict[str, Progress]:
         rows: list[tuple[str, Any, str | None]] = [("scan", row, row.id) for row in self._services.scans.under_way()]
-        rows += [(resource_of(row.kind), row, row.scan_id) for row in self._services.ledger.unfinished()]
+        rows += [(row.resource, row, row.scan_id) for row in self._services.ledger.unfinished()]
         found = {}
         for kind, row, scan_id in rows:
             if row.stage is not None:

@@ -120,8 +120,7 @@ def volume_size(services: ServiceContainer, reconstruction_id: str, field: str) 
     InvalidInput
         When the volume is larger than a job may read.
     """
-    services.reconstructions.get(reconstruction_id)
-    job = services.ledger.status(reconstruction_id)
+    job = services.ledger.reconstruction(reconstruction_id)
     if not job.is_over:
         raise NotReady(f"{field} {reconstruction_id} is {job.state}; its volume can be used when it has succeeded")
     if job.state is not ReconstructionState.SUCCEEDED:
@@ -208,10 +207,10 @@ def _scan_with_data(services: ServiceContainer, scan_id: str) -> ScanRow:
 
 
 def _check_width(services: ServiceContainer, wanted: WidthRequest) -> None:
-    row = services.reconstructions.get(wanted.reconstruction_id)
-    if row.scan_id != wanted.scan_id:
-        raise InvalidInput("scan_id", wanted.scan_id, f"the reconstruction's, {row.scan_id}")
-    if services.ledger.status(wanted.reconstruction_id).kind == "what-if":
+    job = services.ledger.reconstruction(wanted.reconstruction_id)
+    if job.scan_id != wanted.scan_id:
+        raise InvalidInput("scan_id", wanted.scan_id, f"the reconstruction's, {job.scan_id}")
+    if job.kind == "what-if":
         raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of all A-lines, no what-if")
     scan = _scan_with_data(services, wanted.scan_id)
     if services.masks.is_line(scan.mask_id):

@@ -8,8 +8,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session
 
 from steradian.api.schemas.batches import BatchRequest, BatchView
-from steradian.api.schemas.jobs import JobView
-from steradian.api.schemas.resources import ReconstructionView
+from steradian.api.schemas.jobs import JobView, ReconstructionView
 from steradian.api.services import ServiceContainer
 from steradian.api.use_cases.admission import (
     ResourceEstimate,
@@ -22,7 +21,7 @@ from steradian.api.use_cases.admission import (
 from steradian.jobs.queue.job_ledger import to_status
 from steradian.jobs.requests import JobRequestBase, ReconstructionRequest, WorkRequest, to_job_request
 from steradian.security.keys import Principal
-from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, ScanRow
+from steradian.storage.db.tables import BatchRow, JobRow, ScanRow
 from steradian.storage.db.timestamps_and_ids import new_id
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 from steradian.storage.repositories.references import lock_references
@@ -67,8 +66,7 @@ def submit_reconstruction(
         estimate = estimate_resources(services, scan, request)
 
         def insert(session: Session) -> StoredResponse:
-            row, job = _insert(services, session, scan, request, principal, estimate)
-            view = ReconstructionView.of(row, to_status(job))
+            view = ReconstructionView.of(to_status(_insert(services, session, scan, request, principal, estimate)))
             return StoredResponse(202, view.links["self"], view.model_dump_json())
 
         return Admitted([request], estimate.disk, "the volume", insert)
@@ -92,11 +90,11 @@ def submit_batch(
 
         def insert(session: Session) -> StoredResponse:
             batch = services.batches.add(session, scan, vary, request.parameters, principal.name)
-            rows = [
+            jobs = [
                 _insert(services, session, scan, member, principal, estimate, batch)
                 for member, estimate in zip(members, estimates, strict=True)
             ]
-            view = BatchView.of(batch, [row for row, _ in rows], {row.id: to_status(job) for row, job in rows})
+            view = BatchView.of(batch, [to_status(job) for job in jobs])
             return StoredResponse(202, view.links["self"], view.model_dump_json())
 
         disk = sum(estimate.disk for estimate in estimates)
@@ -155,16 +153,16 @@ def _insert(
     principal: Principal,
     estimate: ResourceEstimate,
     batch: BatchRow | None = None,
-) -> tuple[ReconstructionRow, JobRow]:
-    row = services.reconstructions.add(session, scan, request.parameters.model_dump(mode="json"), batch)
+) -> JobRow:
     job = to_job_request(
-        row.id,
+        new_id("r"),
         request,
         principal=principal.name,
-        batch_id=row.batch_id,
+        batch_id=None if batch is None else batch.id,
+        simulated=scan.simulated,
         promised=estimate.disk,
         memory=estimate.memory,
     )
-    job_row = services.submit(session, job)
+    row = services.submit(session, job)
     session.flush()
-    return row, job_row
+    return row

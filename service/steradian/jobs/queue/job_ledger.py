@@ -56,9 +56,11 @@ class JobLedger(Repository[JobRow]):
         row = JobRow(
             id=request.id,
             kind=request.kind,
+            resource=resource_of(request.kind),
             payload=dict(request.payload),
             scan_id=request.payload.get("scan_id"),
             batch_id=request.batch_id,
+            simulated=request.simulated,
             request_id=request_id.get() or None,
             owner=request.principal,
             priority=request.priority,
@@ -79,7 +81,7 @@ class JobLedger(Repository[JobRow]):
             history=[{"state": _R.QUEUED, "at": now.isoformat(), "who": request.principal, "why": "requested"}],
         )
         session.add(row)
-        append_event(session, now, resource_of(row.kind), row.id, self._event(row, request.principal, "requested"))
+        append_event(session, now, row.resource, row.id, self._event(row, request.principal, "requested"))
         return row
 
     def status(self, job_id: str) -> JobStatus:
@@ -98,6 +100,22 @@ class JobLedger(Repository[JobRow]):
         """Return the status of several jobs, by identifier."""
         with self.database.read() as session:
             return {row.id: to_status(row) for row in session.scalars(select(JobRow).where(JobRow.id.in_(job_ids)))}
+
+    def reconstruction(self, identifier: str) -> JobStatus:
+        """Return the status of a job that writes a volume; raises :class:`NotFound`, also for another job."""
+        try:
+            row = self.get(identifier)
+        except NotFound:
+            row = None
+        if row is None or row.resource != "reconstruction":
+            raise NotFound("reconstruction", identifier)
+        return to_status(row)
+
+    def of_batch(self, batch_id: str) -> list[JobStatus]:
+        """Return the statuses of a batch's jobs in the order of their requests."""
+        query = select(JobRow).where(JobRow.batch_id == batch_id).order_by(JobRow.sequence)
+        with self.database.read() as session:
+            return [to_status(row) for row in session.scalars(query)]
 
     def waits_for_scan(self, session: Session, row: JobRow) -> bool:
         """Return whether a live job must wait because its scan is still queued."""
@@ -233,9 +251,7 @@ class JobLedger(Repository[JobRow]):
             raise Conflict(f"job {job_id} is {row.state}; only a queued one has a place in the queue")
         if row.priority != priority:
             row.priority = priority
-            append_event(
-                session, self.clock(), resource_of(row.kind), row.id, self._event(row, who, "moved in the queue")
-            )
+            append_event(session, self.clock(), row.resource, row.id, self._event(row, who, "moved in the queue"))
         return row
 
     def report(self, job_id: str, fence: int, stage: str, done: int, total: int) -> None:
@@ -319,7 +335,7 @@ class JobLedger(Repository[JobRow]):
         row.history = [*row.history, {"state": following, "at": now.isoformat(), "who": who, "why": why}]
         if is_terminal(following):
             row.ended = now
-        append_event(session, now, resource_of(row.kind), row.id, self._event(row, who, why))
+        append_event(session, now, row.resource, row.id, self._event(row, who, why))
         if row.batch_id is not None:
             # Only now, as events are written in turns: of two jobs that end at once the second sees the first.
             counts = self._counts(session, JobRow.batch_id == row.batch_id)
@@ -337,6 +353,9 @@ def to_status(row: JobRow) -> JobStatus:
         id=row.id,
         kind=row.kind,
         payload=row.payload,
+        scan_id=row.scan_id,
+        batch_id=row.batch_id,
+        simulated=row.simulated,
         state=row.state,
         desired_state=row.desired_state,
         reason=row.reason,

@@ -54,7 +54,8 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
     from sqlalchemy.exc import SQLAlchemyError
 
     from steradian.reconstructions.live.follow import reconstruct_live
-    from steradian.storage.repositories.reconstructions import ReconstructionRepository
+    from steradian.storage.db.timestamps_and_ids import utc_now
+    from steradian.storage.repositories.event_log import append_event
     from steradian.storage.repositories.scans import ScanRepository
     from steradian.storage.state_machines import SETTLED_SCAN_STATES
 
@@ -63,7 +64,6 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
         scan = work.folder / here.name  # the job's own name for it, as several may follow it on a host
         scan.unlink(missing_ok=True)
         scan.symlink_to(here)
-        made = ReconstructionRepository(database)
 
         def is_over() -> bool:
             if scans.get(job.scan_id).state not in SETTLED_SCAN_STATES:
@@ -77,7 +77,8 @@ def reconstruct_live(work: JobContext, job: requests.ReconstructionRequest) -> d
         def tell(revision: Revision) -> None:
             told = {name: getattr(revision, name) for name in ("number", "points", "planned", "final")}
             try:
-                made.log_revision(work.folder.name, job.scan_id, told)
+                with database.write() as session:
+                    append_event(session, utc_now(), "revision", work.folder.name, {"scan_id": job.scan_id, **told})
             except SQLAlchemyError as error:  # the image is there all the same
                 _log.warning("revision %d is not in the log of events: %s", revision.number, error)
 

@@ -10,13 +10,13 @@ from sqlalchemy import select
 
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import ReconstructionRow
+from steradian.storage.db.tables import JobRow
 
 
 def usage(database: Database, data: DataDirectory) -> dict[str, int]:
     """Return the disk usage in bytes by category: scans, reconstructions, other jobs, uploads, pictures, rest."""
     with database.read() as session:
-        volumes = set(session.scalars(select(ReconstructionRow.id)))
+        volumes = set(session.scalars(select(JobRow.id).where(JobRow.resource == "reconstruction")))
     jobs = {folder: "reconstructions" if folder.name in volumes else "other_jobs" for folder in data.job_folders()}
     others = {
         data.root / "scans": "scans",

@@ -99,9 +99,10 @@ class JobRow(Base):
 
     The queue engine decides which worker runs a job and when; all other code reads this row. ``fence`` is the fencing
     token: the number of attempts, including requeued ones; reports of earlier attempts are rejected. ``promised`` is
-    the number of reserved bytes; ``scan_id`` repeats the payload's, for lists; ``request_id`` is the HTTP request that
-    created the job, if any; ``owner`` is the principal that requested the job, and ``turn`` the fair-queueing start
-    tag. ``requires_…`` are the requirements on the worker.
+    the number of reserved bytes; ``scan_id`` repeats the payload's, for lists; ``resource`` is the job's API resource,
+    *reconstruction* or *job*; ``simulated`` says whether its scan came from a simulated scanner; ``request_id`` is the
+    HTTP request that created the job, if any; ``owner`` is the principal that requested the job, and ``turn`` the
+    fair-queueing start tag. ``requires_…`` are the requirements on the worker.
     """
 
     __tablename__ = "jobs"
@@ -109,9 +110,11 @@ class JobRow(Base):
     id: Mapped[str] = mapped_column(String(40), unique=True)
     revision: Mapped[int] = mapped_column()
     kind: Mapped[str] = mapped_column(String(40), index=True)
+    resource: Mapped[str] = mapped_column(String(16))
     payload: Mapped[dict[str, Any]]
     scan_id: Mapped[str | None] = mapped_column(String(40), index=True)
     batch_id: Mapped[str | None] = mapped_column(String(40), index=True)
+    simulated: Mapped[bool] = mapped_column(default=False)
     request_id: Mapped[str | None] = mapped_column(String(64))
     owner: Mapped[str] = mapped_column(Text, default="")
     priority: Mapped[int]
@@ -149,19 +152,6 @@ class BatchRow(Base):
     scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
     created: Mapped[datetime]
     vary: Mapped[dict[str, Any]]
-    parameters: Mapped[dict[str, Any]]
-
-
-class ReconstructionRow(Base):
-    """Table of reconstruction requests; progress is in the job with the same identifier."""
-
-    __tablename__ = "reconstructions"
-    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
-    id: Mapped[str] = mapped_column(String(40), unique=True)
-    scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"), index=True)
-    batch_id: Mapped[str | None] = mapped_column(ForeignKey("batches.id"), index=True)
-    simulated: Mapped[bool]
-    created: Mapped[datetime]
     parameters: Mapped[dict[str, Any]]
 
 

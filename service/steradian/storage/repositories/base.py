@@ -10,11 +10,11 @@ from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import NotFound
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScannerRow, ScanRow
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ScannerRow, ScanRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.filters import WhereClauses
 
-Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, ReconstructionRow, JobRow, BatchRow, ScannerRow)
+Row = TypeVar("Row", MaskRow, PlanRow, ScanRow, JobRow, BatchRow, ScannerRow)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from steradian.core.exceptions import Conflict, NotFound
 from steradian.storage.blobs.interface import BlobStore, result_name, scan_name, upload_name
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import BatchRow, JobRow, ReconstructionRow, RemovalRow, ScanRow
+from steradian.storage.db.tables import BatchRow, JobRow, RemovalRow, ScanRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import DELETION_ORDER, Resource, jobs, lock_dependents
@@ -89,7 +89,6 @@ class DeletionService:
                 append_event(session, now, one.kind, one.id, about)
             session.add(RemovalRow(kind=one.kind, resource_id=one.id))
         session.flush()
-        session.execute(delete(ReconstructionRow).where(ReconstructionRow.id.in_(by_kind["reconstruction"])))
         for kind, table in reversed(DELETION_ORDER.items()):
             session.execute(delete(table).where(table.id.in_(by_kind[kind])))
 

@@ -10,7 +10,7 @@ from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import GenericFunction
 
-from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ScanRow
 from steradian.storage.state_machines import BatchState, ReconstructionState, is_terminal
 
 WhereClauses: TypeAlias = list[ColumnElement[bool]]
@@ -78,17 +78,11 @@ def reconstructions(
     batch_id: str | None = None,
     mask_id: str | None = None,
 ) -> WhereClauses:
-    """Return the WHERE clauses that select reconstructions by job state and kind, scan, batch or mask."""
-    found = _equal((ReconstructionRow.scan_id, scan_id), (ReconstructionRow.batch_id, batch_id))
-    if of_job := jobs(state=state, kind=kind):
-        # Of what is over there is much, so one looks from the newest on; what is not is few, so they are found first.
-        few = state is not None and not any(is_terminal(_R(one)) for one in state)
-        here = exists().where(JobRow.id == ReconstructionRow.id, *of_job)
-        found.append(ReconstructionRow.id.in_(select(JobRow.id).where(*of_job)) if few else here)
+    """Return the WHERE clauses that select reconstructions by state, kind, scan, batch or mask."""
+    found = [JobRow.resource == "reconstruction", *jobs(state=state, kind=kind, scan_id=scan_id, batch_id=batch_id)]
     if mask_id is not None:
-        measured = ReconstructionRow.scan_id.in_(select(ScanRow.id).where(ScanRow.mask_id == mask_id))
-        through = [JobRow.kind == "what-if", JobRow.payload[("through", "mask_id")].as_string() == mask_id]
-        found.append(or_(measured, ReconstructionRow.id.in_(select(JobRow.id).where(*through))))
+        measured = JobRow.scan_id.in_(select(ScanRow.id).where(ScanRow.mask_id == mask_id))
+        found.append(or_(measured, JobRow.payload[("through", "mask_id")].as_string() == mask_id))
     return found
 
 

@@ -10,7 +10,7 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import NotFound
-from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.db.tables import BatchRow, JobRow, MaskRow, PlanRow, ScanRow
 
 RowType: TypeAlias = type[MaskRow] | type[PlanRow] | type[ScanRow] | type[BatchRow] | type[JobRow]
 DELETION_ORDER: Final[dict[str, RowType]] = {
@@ -120,7 +120,6 @@ def _dependents(session: Session, of: Resource) -> list[Resource]:
 
 
 def jobs(session: Session, condition: Any) -> list[Resource]:
-    """Return references to the jobs that match a condition, as reconstruction where that resource exists, else job."""
-    query = select(JobRow.id, ReconstructionRow.id).outerjoin(ReconstructionRow, ReconstructionRow.id == JobRow.id)
-    rows = session.execute(query.where(condition).order_by(JobRow.sequence)).all()
-    return [Resource("job" if volume is None else "reconstruction", job) for job, volume in rows]
+    """Return references to the jobs that match a condition, as reconstruction or job."""
+    rows = session.execute(select(JobRow.resource, JobRow.id).where(condition).order_by(JobRow.sequence))
+    return [Resource(kind, job) for kind, job in rows]

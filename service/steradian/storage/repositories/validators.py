@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
-from sqlalchemy import ColumnElement, Connection, FromClause, Select, String, bindparam, select, type_coerce
+from sqlalchemy import ColumnElement, Connection, Select, String, bindparam, select, type_coerce
 
-from steradian.storage.db.tables import Base, JobRow, MaskRow, PlanRow, ReconstructionRow, ScanRow
+from steradian.storage.db.tables import Base, JobRow, MaskRow, PlanRow, ScanRow
 
 Validator: TypeAlias = tuple[Any, ...]
 """Equal ones mean equal looks; an empty one means that there is nothing, or nothing that tells."""
@@ -55,27 +55,21 @@ def _columns(table: type[Base]) -> tuple[ColumnElement[Any], ...]:
     return (type_coerce(columns.created, String),)
 
 
-def _stamped(table: type[Base]) -> tuple[Select[Any], FromClause]:
-    """Return the query of identifier and validator columns of a table; those of a reconstruction are its job's."""
-    mine = table.__table__
-    if table is not ReconstructionRow:
-        return select(mine.c.id, *_columns(table)), mine
-    job = JobRow.__table__
-    return select(mine.c.id, *_columns(JobRow)).select_from(mine.outerjoin(job, job.c.id == mine.c.id)), mine
-
-
 _TABLES: Final[dict[str, type[Base]]] = {
     "masks": MaskRow,
     "plans": PlanRow,
     "scans": ScanRow,
-    "reconstructions": ReconstructionRow,
+    "reconstructions": JobRow,
     "jobs": JobRow,
 }
 _ITEM_QUERIES: Final[dict[str, Select[Any]]] = {}
 _PAGE_QUERIES: Final[dict[str, Select[Any]]] = {}
 for _noun, _table in _TABLES.items():  # once, as building a statement costs more than having it answered
-    _query, _rows = _stamped(_table)
-    _over = [JobRow.__table__.c.ended.is_not(None)] if _table in {JobRow, ReconstructionRow} else []
+    _rows = _table.__table__
+    _query = select(_rows.c.id, *_columns(_table))
+    if _noun == "reconstructions":
+        _query = _query.where(_rows.c.resource == "reconstruction")
+    _over = [_rows.c.ended.is_not(None)] if _table is JobRow else []
     _ITEM_QUERIES[_noun] = _query.where(_rows.c.id.in_(bindparam("ids", expanding=True)), *_over)
     _newest = _query.where(_rows.c.sequence < bindparam("before")).order_by(_rows.c.sequence.desc())
     _PAGE_QUERIES[_noun] = _newest.limit(bindparam("most"))

@@ -89,9 +89,11 @@ def _jobs() -> None:
         sa.Column("id", sa.String(40), nullable=False, unique=True),
         sa.Column("revision", sa.Integer, nullable=False),
         sa.Column("kind", sa.String(40), nullable=False, index=True),
+        sa.Column("resource", sa.String(16), nullable=False),
         sa.Column("payload", sa.JSON, nullable=False),
         sa.Column("scan_id", sa.String(40), index=True),
         sa.Column("batch_id", sa.String(40), index=True),
+        sa.Column("simulated", sa.Boolean, nullable=False),
         sa.Column("request_id", sa.String(64)),
         sa.Column("owner", sa.Text, nullable=False),
         sa.Column("priority", sa.Integer, nullable=False),
@@ -125,16 +127,6 @@ def _jobs() -> None:
         sa.Column("scan_id", sa.String(40), sa.ForeignKey("scans.id"), nullable=False, index=True),
         sa.Column("created", sa.String(32), nullable=False),
         sa.Column("vary", sa.JSON, nullable=False),
-        sa.Column("parameters", sa.JSON, nullable=False),
-    )
-    op.create_table(
-        "reconstructions",
-        _sequence(),
-        sa.Column("id", sa.String(40), nullable=False, unique=True),
-        sa.Column("scan_id", sa.String(40), sa.ForeignKey("scans.id"), nullable=False, index=True),
-        sa.Column("batch_id", sa.String(40), sa.ForeignKey("batches.id"), index=True),
-        sa.Column("simulated", sa.Boolean, nullable=False),
-        sa.Column("created", sa.String(32), nullable=False),
         sa.Column("parameters", sa.JSON, nullable=False),
     )
     op.create_table(
