@@ -26,6 +26,7 @@ def test_a_volume_has_its_places_in_metres_and_shares_its_values():
     np.testing.assert_array_equal(image.max("z"), volume.mip("z"))
 
 
+@pytest.mark.long
 def test_an_image_below_a_line_has_two_dimensions():
     image = Volume(VALUES[:, 0], VoxelAxes(AXES.x, None, AXES.z), (1e-4, 1e-4)).to_xarray()
     assert image.dims == ("x", "z")

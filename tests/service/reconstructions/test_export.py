@@ -22,6 +22,7 @@ from steradian.reconstructions.volumes.file import read_volume, write_volume
 from support.damage import BITS, spoil
 
 SHAPE, SPACING, ORIGIN = (24, 18, 40), (60e-6, 80e-6, 12e-6), (-0.72e-3, -0.6e-3, 1.2e-3)
+TOOLS = "pip install --no-deps -r constraints-ci.txt"
 BALL = (0.24e-3, -0.28e-3, 1.44e-3)
 PLACE = (16, 4, 20)
 """Voxel of the ball's centre."""
@@ -94,9 +95,11 @@ def _vtk(reader, path):
     return found.GetSpacing(), found.GetOrigin(), numbers.reshape(found.GetDimensions(), order="F")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("format", ["nifti", "nrrd", "vtkhdf"])
 def test_voxel_sizes_and_axes_by_vtk(tmp_path, volume, values, format):
     """VTK's own readers find the same voxel sizes in millimetres, and the same axes."""
+    pytest.importorskip("vtkmodules", reason=f"needs VTK: {TOOLS}")
     from vtkmodules.vtkIOHDF import vtkHDFReader
     from vtkmodules.vtkIOImage import vtkNIFTIImageReader, vtkNrrdReader
 
