@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import validation as checks
+from steradian.imaging.compute import memory_limit as memory
 from steradian.imaging.engines import NO_MONITOR, ProgressMonitor, run_inverse
 from steradian.imaging.engines.array_namespace import like, to_numpy
 from steradian.imaging.engines.numba.engine import NumbaEngine
@@ -16,7 +17,7 @@ from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.medium import Medium
 from steradian.imaging.options import Compute, DirectMethod, Precision
-from steradian.imaging.signal.attenuation import Compensation
+from steradian.imaging.signal.attenuation import Compensation, compensation_bytes
 from steradian.imaging.transform_tables import inverse_tables
 
 NOISE_GAIN_DEPTHS = 9
@@ -52,6 +53,7 @@ class LayerPlan:
         self.noise_gain: tuple[tuple[float, float], ...] = ()
         self.compensation: Compensation | None = None
         if medium.lossy:
+            memory.check_memory(compensation_bytes(geometry.samples), compute.memory_limit, geometry.shape)
             interval, first = geometry.sampling_interval, geometry.time_zero
             self.compensation = Compensation(medium, samples=geometry.samples, interval=interval, time_zero=first)
         self.tables = inverse_tables(geometry, method, dtype)

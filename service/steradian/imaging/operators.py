@@ -165,7 +165,10 @@ class ForwardOperator(_LinearOperator):
     @property
     def memory_bytes(self) -> int:
         """Upper bound of the memory that one product allocates, its result included."""
-        return self.engine.room.memory_bytes
+        more = 0
+        if self._attenuation is not None:  # A-lines without attenuation, beside those with it
+            more = self._attenuation.nbytes + int(np.prod(self.trace_shape)) * self._attenuation.itemsize
+        return self.engine.room.memory_bytes + more
 
     def forward(
         self, volume: ArrayLike, *, progress: Progress | None = None, cancelled: CancelCheck | None = None

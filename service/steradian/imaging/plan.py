@@ -22,6 +22,7 @@ from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.layer_plan import LayerPlan
 from steradian.imaging.medium import Medium
 from steradian.imaging.options import Compute, DirectMethod, ImageGrid, Nufft, require_direct
+from steradian.imaging.signal.attenuation import compensation_bytes
 from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.volume import ReconstructionInfo, Volume
 
@@ -125,7 +126,9 @@ class ReconstructionPlan:
         largest = max(layer.chosen.engine.room.memory_bytes for layer in self.layers)
         if self.acquisition.medium.lossy:
             samples, item = self.geometry.samples, np.dtype(self.dtype).itemsize
-            largest += samples * (len(self.geometry.positions) * 3 * item + 6 * 8 * samples * len(self.layers))
+            largest += 3 * len(self.geometry.positions) * samples * item + compensation_bytes(samples) * len(
+                self.layers
+            )
         return largest + (2 * self.output_bytes if len(self.layers) > 1 else 0)
 
     def run(

@@ -230,15 +230,32 @@ def test_soft_tissue_takes_and_compensation_gives_back_what_is_stated() -> None:
 
 
 @pytest.mark.long
-def test_iterative_image_with_the_matrix_is_better_than_the_filter() -> None:
+@pytest.mark.parametrize("medium", [TISSUE, LAYERS], ids=["one medium", "layers"])
+def test_iterative_image_with_the_matrix_is_better_than_the_filter(medium: Medium) -> None:
     grid = ImageGrid(modes=136, depth=(0.8e-3, 5.0e-3))
-    fitted = reconstruct(Acquisition(noisy(TISSUE), MASK, dt=DT, medium=TISSUE), grid, Iterative(), compute=CPU)
-    direct = image(TISSUE, TISSUE)
+    fitted = reconstruct(Acquisition(noisy(medium), MASK, dt=DT, medium=medium), grid, Iterative(), compute=CPU)
+    direct = image(medium, medium)
     axes = fitted.axes
     assert axes.y is not None
     truth = initial_pressure(BALLS, axes.x, axes.y, axes.z)
     errors = [np.linalg.norm(each.values - truth) / np.linalg.norm(truth) for each in (fitted, direct)]
     assert errors[0] < 0.8 * errors[1]
+
+
+@pytest.mark.long
+def test_fit_by_gradients_gives_back_what_attenuation_took() -> None:
+    grid, options = ImageGrid(modes=68, depth=(0.8e-3, 5.0e-3)), Iterative(regularisation="total-variation")
+    peaks = []
+    for imaged_as in (TISSUE, TISSUE.lossless):
+        acquisition = Acquisition(noisy(TISSUE), MASK, dt=DT, medium=imaged_as)
+        peaks.append(ball_image(reconstruct(acquisition, grid, options, compute=CPU), CENTRES[2])[0])
+    assert peaks[0] > 1.25 * peaks[1]
+
+
+def test_memory_of_the_inverse_is_checked_before_anything_is_taken() -> None:
+    geometry = AcquisitionGeometry(MASK, 20_000, dt=1e-9, medium=TISSUE)
+    with pytest.raises(InvalidInput, match="memory_limit"):
+        ReconstructionPlan(geometry, ImageGrid(4, depth=(0.0, 1e-4)), compute=Compute(device="cpu", memory_limit=10**9))
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,11 @@ def _times_in_layers(medium: Medium, times: Floats) -> Floats:
     return spent
 
 
+def compensation_bytes(samples: int) -> int:
+    """Return an upper bound of the memory in bytes that a :class:`Compensation` of N_t samples takes while in use."""
+    return 6 * 8 * samples**2
+
+
 class Restoration(NamedTuple):
     """Regularised inverse of an attenuation matrix for records of one noise.
 
@@ -164,9 +169,10 @@ class Compensation:
         if largest > 0:
             strength = sqrt(noise * sqrt(share) / (largest * sqrt(len(traces))))
         key = _rounded(float(np.clip(strength, MIN_STRENGTH, MAX_STRENGTH))), _rounded(PASSED * highest)
-        if self._kept is None or self._kept[0] != key:
-            self._kept = key, self._inverse(*key)
-        return self._kept[1]
+        kept = self._kept  # another thread may replace it
+        if kept is None or kept[0] != key:
+            kept = self._kept = key, self._inverse(*key)
+        return kept[1]
 
     def _inverse(self, strength: float, passed: float) -> Restoration:
         matrix = (self._vectors / (self._squares + strength**2)) @ self._images.T
