@@ -97,7 +97,7 @@ def test_an_address_with_a_slash_too_many_leads_to_the_same_place_below_the_path
 
 
 def test_the_path_without_its_slash_leads_to_the_page(kept):
-    answer = httpx.get(f"{kept.url}{BELOW}", headers=BEARER)
+    answer = httpx.get(f"{kept.url}{BELOW}", headers=BEARER, timeout=60)
     assert (answer.status_code, answer.headers["Location"]) == (308, f"{BELOW}/")
 
 
@@ -123,18 +123,18 @@ NO_PATHS += ["/a?b", "https://evil.example", "javascript:alert(1)", "/a,/b", "/"
 
 @pytest.mark.parametrize("stated", NO_PATHS)
 def test_a_header_that_is_no_plain_path_is_ignored(stripped, stated):
-    answer = httpx.get(f"{stripped.url}/api/v1", headers=BEARER | {"X-Forwarded-Prefix": stated.encode()})
+    answer = httpx.get(f"{stripped.url}/api/v1", headers=BEARER | {"X-Forwarded-Prefix": stated.encode()}, timeout=60)
     assert answer.json()["links"]["masks"] == "/api/v1/masks"
 
 
 def test_two_headers_are_ignored(stripped):
     sent = [*BEARER.items(), ("X-Forwarded-Prefix", "/a"), ("X-Forwarded-Prefix", "/b")]
-    assert httpx.get(f"{stripped.url}/api/v1", headers=sent).json()["links"]["masks"] == "/api/v1/masks"
+    assert httpx.get(f"{stripped.url}/api/v1", headers=sent, timeout=60).json()["links"]["masks"] == "/api/v1/masks"
 
 
 def test_a_header_turns_no_address_into_another(stripped):
     """A proxy that keeps somebody from an address by its path must go on doing so."""
-    answer = httpx.get(f"{stripped.url}/x/api/v1/masks", headers=BEARER | {"X-Forwarded-Prefix": "/x"})
+    answer = httpx.get(f"{stripped.url}/x/api/v1/masks", headers=BEARER | {"X-Forwarded-Prefix": "/x"}, timeout=60)
     assert answer.status_code == 404
 
 
@@ -153,6 +153,6 @@ def test_a_setting_that_begins_like_an_address_of_the_service_is_refused(tmp_pat
 
 
 def test_without_a_path_all_is_as_it_was(server):
-    root = httpx.get(f"{server.url}/api/v1").json()
+    root = httpx.get(f"{server.url}/api/v1", timeout=60).json()
     assert root["links"]["masks"] == "/api/v1/masks"
-    assert json.loads(httpx.get(f"{server.url}/openapi.json").text)["servers"][0]["url"] == "/"
+    assert json.loads(httpx.get(f"{server.url}/openapi.json", timeout=60).text)["servers"][0]["url"] == "/"

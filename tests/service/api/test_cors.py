@@ -36,7 +36,7 @@ def allowed(answer):
 
 
 def test_cors_without_setting_sends_no_access_control_headers(server):
-    with httpx.Client(base_url=f"{server.url}/api/v1", headers={"Origin": VIEWER} | BY_PAGE) as page:
+    with httpx.Client(base_url=f"{server.url}/api/v1", headers={"Origin": VIEWER} | BY_PAGE, timeout=60) as page:
         asked = page.options("/masks", headers=PREFLIGHT), page.get("/masks"), page.get("/masks", headers={"Via": "x"})
         assert [answer.status_code for answer in asked] == [403, 403, 401]
         assert [allowed(answer) for answer in asked] == [{}, {}, {}]
@@ -62,7 +62,9 @@ def test_a_page_that_is_named_reads(page):
 def test_cookies_are_never_allowed(open_api, page):
     answers = [page.options("/masks", headers=PREFLIGHT), page.get("/masks")]
     assert [answer.headers.get("Access-Control-Allow-Credentials") for answer in answers] == [None, None]
-    cookie = httpx.post(f"{open_api.url}/api/v1/session", headers=BEARER).headers["Set-Cookie"].partition(";")[0]
+    cookie = (
+        httpx.post(f"{open_api.url}/api/v1/session", headers=BEARER, timeout=60).headers["Set-Cookie"].partition(";")[0]
+    )
     refused = page.get("/masks", headers={"Cookie": cookie})
     assert (refused.status_code, refused.json()["code"]) == (403, "cross-site")
 
@@ -98,7 +100,7 @@ def test_a_picture_in_a_page_that_is_named_is_no_read(page):
 def test_a_named_page_needs_a_key_where_one_is_needed(tmp_path, database):
     api = api_of(tmp_path, cors_origins=VIEWER, api_key=KEY, require_key=True, **database()).wait()
     try:
-        with httpx.Client(base_url=f"{api.url}/api/v1", headers={"Origin": VIEWER} | BY_PAGE) as page:
+        with httpx.Client(base_url=f"{api.url}/api/v1", headers={"Origin": VIEWER} | BY_PAGE, timeout=60) as page:
             answers = [page.get("/masks"), page.get("/masks", headers=BEARER)]
         assert [answer.status_code for answer in answers] == [401, 200]
         assert [answer.headers["Access-Control-Allow-Origin"] for answer in answers] == [VIEWER, VIEWER]

@@ -40,7 +40,7 @@ def take_all(services):
 def test_request_without_free_database_connection_returns_503_retry_after(app, path):
     async def ask():
         transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as http:
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as http:
             return await http.get(f"/api/v1/{path}")
 
     with take_all(app.state.services):

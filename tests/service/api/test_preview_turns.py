@@ -25,7 +25,10 @@ def test_preview_is_not_blocked_by_stored_picture_drawing(tmp_path):
 
     async def run():
         transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as http, services.drawing:
+        async with (
+            httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as http,
+            services.drawing,
+        ):
             asking = http.post("/api/v1/masks/preview", json=EQUI, headers={"Accept": "image/png"})
             return await asyncio.wait_for(asking, WAIT)
 

@@ -182,7 +182,7 @@ def test_quota_api_only_node_reserves_no_space_for_jobs(tmp_path):
         assert pair.http.post("/uploads", content=b"x" * 1000).status_code == 201
         told = pair.http.get("/storage").json()
         assert (told["promised_bytes"], told["available_bytes"] > 0) == (0, True)
-        whole = httpx.post(f"{pair.scanner.url}/api/v1/uploads", content=b"x" * 1000)
+        whole = httpx.post(f"{pair.scanner.url}/api/v1/uploads", content=b"x" * 1000, timeout=60)
         assert (whole.status_code, whole.json()["code"]) == (507, "disk-full"), "where jobs are done there is none"
     finally:
         pair.close()

@@ -36,7 +36,7 @@ def ask(app, method, path, **more):
 
     async def answered():
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1") as http:
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1/api/v1", timeout=60) as http:
             return await http.request(method, path, **more)
 
     return asyncio.run(answered())

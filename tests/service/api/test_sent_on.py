@@ -179,10 +179,10 @@ def test_forwarded_principal_without_node_secret_returns_401(pair):
     for server in (pair.scanner, pair.other):
         ask = f"{server.url}/api/v1/session"
         for secret in ("", SECRET[:-1], SECRET + "x"):
-            assert httpx.get(ask, headers=said | {"Steradian-Node": secret}).status_code == 401
-        seen = httpx.get(ask, headers=said | {"Steradian-Node": SECRET}).json()
+            assert httpx.get(ask, headers=said | {"Steradian-Node": secret}, timeout=60).status_code == 401
+        seen = httpx.get(ask, headers=said | {"Steradian-Node": SECRET}, timeout=60).json()
         assert (seen["principal"], seen["scopes"]) == ("key Ada (01)", ["read"])
-        made = httpx.post(f"{server.url}/api/v1/masks", json={}, headers=said | {"Steradian-Node": SECRET})
+        made = httpx.post(f"{server.url}/api/v1/masks", json={}, headers=said | {"Steradian-Node": SECRET}, timeout=60)
         assert made.status_code == 403, "what they may do is what the first node says"
 
 

@@ -16,7 +16,7 @@ def test_request_cut_off_by_shutdown_is_answered_503_without_traceback(tmp_path)
     api = api_of(tmp_path).wait()
     with socket.create_connection(("127.0.0.1", int(api.url.rpartition(":")[2]))) as client:
         client.sendall(HALF)
-        until(lambda: httpx.get(f"{api.url}/healthz").is_success)  # the half request has been read before
+        until(lambda: httpx.get(f"{api.url}/healthz", timeout=60).is_success)  # the half request has been read before
         api.close()
         head, _, body = client.makefile("rb").read().partition(b"\r\n\r\n")
     assert head.startswith(b"HTTP/1.1 503 ")

@@ -104,7 +104,7 @@ def test_stop_ticket_without_a_connection_to_the_database_presses_the_stop(tmp_p
 
     async def press(headers):
         transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as http:
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60) as http:
             return await http.post(ONE, headers=headers)
 
     services.database.engine.pool._timeout = 0.2  # seconds
@@ -180,8 +180,10 @@ def test_stop_ticket_of_one_api_node_is_good_on_another(tmp_path):
     nodes = [api_of(tmp_path / name, require_key=True, api_key=FIXED, node_secret=shared) for name in ("a", "b")]
     try:
         first, second = (node.wait().url for node in nodes)
-        ticket = httpx.get(first + SESSION, headers={"Authorization": f"Bearer {FIXED}"}).json()["stop_ticket"]
-        assert httpx.get(second + EVERY, headers={"X-Stop-Ticket": ticket}).status_code == 200
+        ticket = httpx.get(first + SESSION, headers={"Authorization": f"Bearer {FIXED}"}, timeout=60).json()[
+            "stop_ticket"
+        ]
+        assert httpx.get(second + EVERY, headers={"X-Stop-Ticket": ticket}, timeout=60).status_code == 200
         assert not any(node.data.stop_secret.exists() for node in nodes)
     finally:
         for node in nodes:

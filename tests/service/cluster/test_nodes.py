@@ -150,14 +150,14 @@ def test_a_key_of_idempotency_holds_on_all_nodes_also_for_requests_at_once(first
 
 
 def test_a_session_opened_on_one_node_holds_and_ends_on_the_other(first, second):
-    signed_in = httpx.post(f"{first.url}/api/v1/session", headers={"Authorization": f"Bearer {KEY}"})
+    signed_in = httpx.post(f"{first.url}/api/v1/session", headers={"Authorization": f"Bearer {KEY}"}, timeout=60)
     cookie = {"Cookie": f"steradian_session={signed_in.cookies['steradian_session']}"}
-    seen = httpx.get(f"{second.url}/api/v1/session", headers=cookie).json()
+    seen = httpx.get(f"{second.url}/api/v1/session", headers=cookie, timeout=60).json()
     assert (seen["principal"], seen["csrf_token"]) == ("settings", signed_in.json()["csrf_token"])
     may = cookie | {"X-CSRF-Token": seen["csrf_token"], "Origin": second.url}
-    assert httpx.post(f"{second.url}/api/v1/tickets", headers=may).status_code == 201
-    assert httpx.delete(f"{second.url}/api/v1/session", headers=may).status_code == 204
-    assert httpx.get(f"{first.url}/api/v1/session", headers=cookie).json()["csrf_token"] is None
+    assert httpx.post(f"{second.url}/api/v1/tickets", headers=may, timeout=60).status_code == 201
+    assert httpx.delete(f"{second.url}/api/v1/session", headers=may, timeout=60).status_code == 204
+    assert httpx.get(f"{first.url}/api/v1/session", headers=cookie, timeout=60).json()["csrf_token"] is None
 
 
 def test_a_ticket_of_one_node_opens_one_stream_on_any_and_the_stream_goes_on_on_another(first, second):
@@ -194,7 +194,7 @@ def test_request_with_wrong_node_secret_returns_401(cluster, first):
     asked = {"Steradian-Principal": '{"name": "Eve", "scopes": ["admin"], "key_id": null}'}
     for node in cluster.nodes:
         for secret in ("", "x" * 40, SECRET[:-1]):
-            answer = httpx.get(f"{node.url}/api/v1/scans", headers=asked | {"Steradian-Node": secret})
+            answer = httpx.get(f"{node.url}/api/v1/scans", headers=asked | {"Steradian-Node": secret}, timeout=60)
             assert answer.status_code == 401
 
 
