@@ -42,10 +42,8 @@ class Storage(ResponseModel):
     """Bytes used in the service's data folder by category, and bytes available."""
 
     used_bytes: dict[str, int]
-    quota_bytes: int | None
     free_bytes: int
     reserve_bytes: int
-    promised_bytes: int
     available_bytes: int
 
 

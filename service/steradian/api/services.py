@@ -31,14 +31,14 @@ from steradian.security.keys import KeyStore
 from steradian.security.sessions import SessionStore
 from steradian.security.stop_tickets import StopTickets, shared_secret, stored_secret
 from steradian.storage.blobs.object_store import arrays_of
-from steradian.storage.capacity import quota
+from steradian.storage.capacity.reserve import DiskReserve
 from steradian.storage.capacity.usage import usage
 from steradian.storage.data_dir.emergency_latch import EmergencyLatch
 from steradian.storage.data_dir.fault_requests import ClearFaultRequest
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.data_dir.scanner_status import StatusBlock
 from steradian.storage.db.advisory_locks import AdvisoryLock, LockState
-from steradian.storage.db.database import Database, advisory_xact_lock, metadata_url
+from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 from steradian.storage.maintenance.clock_trust import TrustedClock
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 QUEUE_PATIENCE = 30.0
-DISK_USAGE_MAX_AGE = timedelta(seconds=10)
-"""How long a look at the folder tells those who only want to know."""
 STORE_PATIENCE = timedelta(seconds=5)
 """How long a request waits for an object store that does not answer."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
@@ -76,9 +74,7 @@ class ServiceContainer:
     def __init__(self, settings: Settings, clock: Clock = utc_now) -> None:
         self.settings, self.clock, self.ages = settings, clock, TrustedClock(clock)
         self.data = DataDirectory(settings.data)
-        self.disk = quota.DiskQuota(self.data.root, settings.disk_reserve_bytes, settings.quota_bytes)
-        self.arrivals = quota.UploadReservations()
-        self._measured: quota.UsageSnapshot | None = None
+        self.disk = DiskReserve(self.data.root, settings.disk_reserve_bytes)
         self.database = Database(metadata_url(settings))
         self.arrays = arrays_of(settings, self.database, clock, STORE_PATIENCE)
         self.masks = MaskRepository(self.database, clock)
@@ -189,50 +185,22 @@ class ServiceContainer:
         """Return the controller of a scanner's emergency stop; ``None`` if the scanner belongs to another node."""
         return self.emergency if self.nodes.is_local(scanner_id) else None
 
-    def refresh_disk_usage(self) -> quota.UsageSnapshot:
-        """Measure the data folder's disk usage if there is a quota; slow, so call it outside of transactions."""
-        at, came = self.clock(), self.arrivals.came
-        with self.database.read() as session:
-            before = quota.bytes_written(session, self.data)  # before the walk: what comes after it is not in there
-        self._measured = quota.UsageSnapshot(self.disk.used if self.disk.quota is not None else 0, at, came, before)
-        return self._measured
-
-    @property
-    def available(self) -> int:
-        """Bytes available to uploads and jobs, according to the most recent count of the folder."""
-        known = self._measured
-        if known is None or self.clock() - known.at > DISK_USAGE_MAX_AGE:
-            known = self.refresh_disk_usage()
-        return self.disk.available(known.used + self.arrivals.came - known.came)
-
-    def reserved_bytes(self, session: Session, measured: quota.UsageSnapshot | None = None) -> int:
-        """Return the bytes that queued and running work will still write to this node's disk."""
-        if self.settings.role == "service":
-            return quota.reserved_bytes(session, self.data, measured)
-        own = self.settings.scanner_id
-        return quota.reserved_bytes(session, self.data, measured, own) if self.settings.has_scanner else 0
-
-    def require_disk_space(
-        self, session: Session, need: int, what: str, measured: quota.UsageSnapshot, *, for_scan: bool = False
-    ) -> None:
-        """Raise :class:`DiskFull` unless work fits beside queued work; call in the transaction that queues the work.
+    def require_disk_space(self, need: int, what: str, *, for_scan: bool = False) -> None:
+        """Raise :class:`DiskFull` if less than the reserve would stay free on this node's disk.
 
         Parameters
         ----------
         for_scan
-            Whether the work is a scan, which may use the reserve that uploads and jobs must leave free.
+            Whether the work is a scan, which may use the reserve.
 
         Raises
         ------
         DiskFull
-            With the needed, available and reserved bytes.
+            With the needed and available bytes.
         """
         if self.settings.role != "service" and not (for_scan and self.settings.has_scanner):
             return  # who does the work has a disk of its own
-        advisory_xact_lock(session, quota.QUOTA_LOCK)  # of two at once, each must see the other's reservation
-        taken = self.reserved_bytes(session, measured) + self.arrivals.awaited
-        disk = replace(self.disk, reserve=0) if for_scan else self.disk
-        disk.require(need, what, taken, measured.used + self.arrivals.came - measured.came)
+        (replace(self.disk, reserve=0) if for_scan else self.disk).require(need, what)
 
     def submit(self, session: Session, request: JobRequest) -> JobRow:
         """Insert a job and queue it in the present transaction; before the queue is open, the job waits in the ledger.

@@ -20,24 +20,18 @@ KINDS = ("mask", "plan", "scan", "batch", "reconstruction", "job", "upload")
 
 @app.command()
 def show(data: Data = None) -> None:
-    """Show the bytes used by scans, reconstructions, jobs and the rest, and the bytes free and reserved."""
-    from steradian.storage.capacity.quota import DiskQuota, reserved_bytes
+    """Show the bytes used by scans, reconstructions, jobs and the rest, and the free space."""
+    from steradian.storage.capacity.reserve import DiskReserve
     from steradian.storage.capacity.usage import usage
     from steradian.storage.data_dir.layout import DataDirectory
 
     settings, database = open_existing_database(data, reads=True)
-    folder, disk = (
-        DataDirectory(settings.data),
-        DiskQuota(settings.data, settings.disk_reserve_bytes, settings.quota_bytes),
-    )
+    folder, disk = DataDirectory(settings.data), DiskReserve(settings.data, settings.disk_reserve_bytes)
     try:
         held = {name.replace("_", " "): size for name, size in usage(database, folder).items()}
-        with database.read() as session:
-            waiting = reserved_bytes(session, folder)
     finally:
         database.close()
-    more = {"free on the disk": disk.free, "stays free": disk.reserve, "promised to scans and jobs": waiting}
-    more |= {} if disk.quota is None else {"quota": disk.quota}
+    more = {"free on the disk": disk.free, "stays free": disk.reserve}
     show_figures(f"{settings.data}", {name: human_size(size) for name, size in (held | more).items()})
 
 

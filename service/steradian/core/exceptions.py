@@ -90,20 +90,18 @@ class FolderNotWritable(DamagedFile):
 
 
 class DiskFull(SteradianError):
-    """Error: the disk or its quota has insufficient space.
+    """Error: the disk has insufficient space.
 
     Parameters
     ----------
-    needed, available, promised
-        Bytes, where they are known: what is needed, what there is for it, and what others were promised.
+    needed, available
+        Bytes, where they are known: what is needed, and what there is for it.
     """
 
     code = "disk-full"
 
-    def __init__(
-        self, message: str, *, needed: int | None = None, available: int | None = None, promised: int | None = None
-    ) -> None:
-        self.needed, self.available, self.promised = needed, available, promised
+    def __init__(self, message: str, *, needed: int | None = None, available: int | None = None) -> None:
+        self.needed, self.available = needed, available
         super().__init__(message)
 
 

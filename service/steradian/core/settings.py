@@ -170,9 +170,6 @@ class Settings(BaseModel):
     disk_reserve_bytes: int = Field(
         default=100 * 2**20, ge=0, description="Free space of the disk that uploads and jobs leave (bytes)"
     )
-    quota_bytes: int | None = Field(
-        default=None, ge=1, description="Most bytes in the data folder when an upload or a job comes; none: the disk's"
-    )
     job_timeout: float = Field(default=6 * 3600.0, gt=0, le=30 * 86_400, description="Longest a job may run (s)")
 
     @classmethod

@@ -81,8 +81,6 @@ class JobRequest:
         Batch of the job, if any.
     simulated
         Whether the job's scan came from a simulated scanner.
-    promised
-        Bytes of disk space reserved for the job.
     requires
         Requirements on the worker.
     """
@@ -95,7 +93,6 @@ class JobRequest:
     principal: str = "local"
     batch_id: str | None = None
     simulated: bool = False
-    promised: int = 0
     requires: Requirements = Requirements()
 
 

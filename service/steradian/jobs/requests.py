@@ -257,7 +257,6 @@ def to_job_request(
     principal: str = "local",
     batch_id: str | None = None,
     simulated: bool = False,
-    promised: int = 0,
     memory: int = 0,
 ) -> JobRequest:
     """Convert an API request to a job for the queue; ``memory`` is a lower bound of the required bytes."""
@@ -273,7 +272,6 @@ def to_job_request(
         principal,
         batch_id,
         simulated,
-        promised,
         Requirements(
             memory=max(memory, request.requires.memory or 0),
             cores=request.requires.cores or 0,

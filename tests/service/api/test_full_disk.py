@@ -56,6 +56,10 @@ def test_an_upload_of_unknown_length_leaves_the_reserve_free(small):
         assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), answer.text
         assert answer.json()["available_bytes"] < answer.json()["needed_bytes"] <= MIB
         assert [path.name for path in server.data.uploads.iterdir()] == [kept.json()["id"]]
+        told = http.get("/storage").json()
+        assert told["available_bytes"] == told["free_bytes"] - told["reserve_bytes"]
+        assert abs(http.get("/").json()["limits"]["disk_available_bytes"] - told["available_bytes"]) < MIB
+        assert told["used_bytes"]["uploads"] == 10 * MIB
         stated = http.post("/uploads", content=bytes(45 * MIB))
         assert (stated.status_code, stated.json()["needed_bytes"]) == (507, 45 * MIB)
         assert 0 < stated.json()["available_bytes"] < 40 * MIB
@@ -124,9 +128,25 @@ def test_jobs_exceeding_disk_space_return_507_with_needed_bytes(small):
             assert count * one < answer.json()["needed_bytes"] < 1.1 * count * one
             assert one < answer.json()["available_bytes"] < 2 * one
         assert http.post("/reconstructions", json=volume).status_code == 202
+        (small / "filler").write_bytes(bytes(int(answer.json()["available_bytes"] - one // 2)))
         answer = http.post("/reconstructions", json=volume)
-        assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), "the first one's place is promised"
-        assert one < answer.json()["promised_bytes"] < 1.1 * one
+        assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), "less than the reserve would be free"
         assert answer.json()["available_bytes"] < one < answer.json()["needed_bytes"]
         assert len(http.get("/jobs").json()["items"]) == 1
         assert http.get("/batches").json()["items"] == []
+
+
+def test_scan_may_use_the_reserve_but_not_more_than_the_disk(small):
+    """A scan under way is what the reserve is for."""
+    mask = {"arrangement": "grid", "aperture": 0.01, "count": 30, "interval": 1e-4}
+    with serving(small / "data", disk_reserve_bytes=2**40) as (_, http):
+        mask_id = http.post("/masks", json=mask).json()["id"]
+        plans = [
+            http.post("/plans", json={"mask_id": mask_id, "samples": 2048, "frames": frames}).json()
+            for frames in (5, 40)
+        ]
+        assert http.post("/uploads", content=b"x").json()["available_bytes"] == 0
+        assert make_scan(http, plans[0]["id"]).status_code == 201
+        answer = make_scan(http, plans[1]["id"])
+        assert (answer.status_code, answer.json()["code"]) == (507, "disk-full"), answer.text
+        assert plans[1]["preview"]["bytes"] <= answer.json()["needed_bytes"]

@@ -1,11 +1,9 @@
 """What is deleted while something that needs it is being made: one of the two is refused, naming the other."""
 
 import asyncio
-import dataclasses
 import threading
 import uuid
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from datetime import timedelta
 
 import httpx
@@ -14,11 +12,8 @@ from sqlalchemy import select, text
 
 from steradian.api.app import create_app
 from steradian.api.background.retention import apply_retention
-from steradian.api.use_cases.admission import estimate_resources
 from steradian.core.settings import Settings
 from steradian.jobs.job import JobRequest, Succeeded
-from steradian.jobs.requests import ReconstructionRequest
-from steradian.storage.capacity.quota import reserved_bytes
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, MaskRow, PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.event_log import append_event
@@ -282,26 +277,3 @@ def test_concurrent_emergency_stop_and_resume_do_not_deadlock(bench):
         session.execute(select(ScanRow.id).where(ScanRow.id == scan).with_for_update())
     going_on.join(60)
     assert answers[0].json()["desired_state"] == "running", answers[0].text
-
-
-def test_two_jobs_that_come_at_once_do_not_get_the_same_place_on_the_disk(bench, monkeypatch):
-    """Each is at the end of its transaction, and so may not see the other's row, when the other asks for room."""
-    scan, services = bench.scan(), bench.services
-    with services.database.read() as session:
-        before = reserved_bytes(session, services.data)
-    wanted = ReconstructionRequest.create(scan_id=scan, parameters=SMALL)
-    volume = estimate_resources(services, services.scans.get(scan), wanted).disk
-    quota = services.disk.used + before + volume * 3 // 2  # room for one of them, and for what the database writes
-    monkeypatch.setattr(services, "disk", dataclasses.replace(services.disk, reserve=0, quota=quota))
-    submit, both = services.submit, threading.Barrier(2)
-
-    def together(session, request):
-        row = submit(session, request)
-        with suppress(threading.BrokenBarrierError):
-            both.wait(2)  # in vain where one waits for the other's end
-        return row
-
-    monkeypatch.setattr(services, "submit", together)
-    with ThreadPoolExecutor(2) as pool:
-        asked = [pool.submit(bench.post, "/reconstructions", scan_id=scan, parameters=SMALL) for _ in range(2)]
-    assert sorted(answer.result().status_code for answer in asked) == [202, 507]

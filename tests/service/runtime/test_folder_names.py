@@ -72,7 +72,7 @@ def test_service_in_a_folder_of_any_name_scans_reconstructs_and_is_backed_up(tmp
         service.done("/jobs", kind="import", upload_id=uploaded["id"])
         assert command("backup", backup, "--data", folder).returncode == 0
         shown = command("storage", "show", "--data", folder)
-        assert "promised to scans and jobs" in shown.stdout
+        assert "free on the disk" in shown.stdout
     finally:
         service.close()
     assert sorted(path.name for path in (tmp_path / "data").iterdir()) == [ALL]

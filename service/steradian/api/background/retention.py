@@ -14,7 +14,6 @@ from steradian.core.atomic_files import remove, remove_drafts, remove_older
 from steradian.core.settings import Settings
 from steradian.storage.blobs.interface import BlobStore, upload_name
 from steradian.storage.blobs.object_store import S3BlobStore
-from steradian.storage.capacity.quota import importing_job_id
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database
 from steradian.storage.db.tables import JobRow, ScanRow
@@ -23,6 +22,7 @@ from steradian.storage.maintenance.clock_trust import EARLIEST, TrustedClock, re
 from steradian.storage.repositories.deletion import DeletionService, waiting_import
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore
+from steradian.storage.repositories.imports import importing_job_id
 from steradian.storage.repositories.references import Resource, referenced_jobs
 
 UPLOADS_KEPT = timedelta(days=1)

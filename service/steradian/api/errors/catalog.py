@@ -304,9 +304,9 @@ PROBLEM_TYPES: Final[Mapping[str, ProblemType]] = MappingProxyType(
         "disk-full": ProblemType(
             507,
             "Insufficient storage",
-            "The result does not fit on the disk beside queued and running jobs; the problem gives the bytes"
-            " needed, free and reserved.",
-            "Delete resources that are no longer needed, cancel queued jobs, or request a smaller volume.",
+            "The result does not fit on the disk without its reserve; the problem gives the bytes needed and"
+            " available.",
+            "Delete resources that are no longer needed, or request a smaller volume.",
         ),
     }
 )

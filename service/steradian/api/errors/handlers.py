@@ -83,7 +83,6 @@ class Problem(BaseModel):
     )
     needed_bytes: int | None = Field(default=None, description="Bytes that the request needs (507)")
     available_bytes: int | None = Field(default=None, description="Bytes available for the request (507)")
-    promised_bytes: int | None = Field(default=None, description="Bytes reserved for queued and running jobs (507)")
 
 
 _REFUSALS: dict[str, str] = {
@@ -168,11 +167,7 @@ async def _handle_domain_error(request: Request, error: Exception) -> JSONRespon
     headers = {"Retry-After": str(getattr(error, "retry_after", 1))} if PROBLEM_TYPES[error.code].retryable else {}
     more: dict[str, Any] = {}
     if isinstance(error, DiskFull):
-        more = {
-            "needed_bytes": error.needed,
-            "available_bytes": error.available,
-            "promised_bytes": error.promised,
-        }
+        more = {"needed_bytes": error.needed, "available_bytes": error.available}
     elif isinstance(error, HasDependents):
         more = {"dependents": [link(f"/{_NOUNS[one.kind]}/{one.id}") for one in error.dependents[:MOST_NAMED]]}
     return problem_response(request.scope, error.code, str(error), errors=errors, headers=headers, **more)

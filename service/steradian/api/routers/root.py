@@ -57,7 +57,7 @@ def read_root(services: ServicesDep, request: Request) -> RootView:
             "upload_bytes": settings.max_import_bytes,
             "volume_bytes": settings.max_volume_bytes,
             "disk_reserve_bytes": settings.disk_reserve_bytes,
-            "disk_available_bytes": services.available,
+            "disk_available_bytes": services.disk.available,
             "wait_seconds": longest_wait(request),
         },
         formats=_FORMATS,

@@ -6,7 +6,6 @@ import base64
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Self, TypeAlias
@@ -123,27 +122,26 @@ async def create_upload(
     response.headers["Location"] = here
     draft = services.data.uploads / f"{identifier}.part"
     digest, size = hashlib.sha256(), 0
-    require = await run_in_threadpool(_room, services, lambda: size)
     if length is not None:
-        await run_in_threadpool(_begin, services, identifier, length, require)
+        await run_in_threadpool(_begin, services, identifier, length)
         response.headers.update(_progress(0, length))
         return UploadView(id=identifier, bytes=0, length=length, links={"self": here})
 
     def keep(file: BinaryIO, piece: bytes) -> None:
-        take(len(piece))
+        _require_space(services, len(piece), size)
         digest.update(piece)
         file.write(piece)
 
     try:
-        with services.arrivals.upload(int(request.headers.get("content-length", 0)), require) as take:
-            with await run_in_threadpool(draft.open, "wb") as file:
-                async for piece in request.stream():
-                    await run_in_threadpool(keep, file, piece)
-                    size += len(piece)
-                if not size:
-                    raise InvalidInput("body", "empty", "the bytes of a file")
-                await run_in_threadpool(_fsync, file)
-            await run_in_threadpool(services.arrays.put_and_commit, upload_name(identifier), draft)
+        await run_in_threadpool(_require_space, services, int(request.headers.get("content-length", 0)))
+        with await run_in_threadpool(draft.open, "wb") as file:
+            async for piece in request.stream():
+                await run_in_threadpool(keep, file, piece)
+                size += len(piece)
+            if not size:
+                raise InvalidInput("body", "empty", "the bytes of a file")
+            await run_in_threadpool(_fsync, file)
+        await run_in_threadpool(services.arrays.put_and_commit, upload_name(identifier), draft)
     finally:
         await run_in_threadpool(draft.unlink, missing_ok=True)
     return UploadView(id=identifier, bytes=size, sha256=digest.hexdigest(), links={"self": here})
@@ -176,26 +174,25 @@ async def append_upload(services: ServicesDep, request: Request, upload_id: UPLO
     """
     part = await run_in_threadpool(Part.find, services.data.uploads, upload_id)
     size = offset
-    require = await run_in_threadpool(_room, services, lambda: size)
 
     def keep(file: BinaryIO, piece: bytes) -> None:
         if size + len(piece) > part.length:
             raise InvalidInput("body", f"more than {part.length - offset} bytes", f"the rest of {part.length} bytes")
-        take(len(piece))
+        _require_space(services, len(piece), size)
         file.write(piece)
         file.flush()
 
-    with services.arrivals.upload(int(request.headers.get("content-length", 0)), require, kept=True) as take:
-        with part.open(offset) as file:
-            async for piece in request.stream():
-                await run_in_threadpool(keep, file, piece)
-                size += len(piece)
-            if size == part.length:
-                digest = await run_in_threadpool(part.digest)
-                await run_in_threadpool(services.arrays.put_and_commit, upload_name(upload_id), part.path)
-                await run_in_threadpool(part.path.unlink, missing_ok=True)
-                told = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
-                return Response(status_code=204, headers=_progress(size, part.length) | told)
+    await run_in_threadpool(_require_space, services, int(request.headers.get("content-length", 0)), size)
+    with part.open(offset) as file:
+        async for piece in request.stream():
+            await run_in_threadpool(keep, file, piece)
+            size += len(piece)
+        if size == part.length:
+            digest = await run_in_threadpool(part.digest)
+            await run_in_threadpool(services.arrays.put_and_commit, upload_name(upload_id), part.path)
+            await run_in_threadpool(part.path.unlink, missing_ok=True)
+            told = {"Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
+            return Response(status_code=204, headers=_progress(size, part.length) | told)
     return Response(status_code=204, headers=_progress(size, part.length))
 
 
@@ -233,33 +230,22 @@ def _inspect(description: dict[str, Any] | None, *uploads: Path) -> bytes:
     return UploadPreviewView.model_validate(found, from_attributes=True).model_dump_json().encode()
 
 
-def _room(services: ServiceContainer, come: Callable[[], int]) -> Callable[[int], None]:
-    """Return a function that rejects uploads which do not fit on the disk beside concurrent ones."""
-    measured, taken = services.refresh_disk_usage(), _reserve(services)
-
-    def require(count: int) -> None:
-        what = f"the upload, of which {come() / 1e6:.1f} MB have come," if come() else "the upload"
-        used = measured.used + services.arrivals.came - measured.came
-        services.disk.require(count, what, taken + services.arrivals.awaited, used)
-
-    return require
+def _require_space(services: ServiceContainer, count: int, received: int = 0) -> None:
+    """Raise :class:`DiskFull` if ``count`` more bytes of an upload do not fit on the disk."""
+    what = f"the upload, of which {received / 1e6:.1f} MB have come," if received else "the upload"
+    services.disk.require(count, what)
 
 
-def _begin(services: ServiceContainer, identifier: str, length: int, require: Callable[[int], None]) -> None:
+def _begin(services: ServiceContainer, identifier: str, length: int) -> None:
     largest = services.settings.max_import_bytes
     if length > largest:
         raise InvalidInput("Upload-Length", length, f"1 to {largest} (bytes)")
-    require(length)
+    _require_space(services, length)
     Part.begin(services.data.uploads, identifier, length)
 
 
 def _progress(come: int, length: int) -> dict[str, str]:
     return {"Upload-Offset": str(come), "Upload-Length": str(length), TUS: TUS_VERSION}
-
-
-def _reserve(services: ServiceContainer) -> int:
-    with services.database.read() as session:
-        return services.reserved_bytes(session)
 
 
 def _is_name(upload_id: str) -> bool:

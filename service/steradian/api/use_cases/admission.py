@@ -22,7 +22,7 @@ from steradian.reconstructions.parameters import LARGE, ReconstructionParameters
 from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.frames import Frame
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
-from steradian.storage.capacity.quota import scan_bytes
+from steradian.storage.capacity.reserve import scan_bytes
 from steradian.storage.data_dir.job_directory import VOLUME
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.state_machines import SETTLED_SCAN_STATES, ReconstructionState

@@ -1,4 +1,4 @@
-"""Submission of scans: choice of the scanner, lease, disk reservation and row, in one idempotent transaction."""
+"""Submission of scans: choice of the scanner, lease, disk space and row, in one idempotent transaction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from steradian.api.schemas.scans import ScanRequest
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import Conflict, InvalidInput
 from steradian.security.keys import Principal
-from steradian.storage.capacity.quota import scan_bytes
+from steradian.storage.capacity.reserve import scan_bytes
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
 from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped
@@ -39,11 +39,10 @@ def submit_scan(
             services, _require_completable(services, request.completes, plan), scanner_id
         )
     scanner = _scanner_for(services, scanner_id)
-    usage = services.refresh_disk_usage()  # may be slow: outside of the transaction
+    services.require_disk_space(scan_bytes(plan), "the scan", for_scan=True)
 
     def run(session: Session) -> StoredResponse:
         fence = require_lease(services, session, lease, principal, scanner.id)
-        services.require_disk_space(session, scan_bytes(plan), "the scan", usage, for_scan=True)
         row = services.scans.add(
             session,
             plan,

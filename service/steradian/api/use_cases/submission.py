@@ -1,4 +1,4 @@
-"""Submission of jobs: admission checks, disk reservation, references and rows, in one idempotent transaction."""
+"""Submission of jobs: admission checks, disk space, references and rows, in one idempotent transaction."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from steradian.storage.repositories.references import lock_references
 
 
 class Admitted(NamedTuple):
-    """Admitted submission: requests, disk reservation, and the function that inserts the rows.
+    """Admitted submission: requests, disk space, and the function that inserts the rows.
 
     Attributes
     ----------
     requests
         Job requests whose references are locked.
     disk
-        Bytes to reserve.
+        Bytes that the jobs will write.
     subject
         Noun for the error of a full disk.
     insert
@@ -115,9 +115,7 @@ def submit_job(
         estimate = check_job(services, request)
 
         def insert(session: Session) -> StoredResponse:
-            job = to_job_request(
-                new_id("j"), request, principal=principal.name, promised=estimate.disk, memory=estimate.memory
-            )
+            job = to_job_request(new_id("j"), request, principal=principal.name, memory=estimate.memory)
             row = services.submit(session, job)
             session.flush()
             view = JobView.of(to_status(row))
@@ -131,14 +129,13 @@ def submit_job(
 def _submit_once(
     services: ServiceContainer, key: IdempotencyKey | None, admit: Callable[[], Admitted]
 ) -> StoredResponse:
-    """Return the stored response of a repeated request; otherwise check the request, reserve disk and insert rows."""
+    """Return the stored response of a repeated request; otherwise check request and disk and insert rows."""
     if (stored := services.idempotency.get(key)) is not None:
         return stored
     admitted = admit()
-    usage = services.refresh_disk_usage()  # may be slow: outside of the transaction
+    services.require_disk_space(admitted.disk, admitted.subject)
 
     def run(session: Session) -> StoredResponse:
-        services.require_disk_space(session, admitted.disk, admitted.subject, usage)
         lock_references(session, *(request.model_dump(mode="json") for request in admitted.requests))
         return admitted.insert(session)
 
@@ -160,7 +157,6 @@ def _insert(
         principal=principal.name,
         batch_id=None if batch is None else batch.id,
         simulated=scan.simulated,
-        promised=estimate.disk,
         memory=estimate.memory,
     )
     row = services.submit(session, job)

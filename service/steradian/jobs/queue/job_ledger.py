@@ -66,7 +66,6 @@ class JobLedger(Repository[JobRow]):
             priority=request.priority,
             turn=next_start_tag(session, request.principal, request.priority),
             timeout=request.timeout,
-            promised=request.promised,
             requires_memory=request.requires.memory,
             requires_cores=request.requires.cores,
             requires_gpu=request.requires.gpu,

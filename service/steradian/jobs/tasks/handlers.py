@@ -20,7 +20,6 @@ from steradian.jobs import requests
 from steradian.jobs.tasks.context import JobContext
 from steradian.jobs.tasks.job_type import handles
 from steradian.storage.blobs.interface import FolderBlobStore, result_name, scan_name, upload_name
-from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.job_directory import VOLUME
 
 if TYPE_CHECKING:
@@ -250,7 +249,7 @@ def import_recording(work: JobContext, job: requests.ImportRequest) -> dict[str,
     from steradian.reconstructions.scan_plan_reader import read_stored_plan
     from steradian.scans.importing.sandbox import import_in_sandbox
     from steradian.scans.importing.staging import stage_upload
-    from steradian.storage.repositories.imports import register_import
+    from steradian.storage.repositories.imports import imported_scan_id, register_import
 
     uploads = [upload_name(name) for name in (job.upload_id, job.companion_id) if name is not None]
     scan_id = imported_scan_id(work.folder.name)

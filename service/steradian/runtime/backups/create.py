@@ -39,12 +39,12 @@ from steradian.scans.file.create import is_disk_full_error
 from steradian.scans.file.h5py_errors import HDF5_ERRORS
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.verify import verify_scan_file
-from steradian.storage.capacity.quota import imported_scan_id
 from steradian.storage.data_dir.layout import PRIVATE_MODE, DataDirectory
 from steradian.storage.data_dir.sqlite_urls import sqlite_url
 from steradian.storage.db.database import Database, known_revisions
 from steradian.storage.db.tables import JobRow, ScanRow
 from steradian.storage.maintenance.snapshot import take_snapshot
+from steradian.storage.repositories.imports import imported_scan_id
 from steradian.storage.state_machines import ScanState, is_terminal
 
 MAX_ROUNDS: Final = 20

@@ -1,1 +1,1 @@
-"""Disk quota and disk usage of the data folder."""
+"""Disk reserve and disk usage of the data folder."""

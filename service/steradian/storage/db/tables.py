@@ -98,11 +98,11 @@ class JobRow(Base):
     """Table of jobs: state, attempts, progress and history.
 
     The queue engine decides which worker runs a job and when; all other code reads this row. ``fence`` is the fencing
-    token: the number of attempts, including requeued ones; reports of earlier attempts are rejected. ``promised`` is
-    the number of reserved bytes; ``scan_id`` repeats the payload's, for lists; ``resource`` is the job's API resource,
-    *reconstruction* or *job*; ``simulated`` says whether its scan came from a simulated scanner; ``request_id`` is the
-    HTTP request that created the job, if any; ``owner`` is the principal that requested the job, and ``turn`` the
-    fair-queueing start tag. ``requires_…`` are the requirements on the worker.
+    token: the number of attempts, including requeued ones; reports of earlier attempts are rejected. ``scan_id``
+    repeats the payload's, for lists; ``resource`` is the job's API resource, *reconstruction* or *job*; ``simulated``
+    says whether its scan came from a simulated scanner; ``request_id`` is the HTTP request that created the job, if
+    any; ``owner`` is the principal that requested the job, and ``turn`` the fair-queueing start tag. ``requires_…`` are
+    the requirements on the worker.
     """
 
     __tablename__ = "jobs"
@@ -120,7 +120,6 @@ class JobRow(Base):
     priority: Mapped[int]
     turn: Mapped[int] = mapped_column(default=0)
     timeout: Mapped[float | None]
-    promised: Mapped[int] = mapped_column(BigInteger, default=0)
     requires_memory: Mapped[int] = mapped_column(BigInteger, default=0)
     requires_cores: Mapped[int] = mapped_column(default=0)
     requires_gpu: Mapped[bool] = mapped_column(default=False)

@@ -67,3 +67,13 @@ def register_import(
         )
         session.add(scan)
         append_event(session, now, "scan", scan_id, {"state": state, "who": who, "why": why})
+
+
+def imported_scan_id(job_id: str) -> str:
+    """Return the identifier of the scan that an import job creates; the same for each attempt."""
+    return f"s{job_id[1:]}"
+
+
+def importing_job_id(scan_id: str) -> str:
+    """Return the identifier of the import job that creates a scan with this identifier."""
+    return f"j{scan_id[1:]}"

@@ -99,7 +99,6 @@ def _jobs() -> None:
         sa.Column("priority", sa.Integer, nullable=False),
         sa.Column("turn", sa.Integer, nullable=False),
         sa.Column("timeout", sa.Double),
-        sa.Column("promised", sa.BigInteger, nullable=False),
         sa.Column("requires_memory", sa.BigInteger, nullable=False),
         sa.Column("requires_cores", sa.Integer, nullable=False),
         sa.Column("requires_gpu", sa.Boolean, nullable=False),
