@@ -25,7 +25,6 @@ LONGER = {
     "steradian/reconstructions/live/follow",
     "steradian/scans/importing/untrusted",
     "steradian/scans/acquisition/session",
-    "steradian/storage/db/tables",
     "steradian_client/models",
 }
 REASONS = Path(__file__).parents[2] / "docs" / "adr" / "0009-rooms.md"

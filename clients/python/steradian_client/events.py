@@ -11,9 +11,9 @@ from typing import Any, Final
 
 from steradian_client import routes
 from steradian_client.errors import ConnectionFailed, ServiceError
-from steradian_client.models import Event, Ticket
+from steradian_client.models import Event
 from steradian_client.request_session import INITIAL_BACKOFF, LONGEST_PAUSE, RETRYABLE, RequestSession
-from steradian_client.sync_async import Mode, Resource, dual_iterator, dual_method
+from steradian_client.sync_async import Mode, Resource, dual_iterator
 
 KEEPALIVE_TIMEOUT: Final = 30.0
 """Seconds without a sign of life, of which the service gives one every 15 s, after which a stream counts as broken."""
@@ -126,8 +126,3 @@ class Events(Resource[Mode]):
             async for event in events:
                 if event is not None:
                     yield event
-
-    @dual_method
-    async def ticket(self) -> Ticket:
-        """Request a single-use ticket with which a browser opens one event stream."""
-        return await self._session.request_model(Ticket, routes.CREATE_TICKET)

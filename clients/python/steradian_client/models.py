@@ -460,13 +460,6 @@ class Scanner(ResponseModel):
     emergency_stop: EmergencyStop | None
 
 
-class Ticket(ResponseModel):
-    """Single-use ticket with which a browser opens an event stream."""
-
-    ticket: str
-    seconds: float
-
-
 class Event(ResponseModel):
     """Event of the service's stream: a change of state, or progress.
 

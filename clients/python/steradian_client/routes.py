@@ -119,4 +119,3 @@ PREVIEW_UPLOAD: Final = Route("POST", f"{V1}/uploads/{{id}}/preview")
 DELETE_UPLOAD: Final = Route("DELETE", f"{V1}/uploads/{{id}}")
 
 FOLLOW_EVENTS: Final = Route("GET", f"{V1}/events")
-CREATE_TICKET: Final = Route("POST", f"{V1}/tickets")

@@ -1,10 +1,9 @@
-"""API keys and event-stream tickets, stored as SHA-256 hashes (one round, because the secrets are random)."""
+"""API keys, stored as SHA-256 hashes (one round, because the secrets are random)."""
 
 from __future__ import annotations
 
 import hashlib
 import hmac
-import re
 import secrets
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -12,28 +11,19 @@ from dataclasses import dataclass
 from datetime import timedelta
 from enum import StrEnum
 
-from sqlalchemy import delete, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from steradian.core.exceptions import InvalidInput, NotFound, SteradianError
 from steradian.storage.db.database import Database, advisory_xact_lock
-from steradian.storage.db.tables import ApiKeyRow, TicketRow
+from steradian.storage.db.tables import ApiKeyRow
 from steradian.storage.db.timestamps_and_ids import Clock, utc_now
 
 PREFIX = "sk"
-TICKET_SECONDS = 30.0
-"""For how long a ticket waits for its stream to be opened."""
-RECONNECT_SECONDS = 60.0
-"""For how long after a stream's end its ticket lets the same client come back."""
-STREAM_SECONDS = 12 * 3600.0
-"""For how long a ticket lets it come back at all, from the first opening."""
 FIRST_LOCK = 0x57E2AD1F
 """Number of the PostgreSQL advisory lock under which a first key is made."""
 LONGEST_NAME = 100
 """Characters; what a principal is called has twenty more and is written down in columns of 120."""
-INVALID_MESSAGE = "the ticket is unknown, used or too old"
-_NAME = re.compile(r"key .* \(([0-9a-f]+)\)", re.DOTALL)
-"""What a principal with a key is called; see :meth:`KeyStore.check`."""
 
 
 class Scope(StrEnum):
@@ -65,7 +55,7 @@ class Principal:
     name: str
     scopes: frozenset[Scope]
     key_id: str | None = None
-    """Of the key that proved it, directly or by a ticket."""
+    """Identifier of the key that proved it."""
 
     def may(self, scope: Scope) -> bool:
         """Return whether the principal has a scope."""
@@ -76,7 +66,7 @@ _SETTINGS = Principal("settings", frozenset({Scope.ADMIN}))
 
 
 class KeyStore:
-    """Store of API keys and event-stream tickets: create, check and revoke.
+    """Store of API keys: create, check and revoke.
 
     Parameters
     ----------
@@ -199,67 +189,6 @@ class KeyStore:
         if row is None or not self._is_valid(row):
             raise Unauthorized("the key of this session is revoked or expired")
         return _principal_of(row)
-
-    def issue_ticket(self, principal: Principal) -> str:
-        """Create a ticket that opens one event stream within :data:`TICKET_SECONDS`."""
-        ticket, now = secrets.token_urlsafe(24), self.clock()
-        with self.database.write() as session:
-            session.execute(delete(TicketRow).where(TicketRow.expires < now))
-            expires = now + timedelta(seconds=TICKET_SECONDS)
-            session.add(TicketRow(hash=_hash(ticket), principal=principal.name, expires=expires))
-        return ticket
-
-    def peek_ticket(self, ticket: str) -> Principal:
-        """Return the principal of a ticket without using it up; raises :class:`Unauthorized` if it is invalid."""
-        with self.database.read() as session:
-            row = session.get(TicketRow, _hash(ticket))
-        return self._bearer(row)
-
-    def open_stream(self, ticket: str, *, goes_on: bool) -> None:
-        """Validate a ticket for an event stream, mark it as used and count the open stream.
-
-        A ticket opens one stream. The same client may reconnect while the stream still seems open (a lost link is not
-        detected at once), within :data:`RECONNECT_SECONDS` of its end, and for :data:`STREAM_SECONDS` in all.
-
-        Parameters
-        ----------
-        goes_on
-            Whether the caller reconnects, proved by the identifier of an event of the stream.
-
-        Raises
-        ------
-        Unauthorized
-            When the ticket is unknown, used or too old.
-        """
-        name = _hash(ticket)
-        with self.database.write() as session:
-            row = session.get(TicketRow, name, with_for_update=True)
-            self._bearer(row)
-            if row is None or (row.opened is not None and not goes_on):
-                raise Unauthorized(INVALID_MESSAGE)
-            row.opened = row.opened or self.clock()
-            row.expires = row.opened + timedelta(seconds=STREAM_SECONDS)
-            row.streams += 1
-
-    def close_stream(self, ticket: str) -> None:
-        """Decrease the ticket's count of open streams; after the last one, the ticket expires soon."""
-        name = _hash(ticket)
-        with self.database.write() as session:
-            row = session.get(TicketRow, name, with_for_update=True)
-            if row is None:
-                return
-            row.streams = max(0, row.streams - 1)
-            if not row.streams:
-                row.expires = min(row.expires, self.clock() + timedelta(seconds=RECONNECT_SECONDS))
-
-    def _bearer(self, row: TicketRow | None) -> Principal:
-        if row is None or row.expires < self.clock():
-            raise Unauthorized(INVALID_MESSAGE)
-        issuer = _NAME.fullmatch(row.principal)
-        principal = Principal(row.principal, frozenset({Scope.READ}), issuer[1] if issuer else None)
-        if self.is_revoked(principal):
-            raise Unauthorized(INVALID_MESSAGE)
-        return principal
 
     def is_revoked(self, principal: Principal) -> bool:
         """Return whether a principal's key is revoked or expired, according to the cache."""

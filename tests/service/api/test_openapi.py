@@ -16,7 +16,7 @@ OPERATIONS = {
         batch_create batch_delete batch_desired_state_set batch_read batches_list
     """,
     "events": """
-        events_follow ticket_create
+        events_follow
     """,
     "health": """
         health_read metrics_read readiness_read

@@ -175,8 +175,8 @@ def test_the_list_for_people_is_written_from_the_same_table(capsys):
     assert capsys.readouterr().out == LISTED.read_text()
 
 
-def test_the_address_in_a_problem_holds_no_ticket(server):
-    """What is in the query may open something."""
-    refused = httpx.get(f"{server.url}/api/v1/events?ticket=secret", timeout=250)
-    assert (refused.status_code, refused.json()["instance"]) == (401, "/api/v1/events")
+def test_problem_instance_omits_the_query(server):
+    """A client may have put a secret into it by mistake."""
+    refused = httpx.get(f"{server.url}/api/v1/scans/s1?key=secret", timeout=250)
+    assert (refused.status_code >= 400, refused.json()["instance"]) == (True, "/api/v1/scans/s1")
     assert "secret" not in refused.text

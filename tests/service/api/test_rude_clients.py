@@ -158,12 +158,12 @@ def test_a_stream_ends_when_its_key_is_revoked(tmp_path):
     try:
         server.wait()
         url, mine = f"{server.url}/api/v1", {"Authorization": f"Bearer {key}"}
-        ticket = httpx.post(f"{url}/tickets", headers=mine, timeout=250).json()["ticket"]
+        session = httpx.post(f"{url}/session", headers=mine, timeout=250).cookies
         with ExitStack() as stack:
             by_key = stack.enter_context(httpx.stream("GET", f"{url}/events", headers=mine, timeout=WAIT))
-            by_ticket = stack.enter_context(httpx.stream("GET", f"{url}/events?ticket={ticket}", timeout=WAIT))
+            by_session = stack.enter_context(httpx.stream("GET", f"{url}/events", cookies=session, timeout=WAIT))
             keys.revoke(keys.list()[0].id)
-            for stream in (by_key, by_ticket):
+            for stream in (by_key, by_session):
                 assert "event: ready" in list(stream.iter_lines()), "it ends"
         assert httpx.get(f"{url}/masks", headers=mine, timeout=250).status_code == 401
     finally:

@@ -1,6 +1,4 @@
-"""Who may do what, and what is kept of keys and tickets; who may not stands in :mod:`attacks`."""
-
-from datetime import UTC, datetime, timedelta
+"""Who may do what, and what is kept of keys; who may not stands in :mod:`attacks`."""
 
 import httpx
 import pytest
@@ -11,7 +9,7 @@ from steradian.api.middleware.authentication import PUBLIC, SCOPES
 from steradian.core.exceptions import InvalidInput
 from steradian.core.settings import Settings
 from steradian.security.bootstrap import require_api_key
-from steradian.security.keys import KeyStore, Scope, Unauthorized
+from steradian.security.keys import KeyStore, Scope
 from steradian.storage.db.database import Database
 from support.apis import ApiProcess
 
@@ -142,60 +140,6 @@ def test_versioned_response_is_cached_privately_with_revalidation(guarded, clien
 def test_health_is_open_to_anybody(guarded, client):
     assert client.get(f"{guarded.url}/healthz").status_code == 200
     assert client.get(f"{guarded.url}/readyz").status_code == 503
-
-
-def ticket_of(guarded, client):
-    key = {"Authorization": f"Bearer {guarded.of_scope[Scope.READ]}"}
-    return client.post(f"{guarded.url}/api/v1/tickets", headers=key).json()["ticket"]
-
-
-def test_stream_ticket_opens_single_event_stream_only(guarded, client):
-    ticket = ticket_of(guarded, client)
-    assert guarded.ask(client, "GET", f"/api/v1/scans?ticket={ticket}").status_code == 401
-    assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 200
-    assert guarded.ask(client, "GET", f"/api/v1/events?ticket={ticket}").status_code == 401
-
-
-def test_stream_ticket_with_last_event_id_allows_reconnect(guarded, client):
-    """A browser's EventSource sends the same address again, with the last event it saw."""
-    here = f"{guarded.url}/api/v1/events?ticket={ticket_of(guarded, client)}"
-    headers = {}
-    for _ in range(3):
-        with client.stream("GET", here, headers=headers) as answer:
-            assert answer.status_code == 200
-            last = next(line for line in answer.iter_lines() if line.startswith("id:"))[3:].strip()
-        headers = {"Last-Event-ID": last}
-    for guess in ("x.1", "1", last.partition(".")[0]):
-        assert client.get(here, headers={"Last-Event-ID": guess}).status_code == 401, "who was in it knows an event"
-
-
-def test_a_ticket_is_used_up_by_a_stream_that_begins_and_by_no_refusal(guarded):
-    """What finds no place leaves it as it was: the store uses it only when the stream is opened."""
-    now = [datetime.now(UTC)]
-    keys = KeyStore(guarded.database, clock=lambda: now[0])
-    ticket = keys.issue_ticket(guarded.keys.check(guarded.of_scope[Scope.READ]))
-    assert keys.peek_ticket(ticket) == keys.peek_ticket(ticket)
-    keys.open_stream(ticket, goes_on=False)
-    with pytest.raises(Unauthorized):
-        keys.open_stream(ticket, goes_on=False)
-    keys.open_stream(ticket, goes_on=True)  # the link was lost and nobody has noticed yet
-    now[0] += timedelta(hours=1)
-    keys.close_stream(ticket)
-    now[0] += timedelta(hours=1)
-    keys.close_stream(ticket)
-    now[0] += timedelta(seconds=50)
-    keys.open_stream(ticket, goes_on=True)
-    keys.close_stream(ticket)
-    now[0] += timedelta(seconds=70)
-    with pytest.raises(Unauthorized):
-        keys.open_stream(ticket, goes_on=True)
-
-
-def test_a_ticket_that_is_too_old_is_refused(guarded):
-    past = KeyStore(guarded.database, clock=lambda: datetime.now(UTC) - timedelta(minutes=1))
-    ticket = past.issue_ticket(guarded.keys.check(guarded.of_scope[Scope.READ]))
-    with pytest.raises(Unauthorized):
-        guarded.keys.open_stream(ticket, goes_on=False)
 
 
 def test_key_store_keeps_only_hashes(guarded):

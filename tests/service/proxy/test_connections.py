@@ -61,7 +61,7 @@ def test_no_post_meets_a_connection_that_is_just_being_closed(api, tmp_path):
     async def ask(http, number):
         found = []
         for turn in range(ROUNDS):
-            answer = await http.post(f"http://127.0.0.1:{port}/{number}/api/v1/tickets")
+            answer = await http.post(f"http://127.0.0.1:{port}/{number}/api/v1/uploads", headers={"Upload-Length": "1"})
             found.append(answer.status_code)
             await asyncio.sleep(IDLE + 0.004 * ((number + turn) % 5 - 2))
         return found

@@ -55,10 +55,9 @@ PROBLEM_TYPES: Final[Mapping[str, ProblemType]] = MappingProxyType(
         "unauthorized": ProblemType(
             401,
             "Authentication required",
-            "The request has no API key, or the key is unknown, revoked or expired, or the ticket was already"
-            " used, or the session has ended.",
-            "Send Authorization: Bearer KEY; create a key with steradian key create. Request a new ticket with"
-            " POST /tickets, or a new session with POST /session.",
+            "The request has no API key, or the key is unknown, revoked or expired, or the session has ended.",
+            "Send Authorization: Bearer KEY; create a key with steradian key create. Request a new session with"
+            " POST /session.",
         ),
         "forbidden": ProblemType(
             403,

@@ -138,7 +138,7 @@ def problem_response(
         title=kind.title,
         status=kind.status,
         detail=detail,
-        instance=address(quote(scope["path"])),  # the query may hold a ticket
+        instance=address(quote(scope["path"])),  # the query may hold a secret
         code=code,
         request_id=request_id,
         retryable=kind.retryable,

@@ -10,7 +10,7 @@ import ipaddress
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final, Protocol
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 from fastapi import Request, Response
 from fastapi.routing import APIRoute
@@ -111,7 +111,6 @@ SCOPES: Final[dict[tuple[str, str], Need | None]] = {
     ("POST", f"{V1}/session"): PUBLIC,
     ("GET", f"{V1}/session"): PUBLIC,
     ("DELETE", f"{V1}/session"): PUBLIC,
-    ("POST", f"{V1}/tickets"): Need.READ,
     ("GET", f"{V1}/events"): Need.READ,
     ("GET", "/metrics"): Need.READ,
 }
@@ -135,7 +134,7 @@ class _AuthBackend(Protocol):
 
 
 class AuthenticationMiddleware:
-    """ASGI middleware that identifies the caller by key, session, ticket or loopback connection.
+    """ASGI middleware that identifies the caller by key, session, stop ticket or loopback connection.
 
     Missing or invalid credentials are rejected before the body is read.
 
@@ -191,10 +190,7 @@ class AuthenticationMiddleware:
                 raise Unauthorized("send the key as Authorization: Bearer …")
             if is_stop(scope) and (known := self._keys.check_cached(key.strip())) is not None:
                 return known
-            return await self._prove(scope, self._keys.check, key.strip())
-        if path == f"{V1}/events" and (ticket := parse_qs(scope["query_string"].decode("latin-1")).get("ticket")):
-            scope["state"]["ticket"] = ticket[0]
-            return await self._prove(scope, self._keys.peek_ticket, ticket[0])
+            return await self._prove(scope, key.strip())
         if (secret := session_secret(headers)) and (seen := await self._recognise(scope, secret)):
             check_same_origin(seen, headers, changes=scope["method"] in MUTATING_METHODS)
             scope["state"]["session"] = seen
@@ -208,15 +204,15 @@ class AuthenticationMiddleware:
         self._check_origin(scope, headers)
         return LOOPBACK
 
-    async def _prove(self, scope: Scope, check: Callable[[str], Principal], secret: str) -> Principal:
-        """Return the principal of a key or ticket; an address with too many failures may use cached keys only."""
+    async def _prove(self, scope: Scope, key: str) -> Principal:
+        """Return the principal of a key; an address with too many failures may use cached keys only."""
         address = (scope.get("client") or ("",))[0]
         if self._failed.is_exhausted(address) and not (is_stop(scope) and scope["method"] == "POST"):
-            if (known := self._keys.check_cached(secret)) is not None:
+            if (known := self._keys.check_cached(key)) is not None:
                 return known
             raise RateLimitExceeded(60 / self._settings.failed_keys_per_minute)
         try:
-            return await run_in_threadpool(check, secret)
+            return await run_in_threadpool(self._keys.check, key)
         except Unauthorized:
             with suppress(RateLimitExceeded):
                 self._failed.acquire(address)

@@ -67,7 +67,7 @@ class RequestIdMiddleware:
 
 
 class AccessLogMiddleware:
-    """Access log and metrics middleware; queries are omitted because they may contain tickets.
+    """Access log and metrics middleware; queries are omitted because they may contain secrets.
 
     Successful requests that create or delete a resource, change a desired state or press an emergency stop are logged
     at the level INFO, because other processes continue their work; all others at DEBUG.

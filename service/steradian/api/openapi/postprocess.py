@@ -50,12 +50,6 @@ SECURITY: Final = {
         "name": STOP_TICKET,
         "description": "A stop ticket (GET /session), good for 7 days for the emergency stop and nothing else",
     },
-    "ticket": {
-        "type": "apiKey",
-        "in": "query",
-        "name": "ticket",
-        "description": "A ticket from POST /tickets, good for one event stream that begins within 30 s",
-    },
 }
 CONFLICT_CODES: Final = frozenset(
     {
@@ -167,8 +161,7 @@ def _complete_operation(path: str, method: str, operation: dict[str, Any]) -> No
         _take_null_out(parameter["schema"])
     guarded = any(path == root or path.startswith(f"{root}/") for root in SCOPED_ROUTES)
     ways: list[dict[str, list[str]]] = [{}, {"key": []}, {"session": []}] if guarded else []
-    more = {"events_follow": "ticket"} | dict.fromkeys(BY_STOP_TICKET, "stop-ticket")
-    operation["security"] = [*ways, {more[name]: []}] if name in more else ways
+    operation["security"] = [*ways, {"stop-ticket": []}] if name in BY_STOP_TICKET else ways
     if "If-None-Match" in sent:
         answers["304"] = {"description": "The one you have is still right"}
     if "Range" in sent:
@@ -221,11 +214,7 @@ def _headers(operation: dict[str, Any], method: str, status: str, sent: set[str]
         yield "Preference-Applied"
     if "Idempotency-Key" in sent:
         yield "Idempotency-Replayed"
-    if (
-        method == "post"
-        and operation["operationId"].endswith("_create")
-        and operation["operationId"] != "ticket_create"
-    ):
+    if method == "post" and operation["operationId"].endswith("_create"):
         yield "Location"
     if operation["operationId"] in ("upload_append", "upload_create", "upload_read"):
         yield from ("Tus-Resumable", "Upload-Length", "Upload-Offset")

@@ -70,8 +70,8 @@ def reject_unknown_query_params(request: Request, dependant: Dependant) -> None:
     """
     if not request.query_params:
         return
-    known, also = list(_names(dependant)), {"ticket"} if hasattr(request.state, "ticket") else set()
-    unknown = [name for name in request.query_params if name not in {*known, *also}]
+    known = list(_names(dependant))
+    unknown = [name for name in request.query_params if name not in known]
     if unknown:
         about = {"expected": ", ".join(known) or "none"}
         raise RequestValidationError(

@@ -1,20 +1,17 @@
-"""``/events``: server-sent event stream of the event log, and single-use tickets for browsers."""
+"""``/events``: server-sent event stream of the event log."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import time
-from collections.abc import AsyncGenerator, AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from anyio import CancelScope
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
-from pydantic import BaseModel, Field
-from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from steradian.api.http.urls import link
@@ -22,7 +19,7 @@ from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
 from steradian.api.services import ServiceContainer
 from steradian.api.streaming.broadcaster import Event, EventBroadcaster, Progress
-from steradian.security.keys import TICKET_SECONDS, Principal
+from steradian.security.keys import Principal
 from steradian.storage.repositories.event_log import LogBounds
 
 router = APIRouter(prefix=V1, tags=["events"], route_class=AuthorizedRoute)
@@ -33,16 +30,6 @@ KEEPALIVE = 15.0
 """Seconds of silence after which a listener is told that the service is there."""
 _STREAM = {"text/event-stream": {"schema": {"type": "string", "description": "Server-sent events"}}}
 _SNAPSHOT = ("scans", "reconstructions", "jobs", "batches", "scanners")
-
-
-class TicketView(BaseModel):
-    """A ticket for one event stream."""
-
-    ticket: str = Field(
-        description="Send it as ?ticket=…; it opens one stream, to which its client may come back with Last-Event-ID",
-        examples=["Zk9…"],
-    )
-    seconds: float = Field(description="For how long it waits for its stream to be opened", examples=[TICKET_SECONDS])
 
 
 @dataclass(frozen=True)
@@ -116,29 +103,6 @@ async def _left(receive: Receive) -> None:
         pass
 
 
-async def _open_stream(request: Request, services: ServicesDep, wanted: Wanted) -> AsyncIterator[EventBroadcaster]:
-    """Open the event stream of a ticket; a client with a valid Last-Event-ID may open it again."""
-    feed: EventBroadcaster = request.app.state.feed
-    ticket: str | None = getattr(request.state, "ticket", None)
-    if ticket is None:
-        yield feed
-        return
-    bounds = await feed.log_bounds()
-    goes_on = wanted.last_event_id is not None and _resume_position(bounds, wanted.last_event_id)[1] is None
-    await run_in_threadpool(services.keys.open_stream, ticket, goes_on=goes_on)
-    try:
-        yield feed
-    finally:
-        with CancelScope(shield=True):  # also when the client has left
-            await run_in_threadpool(services.keys.close_stream, ticket)
-
-
-@router.post("/tickets", status_code=201, summary="Get a ticket for one event stream")
-def create_ticket(services: ServicesDep, who: CurrentPrincipal) -> TicketView:
-    """Create a ticket, because a browser's EventSource cannot send a key and a key must not be in a URL."""
-    return TicketView(ticket=services.keys.issue_ticket(who), seconds=TICKET_SECONDS)
-
-
 @router.get(
     "/events",
     status_code=200,
@@ -146,12 +110,7 @@ def create_ticket(services: ServicesDep, who: CurrentPrincipal) -> TicketView:
     response_class=EventStream,
     responses={200: {"description": "A stream that ends only when one side leaves", "content": _STREAM}},
 )
-async def follow_events(
-    services: ServicesDep,
-    who: CurrentPrincipal,
-    feed: Annotated[EventBroadcaster, Depends(_open_stream)],
-    wanted: Wanted,
-) -> EventStream:
+async def follow_events(request: Request, services: ServicesDep, who: CurrentPrincipal, wanted: Wanted) -> EventStream:
     """Stream changes of state (events named scan, reconstruction, job, batch, scanner), revisions and progress.
 
     Changes carry ids; a client that sends the last one it saw as Last-Event-ID gets every later one exactly once, or
@@ -160,7 +119,7 @@ async def follow_events(
     stand whenever one of them moves on, a job when its priority is changed; with each such event, places in the queue
     may be others. A revision is a newer image of a scan that is followed: its id is the reconstruction's.
     """
-    return EventStream(_stream_events(services, who, feed, wanted))
+    return EventStream(_stream_events(services, who, request.app.state.feed, wanted))
 
 
 async def _stream_events(

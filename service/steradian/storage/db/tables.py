@@ -274,17 +274,6 @@ class ApiKeyRow(Base):
     revoked: Mapped[datetime | None]
 
 
-class TicketRow(Base):
-    """Table of event-stream tickets, by the hashes of their secrets; ``streams`` counts open streams."""
-
-    __tablename__ = "tickets"
-    hash: Mapped[str] = mapped_column(String(64), primary_key=True)
-    principal: Mapped[str] = mapped_column(String(160))
-    expires: Mapped[datetime]
-    opened: Mapped[datetime | None]
-    streams: Mapped[int] = mapped_column(default=0)
-
-
 class SessionRow(Base):
     """Table of browser sessions, by the hashes of their secrets."""
 

@@ -14,7 +14,7 @@ from sqlalchemy import Connection, delete, func, insert, select, text
 from steradian.core.exceptions import Conflict
 from steradian.storage.data_dir.sqlite_urls import file_uri, sqlite_url
 from steradian.storage.db.database import Database
-from steradian.storage.db.tables import Base, FactRow, SessionRow, TicketRow
+from steradian.storage.db.tables import Base, FactRow, SessionRow
 from steradian.storage.maintenance.folder_binding import FACT_KEY
 
 BATCH_ROWS: Final = 1000
@@ -74,7 +74,6 @@ def assign_new_identity(database: Database) -> str:
     name = uuid.uuid4().hex
     with database.write() as session:
         session.execute(delete(SessionRow))
-        session.execute(delete(TicketRow))
         database.set_fact(session, FACT_KEY, name)
         database.set_fact(session, "epoch", secrets.token_hex(4))
     return name

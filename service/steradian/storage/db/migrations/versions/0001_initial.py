@@ -225,14 +225,6 @@ def _access() -> None:
         sa.Column("revoked", sa.String(32)),
     )
     op.create_table(
-        "tickets",
-        sa.Column("hash", sa.String(64), primary_key=True),
-        sa.Column("principal", sa.String(160), nullable=False),
-        sa.Column("expires", sa.String(32), nullable=False),
-        sa.Column("opened", sa.String(32)),
-        sa.Column("streams", sa.Integer, nullable=False),
-    )
-    op.create_table(
         "sessions",
         sa.Column("hash", sa.String(64), primary_key=True),
         sa.Column("issuer", sa.String(64), nullable=False, index=True),
