@@ -42,6 +42,8 @@ def work(job, progress):
         case "lock":
             with JobDirectory(Path(job["job"])).hold_running_lock(timeout=0.5):
                 return {"answer": payload["answer"]}
+        case "fill":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         case "stale":
             if job["start"] == 1:
                 raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))

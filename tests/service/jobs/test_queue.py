@@ -48,6 +48,13 @@ def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     assert (status.error_code, status.error) == ("invalid-input", "depth is -1; allowed: > 0 (m)")
 
 
+def test_job_that_meets_a_full_disk_fails_with_the_code_of_the_problem(bench):
+    bench.submit("full", "fill")
+    status = bench.queue.wait("full", timeout=250)
+    assert (status.state, status.attempt, status.error_code) == (R.FAILED, 1, "disk-full")
+    assert "No space left on device" in status.error
+
+
 def test_a_job_that_crashes_fails_at_once_and_its_log_has_the_traceback(bench):
     bench.submit("crash", "crash")
     status = bench.queue.wait("crash", timeout=250)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 from steradian.core.child_process import describe_exit
-from steradian.core.exceptions import StaleFence, SteradianError, StoreUnavailable
+from steradian.core.exceptions import DiskFull, StaleFence, SteradianError, StoreUnavailable
 from steradian.core.logging_config import request_id
 from steradian.core.progress import Progress
 from steradian.core.sandbox import set_oom_score
@@ -42,6 +42,8 @@ MAX_JOBS = 50
 """Jobs after which a child is replaced."""
 MAX_RESIDENT = 2 * 2**30
 """Bytes that a child may hold between jobs; one that holds more is replaced."""
+DISK_FULL = {errno.ENOSPC, errno.EDQUOT}
+"""System errors of a disk without space."""
 CRASHED = {errno.EIO, errno.ESTALE, errno.ENOTCONN, errno.ENODEV, errno.ENXIO, errno.ETIMEDOUT, errno.EHOSTDOWN}
 """What the system says of a file system that is gone."""
 OOM_SCORE = 500
@@ -211,6 +213,8 @@ def _do(
         message = _for_clients(f"{type(error).__name__}: {error}", payload)
         if _is_interruption(error):
             speak(interrupted=message)
+        elif isinstance(error, OSError) and error.errno in DISK_FULL:
+            speak(error={"code": DiskFull.code, "message": message})
         else:
             speak(error={"code": "internal", "message": message})
     return None
