@@ -151,4 +151,22 @@ MUTANTS = {
         "if True:",
         ("imaging/test_late_records.py::test_iterative_image_leaves_out_samples_before_the_pulse",),
     ),
+    "attenuation without dispersion": Mutant(
+        "imaging.attenuation:Attenuation.decay",
+        "/ cos(pi * y / 2) - tan(pi * y / 2) * s / omega",
+        "/ cos(pi * y / 2)",
+        ("imaging/test_attenuation.py::test_dispersion_is_the_kramers_kronig_integral",),
+    ),
+    "layers above are not heard in time": Mutant(
+        "imaging.transforms.extrapolation:plan_extrapolation",
+        "table[0, -1] = gap",
+        "table[0, -1] = 2 * gap + 1e-4",
+        ("imaging/test_layered_model.py::test_model_of_layers_gives_the_a_lines_of_rays",),
+    ),
+    "the spot is as wide as its radius": Mutant(
+        "imaging.sensing_spot:SensingSpot.evaluate",
+        "self.diameter / 2",
+        "self.diameter / 4",
+        ("imaging/test_sensing_spot.py::test_response_is_the_mean_of_a_plane_wave_over_the_beam",),
+    ),
 }
