@@ -22,7 +22,7 @@ from steradian.reconstructions.warmup import warmup_in_background
 with warmup_in_background():
     time.sleep(300)
 """
-LAST = {"depth.to_depth", "image.compact_rows", "downsample.mean_pool"}
+LAST = {"depth.to_depth", "modes_to_image.compact_rows", "downsample.mean_pool"}
 """Functions that are compiled at the end of each half, and of both."""
 
 
