@@ -23,7 +23,8 @@ def write_ome_zarr(source: VolumeExportSource, path: Path) -> None:
     """
     zarr = import_optional("zarr", "ome-zarr")
     shape = source.shape[::-1]
-    group = zarr.open_group(str(path), mode="w", zarr_format=2)
+    # the path itself: zarr 3.4 reads a text with ? or # as a URL
+    group = zarr.open_group(path, mode="w", zarr_format=2)
     array = group.create_array(
         "0",
         shape=shape,
