@@ -6,6 +6,8 @@ A person reads "depth is -1; allowed: > 0, at most 1 (m)", not a library's error
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from typing import get_args
 
 import annotated_types
 from pydantic import BaseModel, ValidationError
@@ -22,7 +24,7 @@ def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidI
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
     field = ".".join(path) or model.__name__
-    info = model.model_fields.get(path[0]) if path else None
+    info = find_field(model, path)
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InvalidInput):
         return cause
@@ -30,13 +32,26 @@ def to_invalid_input(model: type[BaseModel], error: ValidationError) -> InvalidI
         return InvalidInput(field, "missing", describe_range(info) if info else "a value")
     if first["type"] == "extra_forbidden":
         return InvalidInput(field, first["input"], f"only the fields {', '.join(model.model_fields)}")
-    said = describe_range(info) if info is not None and len(path) == 1 else ""
+    said = describe_range(info) if info is not None else ""
     value = first["input"]
     if info is not None and not info.repr:
         value = "…"
     elif isinstance(value, str):
         value = _SECRETS.sub("…", value)
     return InvalidInput(field, value, said or str(cause or first["msg"]))
+
+
+def find_field(annotation: object, path: Sequence[str]) -> FieldInfo | None:
+    """Return the field at a path of names and list indices, in a model or a type that contains models."""
+    if path and path[0].isdigit():
+        path = path[1:]
+    if not path:
+        return None
+    if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        found = (find_field(part, path) for part in get_args(annotation))
+        return next((info for info in found if info is not None), None)
+    info = annotation.model_fields.get(path[0])
+    return info if info is None or len(path) == 1 else find_field(info.annotation, path[1:])
 
 
 def describe_range(info: FieldInfo) -> str:

@@ -130,6 +130,8 @@ class ReconstructionRequest(OfFrames):
             raise InvalidInput(given[0], told[given[0]], "none while following")
         if self.follow and (treatment := self.parameters.shots.bad_lines) != "keep":
             raise InvalidInput("parameters.shots.bad_lines", treatment, "keep while following")
+        if self.follow and self.parameters.lossy:
+            raise InvalidInput("parameters.medium", "with attenuation", "one without attenuation while following")
         FrameChoice(self.frame, self.wavelength, self.average)
         return self
 
@@ -155,6 +157,8 @@ class SoundSpeedRequest(JobRequestBase):
     def _check(self) -> Self:
         if self.last <= self.first:
             raise InvalidInput("last", self.last, f"> first, {self.first:g} (m/s)")
+        if (layers := self.parameters.medium) is not None:
+            raise InvalidInput("parameters.medium", f"{len(layers)} layers", "none: the search is for one speed")
         return self
 
 

@@ -11,8 +11,10 @@ from steradian.core.quantity_ranges import LENGTH, MODES, PADDING, SOUND_SPEED, 
 from steradian.core.schema_descriptions import SchemaDescriptions
 from steradian.core.validation import Value, quantity_field
 from steradian.imaging.iterative_options import IterativeOptions
+from steradian.imaging.medium import MAX_LAYERS
 from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.film_response_choice import Film
+from steradian.reconstructions.medium_parameters import LayerParameters, check_layers
 from steradian.reconstructions.shot_normalisation import ShotTreatment
 
 LARGE = 1_000_000_000
@@ -22,6 +24,8 @@ DEFAULT_SPACING = 60e-6
 
 Method = Literal["nedner", "ner", "linear", "nearest", "interpolated", "iterative"]
 Weights = Literal["mask", "uniform", "voronoi"]
+LAYERED_METHODS = ("nedner", "ner", "iterative")
+"""Methods that image a medium of several layers."""
 
 
 def default_modes(lattice: int | None, aperture: float) -> int:
@@ -56,7 +60,14 @@ class ReconstructionParameters(Value):
         description="Areas h of the sensors, whose sum is the sensed area: the mask's own, equal, or Voronoi cells",
     )
     sound_speed: float | None = quantity_field(
-        "m/s", "Speed of sound; none: the scan's", default=None, **SOUND_SPEED.limits
+        "m/s", "Speed of sound; none: the scan's, or those of the medium", default=None, **SOUND_SPEED.limits
+    )
+    medium: tuple[LayerParameters, ...] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_LAYERS,
+        description="Layers from the film downwards, in place of sound_speed: speeds, thicknesses, attenuation; none: "
+        "one lossless layer",
     )
     tolerance: float = quantity_field("relative", "l2 error of the transforms", **TOLERANCE.limits, default=1e-4)
     window: Literal["kaiser-bessel", "semicircle"] = Field(
@@ -113,8 +124,28 @@ class ReconstructionParameters(Value):
             raise InvalidInput("depth_step", self.depth_step, "none with the method iterative")
         if self.method != "iterative" and self.iterative != IterativeOptions():
             raise InvalidInput("iterative", "given", f"nothing with the method {self.method}: of iterative alone")
+        self._check_medium()
         if self.depth_range is not None:
             first, last = self.depth_range
             if (first or 0.0) < 0 or (last is not None and last <= (first or 0.0)):
                 raise InvalidInput("depth_range", self.depth_range, "0 ≤ first < last (m)")
         return self
+
+    def _check_medium(self) -> None:
+        if self.medium is None:
+            return
+        if self.sound_speed is not None:
+            raise InvalidInput("sound_speed", self.sound_speed, "none beside a medium, whose layers have their own")
+        check_layers(self.medium)
+        if len(self.medium) == 1:
+            return
+        if self.method not in LAYERED_METHODS:
+            raise InvalidInput("method", self.method, f"{', '.join(LAYERED_METHODS)} for a medium of several layers")
+        if self.method == "iterative" and self.device == "gpu":
+            allowed = "auto or cpu with the method iterative and a medium of several layers"
+            raise InvalidInput("device", self.device, allowed)
+
+    @property
+    def lossy(self) -> bool:
+        """Whether a layer of the medium attenuates."""
+        return any(one.attenuation is not None and one.attenuation.coefficient > 0 for one in self.medium or ())

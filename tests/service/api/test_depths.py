@@ -9,6 +9,11 @@ def test_reconstruction_of_more_depth_than_a_volume_may_have_is_refused_by_its_r
     assert "a volume of at most 16777216 bytes" in answer.text, answer.text
     about["parameters"] = {"modes": 32, "depth_range": [0.0, 20e-3]}  # a record that begins late may reach there
     assert http.post("/reconstructions", json=about).status_code == 202
+    fast_below = [{"sound_speed": 300, "thickness": 1e-5}, {"sound_speed": 12000}]  # slices as far apart as of 300 m/s
+    about["parameters"] = {"modes": 32, "medium": fast_below}
+    answer = http.post("/reconstructions", json=about)
+    assert answer.status_code == 422, answer.text
+    assert "a volume of at most 16777216 bytes" in answer.text, answer.text
     about["parameters"] = {"modes": 32, "conditioning": {"delay": 0.5}}
     answer = http.post("/reconstructions", json=about)
     assert answer.status_code == 422, answer.text

@@ -143,6 +143,15 @@ def test_a_sweep_of_masks_costs_one_reconstruction_more_than_it_has_masks(place,
     assert reports[1]["what_if"]["quality"]["volume_correlation"] == pytest.approx(1)
 
 
+def test_layers_of_one_speed_in_a_job_give_the_image_of_that_speed(place):
+    layers = [{"sound_speed": SPEED, "thickness": 0.7e-3}, {"sound_speed": SPEED}]
+    (one, _), (other, report) = place.reconstruct(), place.reconstruct(medium=layers)
+    assert [layer["thickness"] for layer in report["parameters"]["medium"]] == [0.7e-3, None]
+    values, expected = (read_volume(place.data.job(name).root / "volume.h5").values for name in (other, one))
+    assert values.argmax() == expected.argmax()
+    assert np.abs(values - expected).max() < 0.03 * np.abs(expected).max()  # the record's end folds back elsewhere
+
+
 def test_quality_of_an_image_against_itself_is_perfect_and_against_a_worse_one_is_not(place):
     (one, _), (other, _) = place.reconstruct(), place.reconstruct(sound_speed=1350.0)
     _, same = place.do("quality", reconstruction_id=one, reference_id=one, diameter=None, threshold=0.04)

@@ -60,7 +60,10 @@ class Reconstructions(AwaitableResource[Mode, Reconstruction]):
         idempotency_key
             Repeating the call with the same key finds what the first call made; ``None`` makes a new key.
         parameters
-            Such as modes, upsampling, method, sound_speed (m/s), tolerance.
+            Such as modes, upsampling, method, sound_speed (m/s), tolerance; in place of sound_speed
+            ``medium=[{"sound_speed": 1480, "thickness": 2e-3}, {"sound_speed": 1580}]``, layers from the film downwards
+            in m/s and m, also with ``density`` (kg/m³) and ``attenuation``,
+            ``{"coefficient": 0.75, "power": 1.5}`` in dB/(MHz^y cm).
         """
         named = drop_none(priority=priority, follow=follow, interval=interval, through=through, frame=frame)
         named = {**named, **drop_none(timeout=timeout, requires=requires)}

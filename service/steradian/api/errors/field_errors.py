@@ -108,6 +108,8 @@ def _limit(error: Mapping[str, Any]) -> str:
 
 def _allowed(annotation: object, path: list[str], body: object) -> str:
     """Return the text of a field's allowed range, with its unit, from its pydantic model."""
+    if path and path[0].isdigit():  # index of a list
+        path = path[1:]
     if not path:
         return ""
     for model in _models(annotation):
@@ -126,7 +128,7 @@ def _allowed(annotation: object, path: list[str], body: object) -> str:
 def _models(annotation: object) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
-    elif get_origin(annotation) in (Union, UnionType, Annotated):
+    elif get_origin(annotation) in (Union, UnionType, Annotated, tuple, list):
         for part in get_args(annotation):
             yield from _models(part)
 

@@ -159,13 +159,17 @@ class ReportView(ReportBase):
     axes: str | None = Field(default=None, examples=["x, y, z"])
     sensors: int | None = Field(default=None, description="A-lines the image is made of")
     planned: int | None = Field(default=None, description="A-lines that the scan was to have")
-    sound_speed_m_s: float | None = Field(default=None, description="m/s")
+    sound_speed_m_s: float | None = Field(default=None, description="m/s; of several layers that of the slowest")
     sensed_area_m2: float | None = Field(default=None, description="Sum of the weights (m², m for a line)")
     notes: list[str] | None = Field(default=None, description="Notes on the image's reliability")
     parameters: dict[str, Any] | None = Field(default=None, description="As they took effect")
     provenance: dict[str, Any] | None = Field(default=None, description="Provenance")
     missing: dict[str, Any] | None = Field(default=None, description="Missing parts of a partly measured scan")
     fit: FitView | None = None
+    noise_gain: list[list[float]] | None = Field(
+        default=None,
+        description="Pairs of a depth (m) and the amplification of noise by the compensation of attenuation",
+    )
     shots: UnevennessView | None = None
     device: str | None = Field(default=None, description="Device: cpu, or the GPU's name", examples=["cpu"])
     near_field_m: float | None = Field(default=None, description="Depth from which on the pictures show it (m)")

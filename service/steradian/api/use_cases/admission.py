@@ -9,6 +9,7 @@ from steradian.api.errors.handlers import NotReady
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
 from steradian.imaging.geometry.depth_extent import Extent
+from steradian.imaging.medium import Medium
 from steradian.jobs.requests import (
     ExportRequest,
     ImportRequest,
@@ -18,6 +19,7 @@ from steradian.jobs.requests import (
     WidthRequest,
     WorkRequest,
 )
+from steradian.reconstructions.medium_parameters import build_medium
 from steradian.reconstructions.parameters import LARGE, ReconstructionParameters, default_modes
 from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.frames import Frame
@@ -183,13 +185,24 @@ def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
     """
     samples: int = plan["samples"]
     interval, speed = plan.get("sampling_interval"), parameters.sound_speed or plan.get("sound_speed")
-    if not interval or not speed:
+    if not interval or (parameters.medium is None and not speed):
         return samples
+    if parameters.medium is not None:
+        return _layered_slices(samples, interval, build_medium(parameters.medium, speed), parameters)
     if parameters.depth_range is None:
         extent = Extent(samples, parameters.conditioning.delay / interval)
         return max(samples, extent.end - extent.first)
     first, last = parameters.depth_range
     return samples if last is None else max(samples, math.ceil((last - (first or 0.0)) / (interval * speed)) + 1)
+
+
+def _layered_slices(samples: int, interval: float, medium: Medium, parameters: ReconstructionParameters) -> int:
+    """Return the number of depth slices of an image of layers, which are a sample of the slowest layer apart."""
+    extent = Extent(samples, parameters.conditioning.delay / interval)
+    first, last = parameters.depth_range or (None, None)
+    begin = medium.depth_at(extent.first * interval) if first is None else first
+    end = medium.depth_at(extent.end * interval) if last is None else last
+    return max(samples, math.ceil((end - begin) / (interval * medium.slowest)) + 1)
 
 
 def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:

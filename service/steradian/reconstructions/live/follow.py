@@ -114,6 +114,8 @@ def reconstruct_live(
         )
     if chosen.shots.bad_lines != "keep":
         raise InvalidInput("shots.bad_lines", chosen.shots.bad_lines, "keep while a scan is followed")
+    if chosen.lossy:
+        raise InvalidInput("medium", "with attenuation", "one without attenuation while a scan is followed")
     view: LiveReconstruction | None = None
     seen = 0, 1
     while not is_over():

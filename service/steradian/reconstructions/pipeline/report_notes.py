@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import begins_at, extent_of, sound_speed_of
+from steradian.reconstructions.pipeline.resolve import begins_at, extent_of, medium_of
 from steradian.scans.recording import Recording
 
 AREA_MISMATCH_RATIO = 0.05
@@ -19,7 +19,7 @@ def notes_on_depth(recording: Recording, chosen: ReconstructionParameters) -> It
     if not extent_of(recording, chosen).late:
         return
     begins = begins_at(recording, chosen)
-    depth = f"{1e3 * begins * sound_speed_of(recording, chosen):.4g} mm"
+    depth = f"{1e3 * medium_of(recording, chosen).depth_at(begins):.4g} mm"
     shown = "" if chosen.depth_range else ", where the image begins; a first depth of 0 shows it from the film on"
     yield (
         f"A-lines begin {1e6 * begins:.4g} µs after the laser pulse: what lies less deep than {depth} is heard only by "

@@ -19,6 +19,8 @@ from steradian.imaging import (
     ImageGrid,
     Iterative,
     IterativeOptions,
+    Layer,
+    Medium,
     Method,
 )
 from steradian.imaging.geometry import polygons as outlines
@@ -27,6 +29,7 @@ from steradian.imaging.geometry.sensor_areas import sensed_region
 from steradian.imaging.geometry.voronoi import voronoi_cell_areas
 from steradian.imaging.options import DIRECT_METHODS
 from steradian.imaging.signal.conditioning import Conditioning
+from steradian.reconstructions.medium_parameters import build_medium, with_speeds
 from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
 from steradian.scans.recording import Recording
 
@@ -42,7 +45,12 @@ REQUEST_FIELDS = {
 
 def effective_parameters(recording: Recording, parameters: ReconstructionParameters) -> dict[str, Any]:
     """Return the parameters in effect, with defaults filled in from the recording."""
-    decided = {"sound_speed": sound_speed_of(recording, parameters), "modes": modes_of(recording, parameters)}
+    decided: dict[str, Any] = {"modes": modes_of(recording, parameters)}
+    if parameters.medium is None:
+        decided["sound_speed"] = sound_speed_of(recording, parameters)
+    else:
+        layers = with_speeds(parameters.medium, recording.sound_speed)
+        decided["medium"] = [layer.model_dump(mode="json") for layer in layers]
     return parameters.model_dump(mode="json") | decided
 
 
@@ -80,7 +88,7 @@ def resolve_setup(recording: Recording, parameters: ReconstructionParameters) ->
                 recording.positions,
                 recording.traces.shape[1],
                 dt=recording.sampling_interval,
-                sound_speed=sound_speed_of(recording, parameters),
+                medium=medium_of(recording, parameters),
                 t0=begins_at(recording, parameters),
                 weights=weights_of(recording, parameters),
                 aperture=recording.aperture,
@@ -127,12 +135,19 @@ def request_field_names() -> Iterator[None]:
         raise InvalidInput(f"{REQUEST_FIELDS[name]}{bracket}{index}", error.value, error.allowed) from error
 
 
-def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
-    """Return the effective speed of sound in m/s; raises :class:`InvalidInput` when none is stated."""
+def medium_of(recording: Recording, parameters: ReconstructionParameters) -> Medium:
+    """Return the effective medium; raises :class:`InvalidInput` when a speed of sound is not stated."""
+    if parameters.medium is not None:
+        return build_medium(parameters.medium, recording.sound_speed)
     speed = parameters.sound_speed or recording.sound_speed
     if speed is None:
         raise InvalidInput("sound_speed", "missing", f"{SOUND_SPEED}; the recording states none")
-    return speed
+    return Medium([Layer(SOUND_SPEED.check("sound_speed", speed))])
+
+
+def sound_speed_of(recording: Recording, parameters: ReconstructionParameters) -> float:
+    """Return the effective speed of sound in m/s, with layers that of the slowest; raises as :func:`medium_of`."""
+    return medium_of(recording, parameters).slowest
 
 
 def modes_of(recording: Recording, parameters: ReconstructionParameters) -> int:
@@ -162,11 +177,11 @@ def depth_range_of(recording: Recording, parameters: ReconstructionParameters) -
     if parameters.depth_range is None:
         return None
     first, last = parameters.depth_range
-    extent = extent_of(recording, parameters)
-    step = recording.sampling_interval * sound_speed_of(recording, parameters)
-    end = (extent.end - 1) * step if last is None else last
+    extent, medium = extent_of(recording, parameters), medium_of(recording, parameters)
+    end = medium.depth_at((extent.end - 1) * recording.sampling_interval) if last is None else last
     if first is None:
-        first = extent.first * step if extent.first * step < end else 0.0
+        begin = medium.depth_at(extent.first * recording.sampling_interval)
+        first = begin if begin < end else 0.0
     return first, end
 
 

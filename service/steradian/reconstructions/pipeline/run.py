@@ -75,6 +75,8 @@ class Report:
     """Missing parts of a partly measured scan."""
     fit: FitDiagnostics | None = None
     """How the method iterative found the image."""
+    noise_gain: tuple[tuple[float, float], ...] = ()
+    """Depths in m and the amplification of the A-lines' noise there by the compensation of attenuation."""
     band: BandLimit | None = None
     """Up to which frequency A-lines were used, where that was asked for."""
     shots: ShotVariation = field(default_factory=ShotVariation)
@@ -98,6 +100,7 @@ class Report:
         """Record the device used, notes of the library, and the convergence of an iterative method."""
         self.device = info.device
         self.notes += info.notes
+        self.noise_gain = info.noise_gain
         if info.iterations:
             misfits = tuple(round(value, 6) for value in info.residuals)
             self.fit = FitDiagnostics(info.iterations, info.stop_reason, info.products, misfits[-1], misfits)

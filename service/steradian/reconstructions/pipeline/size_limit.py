@@ -6,7 +6,7 @@ import math
 
 from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import LARGE, ReconstructionParameters
-from steradian.reconstructions.pipeline.resolve import depth_range_of, extent_of, modes_of, sound_speed_of
+from steradian.reconstructions.pipeline.resolve import depth_range_of, extent_of, medium_of, modes_of
 from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.recording import Recording
 
@@ -18,10 +18,13 @@ class LargeVolume(InvalidInput):
 def expected_shape(recording: Recording, parameters: ReconstructionParameters) -> tuple[int, ...]:
     """Return the number of voxels along each axis, depth last; a frequency limit reduces the number of depths."""
     extent = extent_of(recording, parameters)
-    slice_ = recording.sampling_interval * sound_speed_of(recording, parameters)
+    medium, interval = medium_of(recording, parameters), recording.sampling_interval
+    slice_ = interval * medium.slowest
     wanted = depth_range_of(recording, parameters)
     if wanted is None:
-        deep = extent.end - extent.first
+        ends = (medium.depth_at(index * interval) / slice_ for index in (extent.first, extent.end))
+        first, end = (math.ceil(depth - 1e-6) for depth in ends)
+        deep = end - first
     else:
         deep = max(1, math.floor(wanted[1] / slice_ + 1e-6) - math.ceil(wanted[0] / slice_ - 1e-6) + 1)
     if parameters.depth_step is not None:

@@ -87,6 +87,8 @@ def scan_sound_speed(
         When ``cancelled`` said so.
     """
     chosen = parameters or ReconstructionParameters()
+    if chosen.medium is not None:
+        raise InvalidInput("medium", f"{len(chosen.medium)} layers", "none: the search is for one speed of sound")
     recording, _ = normalise_shots(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)

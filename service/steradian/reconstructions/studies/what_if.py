@@ -160,7 +160,8 @@ def compare_subset(
     report.weights = chosen.weights
     report.shape, report.spacing_m = image.volume.values.shape, tuple(map(float, image.volume.spacing))
     report.parameters, report.provenance = effective_parameters(recording, chosen), recording.provenance
-    report.notes = [*recording.notes, *chosen.film.notes(film_of(recording))]
+    info = image.volume.info
+    report.notes = [*(info.notes if info else ()), *recording.notes, *chosen.film.notes(film_of(recording))]
     report.saved["reconstruction_seconds"] = seconds["reconstruct_all"] - seconds["reconstruct_mask"]
     output.mkdir(parents=True, exist_ok=True)
     with _timed(seconds, "draw"):

@@ -37,6 +37,7 @@ _WIDER = 1.3
 _COMPARED = 1.5
 """Widths to either side within which profiles are compared."""
 _NONE_FITS = "no diameter's image is as wide as this at this place"
+_IN_LAYERS = "the image is of a layered or attenuating medium, in which the point spread is not simulated"
 _FROM_A_LINE = "the recording is of a line of sensors, of which the point spread is not simulated"
 
 
@@ -88,9 +89,10 @@ def measure_width(
     recording = _recording(scan, frame)
     if volume.dimensions == 2:
         return replace(measured, reason=_FROM_A_LINE)
-    simulated = SimulatedObject.sampled_along(
-        volume, recording, parameters or ReconstructionParameters(), line, measured
-    )
+    chosen = parameters or ReconstructionParameters()
+    if chosen.medium is not None:
+        return replace(measured, reason=_IN_LAYERS)
+    simulated = SimulatedObject.sampled_along(volume, recording, chosen, line, measured)
     return _corrected(simulated, measured, found, Steps(progress, cancelled))
 
 

@@ -151,7 +151,8 @@ def attach_dimension_scales(file: h5py.File) -> None:
 
 
 def _with_speed(parameters: dict[str, Any], volume: Volume) -> dict[str, Any]:
-    return parameters if volume.sound_speed is None else parameters | {"sound_speed": volume.sound_speed}
+    known = volume.sound_speed is None or parameters.get("medium")
+    return parameters if known else parameters | {"sound_speed": volume.sound_speed}
 
 
 def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floating[Any]]:
@@ -209,7 +210,9 @@ def read_volume(path: Path) -> Volume:
         spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
         lines = zip(origin, spacing, values.shape, strict=True)
         x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
-        speed = json.loads(file.attrs["parameters"]).get("sound_speed")
+        parameters = json.loads(file.attrs["parameters"])
+        speeds = [layer["sound_speed"] for layer in parameters.get("medium") or ()]
+        speed = min(speeds) if speeds else parameters.get("sound_speed")
         return Volume(np.asarray(values), VoxelAxes(x, y[0] if y else None, z), spacing, speed)
 
 
