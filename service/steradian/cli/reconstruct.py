@@ -19,6 +19,7 @@ from steradian.cli.console import (
 )
 from steradian.cli.frame_options import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
 from steradian.cli.import_ import DescriptionOption, parse_description
+from steradian.cli.medium_options import AttenuationOption, LayerOption, parse_medium
 from steradian.cli.reconstruction_summary import show_report
 from steradian.core.exceptions import InvalidInput
 
@@ -59,6 +60,8 @@ def reconstruct(
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
+    layer: LayerOption = None,
+    attenuation: AttenuationOption = None,
     first_depth: Annotated[
         float | None, _option("Compute only from here on; default: 0, or where a late record begins.", kind=length)
     ] = None,
@@ -151,7 +154,7 @@ def reconstruct(
         method=method,
         modes=modes,
         upsampling=upsampling,
-        sound_speed=sound_speed,
+        **parse_medium(layer, attenuation, sound_speed),
         depth_range=None if first_depth is None and last_depth is None else (first_depth, last_depth),
         weights=weights,
         tolerance=tolerance,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from steradian.cli.console import console, finish_with_summary, format_files, show_figures, show_notes
 
@@ -22,7 +22,7 @@ def show_report(report: Report, output: Path) -> None:
         f"{report.scale_percentile:g}th percentile",
         **_fit(report),
         **_band(report),
-        "sound speed": f"{report.sound_speed_m_s:g} m/s",
+        **_medium(report),
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
         "files": format_files(output),
@@ -32,6 +32,20 @@ def show_report(report: Report, output: Path) -> None:
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     finish_with_summary(("volume", output / "volume.h5"), ("all results", output))
+
+
+def _medium(report: Report) -> dict[str, object]:
+    """Return table rows on the medium: its speed of sound, or its layers and the noise gain of the compensation."""
+    layers: Any = report.parameters.get("medium")
+    if not layers:
+        return {"sound speed": f"{report.sound_speed_m_s:g} m/s"}
+    from steradian.reconstructions.medium_parameters import LayerParameters, build_medium
+
+    rows: dict[str, object] = {"medium": build_medium([LayerParameters.create(**layer) for layer in layers])}
+    if report.noise_gain:
+        shown = report.noise_gain[:: max(1, len(report.noise_gain) - 1)]
+        rows["noise gain"] = ", ".join(f"{gain:.2g} at {1e3 * depth:.3g} mm" for depth, gain in shown)
+    return rows
 
 
 def _area(report: Report) -> str:

@@ -18,6 +18,7 @@ from steradian.cli.console import (
     speed,
 )
 from steradian.cli.frame_options import AverageOption, FrameOption, WavelengthOption
+from steradian.cli.medium_options import AttenuationOption, LayerOption, parse_medium
 
 
 def what_if(
@@ -30,6 +31,8 @@ def what_if(
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     weights: Annotated[str, typer.Option(help="Of the image through the mask: mask, uniform or voronoi.")] = "mask",
     sound_speed: Annotated[float | None, quantity_option(speed, help="Speed of sound; default: the scan's.")] = None,
+    layer: LayerOption = None,
+    attenuation: AttenuationOption = None,
     diameter: Annotated[
         float | None,
         quantity_option(length, help="Compare within this disc around the point of interest; default: 45° wide."),
@@ -46,7 +49,8 @@ def what_if(
     from steradian.reconstructions.studies.what_if import compare_subset as run
     from steradian.scans.frames import FrameChoice
 
-    parameters = ReconstructionParameters.create(modes=modes, weights=weights, sound_speed=sound_speed)
+    medium = parse_medium(layer, attenuation, sound_speed)
+    parameters = ReconstructionParameters.create(modes=modes, weights=weights, **medium)
     chosen: Any = points
     with progress_bar() as progress:
         report = run(
