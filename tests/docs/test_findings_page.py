@@ -90,8 +90,8 @@ def test_each_end_of_a_fit_and_each_note_of_an_image_is_on_the_page():
     rows = PAGE["Volumes"][1:]
     assert {row[1].partition(":")[0] for row in rows if row[0] == "fit.stopped"} == set(get_args(StopReason))
     notes = [row[1] for row in rows if row[0] == "notes"]
-    folder = JOBS.parent / "reconstructions" / "pipeline"
-    source = "".join((folder / name).read_text("utf-8") for name in ("run.py", "report_notes.py"))
+    folder, plan = JOBS.parent / "reconstructions" / "pipeline", JOBS.parent / "imaging" / "plan.py"
+    source = "".join(path.read_text("utf-8") for path in (folder / "run.py", folder / "report_notes.py", plan))
     assert source.count("notes.append(") + source.count("yield ") == len(notes)
     assert any(note in SHRINKAGE_NOTE for note in notes)
     assert any(note.startswith("the weights sum to") for note in notes)
