@@ -1,7 +1,7 @@
 """Pictures of docs/medium.md: what one speed does to two layers, and what compensation gives back.
 
-``python benchmarks/medium_pictures.py [FOLDER]`` writes ``medium-layers.png`` and ``medium-attenuation.png``
-(``docs/pictures`` by itself) in some ten seconds.
+``python benchmarks/medium_pictures.py [FOLDER]`` writes ``layers.png`` and ``attenuation.png``
+(``docs/medium`` by itself) in some ten seconds.
 """
 
 from __future__ import annotations
@@ -86,12 +86,12 @@ def draw(
     return figure
 
 
-def main(folder: str = "docs/pictures") -> None:
+def main(folder: str = "docs/medium") -> None:
     """Write the pictures."""
     for name, figure in (("layers", layers()), ("attenuation", attenuation())):
         file = io.BytesIO()
         figure.savefig(file, format="png")
-        few_colours(Image.open(file).convert("RGB")).save(Path(folder) / f"medium-{name}.png", "png", optimize=True)
+        few_colours(Image.open(file).convert("RGB")).save(Path(folder) / f"{name}.png", "png", optimize=True)
 
 
 if __name__ == "__main__":

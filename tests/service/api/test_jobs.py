@@ -396,6 +396,7 @@ def test_an_empty_upload_or_one_beyond_the_limit_leaves_nothing(server, http):
     assert sorted(server.data.uploads.iterdir()) == before
 
 
+@pytest.mark.long
 def test_a_mask_has_a_picture_that_is_drawn_once(server, http, mask):
     here = mask["links"]["picture"].removeprefix("/api/v1")
     first = http.get(here)

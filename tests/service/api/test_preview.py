@@ -29,6 +29,7 @@ def kept(server, http, noun):
     return newest, sorted(path for path in server.data.root.rglob("*.png"))
 
 
+@pytest.mark.long
 def test_mask_preview_equals_library_evaluation(http):
     told = http.post("/masks/preview", json=MASK).json()
     own = equi_steradian_mask(13.56e-3, 3.6e-3, 75)

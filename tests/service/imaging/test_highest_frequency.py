@@ -94,6 +94,7 @@ def test_band_limited_image_equals_filtered_full_image() -> None:
     np.testing.assert_allclose(part.values, coarse.values[..., inside], atol=1e-5 * float(np.abs(expected).max()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["linear", "nearest", "interpolated"])
 def test_the_other_methods_leave_out_the_same(method: str) -> None:
     rng = np.random.default_rng(2)

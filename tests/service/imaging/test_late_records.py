@@ -57,7 +57,7 @@ def test_late_record_shows_the_ball_at_its_depth_and_amplitude(method: Any) -> N
 
 @pytest.mark.parametrize("engine", ["numba", "array"])
 @pytest.mark.parametrize("positions", [PLANE, LINE], ids=["plane", "line"])
-@pytest.mark.parametrize("begins", [7, 60, 333])
+@pytest.mark.parametrize("begins", [60, *(pytest.param(begins, marks=pytest.mark.long) for begins in (7, 333))])
 def test_late_record_gives_the_image_of_the_record_filled_with_zeros(positions: Any, begins: int, engine: str) -> None:
     traces = RNG.standard_normal((len(positions), 64))
     filled = np.concatenate([np.zeros((len(positions), begins)), traces], axis=1)

@@ -77,6 +77,7 @@ def test_ray_simulation_is_the_closed_form_in_one_medium() -> None:
     np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_equal_speeds_give_the_image_of_one_medium() -> None:
     traces = np.random.default_rng(0).standard_normal((MASK.count, SAMPLES))
     layers = Medium([Layer(1500.0, 1e-3), Layer(1500.0, 0.77e-3), Layer(1500.0)])

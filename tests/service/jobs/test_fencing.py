@@ -137,6 +137,7 @@ def test_job_with_unwritable_log_fails_after_three_attempts(bench):
     assert (status.state, status.attempt, status.error_code) == (R.FAILED, 3, "died")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("lost", "said"),
     [("stale", "Stale file handle"), ("away", "unable to open database file")],

@@ -41,6 +41,7 @@ def test_all_workers_of_a_service_together_fill_the_machine_once(make_bench, tmp
         bench.close()
 
 
+@pytest.mark.long
 def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     bench.submit("bad", "fail")
     status = bench.queue.wait("bad", timeout=250)

@@ -61,6 +61,7 @@ def test_result_is_kept_while_postgresql_is_read_only(tmp_path, postgres, make_b
         bench.close()
 
 
+@pytest.mark.long
 def test_job_with_deleted_row_ends_and_next_job_runs(bench):
     bench.submit("gone", "hang")
     pid = bench.until_working("gone")

@@ -125,6 +125,7 @@ def test_speed_fit_of_a_record_with_a_wrong_begin_is_off_by_the_trade_stated(sid
     assert wrong.speed - right.speed == pytest.approx(right.speed_per_delay * shift, rel=0.25)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth_times", [(1e-6, 3e-6), (0.8e-6, 2.4e-6), (0.64e-6, 3.2e-6)])
 def test_speed_fit_of_depths_at_whole_samples_has_the_same_slices_at_every_speed(
     depth_times: tuple[float, float],
