@@ -137,6 +137,11 @@ def reconstruct(
     film: Annotated[str, _option("ideal (no correction), elastic, rule; simulated: as the scan says.", FILM)] = "ideal",
     max_gain: Annotated[float, _option("Largest amplification of a wave, and of the noise.", FILM)] = 10.0,
     thickness: Annotated[float, _option("Of an elastic film.", FILM, length, "38um")] = 38e-6,
+    spot: Annotated[
+        float | None,
+        _option("Diameter of the sensing spot, of a Gaussian beam at 1/e²; default: a point.", FILM, length),
+    ] = None,
+    spot_profile: Annotated[str, _option("Profile of the sensing spot, gaussian or top-hat.", FILM)] = "gaussian",
     follow: Annotated[
         bool, _option("Make a coarse image every few seconds while it runs, the full one at its end.", FOLLOWING)
     ] = False,
@@ -196,7 +201,12 @@ def reconstruct(
             "iterations": iterations,
             "non_negative": not signed,
         },
-        film={"kind": film, "max_gain": max_gain, "thickness": thickness},
+        film={
+            "kind": film,
+            "max_gain": max_gain,
+            "thickness": thickness,
+            "spot": {"diameter": spot, "profile": spot_profile},
+        },
     )
     choice = FrameChoice(frame, wavelength, average)
     if each is not None and (follow or frame is not None or wavelength is not None):

@@ -9,10 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from steradian.core.quantity_ranges import GAIN
+from steradian.core.quantity_ranges import GAIN, SPOT
 from steradian.core.validation import Value, quantity_field
-from steradian.imaging.film_response import ElasticFilm, InverseFilter
+from steradian.imaging.film_response import ElasticFilm, FilmResponse, InverseFilter
+from steradian.imaging.sensing_spot import SensingSpot, SpotProfile
 from steradian.masks.film_attenuation import HIGHEST, REFERENCE_ANGLE, REFERENCE_SLOPE
+
+
+class Spot(Value):
+    """Sensing spot of the interrogation beam, over which it averages the pressure."""
+
+    diameter: float | None = quantity_field(
+        "m", "Diameter, of a Gaussian beam at 1/e²; none: a point", default=None, **SPOT.limits
+    )
+    profile: SpotProfile = Field(default="gaussian", description="Profile of the intensity")
 
 
 class Film(Value):
@@ -36,9 +46,10 @@ class Film(Value):
         default=(2180.0, 910.0), description="Longitudinal and shear speed in the backing (m/s)"
     )
     backing_density: float = quantity_field("kg/m³", "Of the backing", gt=0, le=30e3, default=1200.0)
+    spot: Spot = Field(default=Spot(), description="Sensing spot, corrected for with every kind of film")
 
     def correction(self, recorded: str = "") -> InverseFilter | None:
-        """Return the film correction for the reconstruction; None for an ideal film.
+        """Return the correction of film and sensing spot; None for a point on an ideal film.
 
         Parameters
         ----------
@@ -50,27 +61,28 @@ class Film(Value):
         InvalidInput
             When a pair of speeds is impossible.
         """
+        response = self._response(recorded)
+        if self.spot.diameter is not None:
+            response = SensingSpot(self.spot.diameter, self.spot.profile, response)
+        return None if response is None else InverseFilter(response, self.max_gain)
+
+    def _response(self, recorded: str) -> FilmResponse | None:
         match self.kind:
             case "ideal":
                 return None
             case "rule":
-                return InverseFilter(EmpiricalFilmResponse(), self.max_gain)
+                return EmpiricalFilmResponse()
             case "simulated":
                 lost = [part for part in SIMULATED if not recorded or part in recorded]
-                return (
-                    InverseFilter(SimulatedFilmResponse("bandwidth" in lost, "directivity" in lost), self.max_gain)
-                    if lost
-                    else None
-                )
+                return SimulatedFilmResponse("bandwidth" in lost, "directivity" in lost) if lost else None
             case "elastic":
-                film = ElasticFilm(
+                return ElasticFilm(
                     thickness=self.thickness,
                     speeds=self.speeds,
                     density=self.density,
                     backing_speeds=self.backing_speeds,
                     backing_density=self.backing_density,
                 )
-                return InverseFilter(film, self.max_gain)
 
     def notes(self, recorded: str = "") -> tuple[str, ...]:
         """Return notes where this correction does not match the film ``recorded`` in the scan."""
@@ -81,7 +93,8 @@ class Film(Value):
                     "the scan does not state its film's response; corrected as for a simulated film with all of it",
                 )
             case "simulated" if not lost:
-                return (f"the scan's film was {recorded}: nothing was corrected",)
+                corrected = "nothing" if self.spot.diameter is None else "nothing but the spot"
+                return (f"the scan's film was {recorded}: {corrected} was corrected",)
             case "elastic" | "rule" if recorded and not lost:
                 return (f"the scan's film was {recorded}: the correction amplifies what was not lost",)
             case "ideal" if lost:

@@ -98,11 +98,17 @@ def test_command_refuses_a_layer_in_one_line(folder: Path) -> None:
     assert done.stderr.count("\n") == 1
 
 
+def test_command_refuses_a_spot_in_one_line(folder: Path) -> None:
+    done = command("reconstruct", "scan.npz", "--spot", "1m", cwd=folder)
+    assert done.returncode == 2
+    assert done.stderr == "error: film.spot.diameter is 1.0; allowed: at least 1e-07, at most 0.005 (m)\n"
+
+
 @pytest.mark.long
 def test_command_images_a_ball_below_a_boundary_within_a_voxel(folder: Path) -> None:
     said = run_here(
         *("reconstruct", "scan.npz", "--layer", "1480m/s:1mm", "--layer", "1700m/s", "--attenuation", "water"),
-        *("--attenuation", "none", "-o", "out"),
+        *("--attenuation", "none", "--spot", "50um", "--spot-profile", "top-hat", "-o", "out"),
         cwd=folder,
     )
     assert "1480 m/s with 0.00217 dB/(MHz^2 cm) to 1 mm, 1700 m/s" in said
@@ -113,3 +119,4 @@ def test_command_images_a_ball_below_a_boundary_within_a_voxel(folder: Path) -> 
     assert (np.abs(found - CENTRE) <= volume.spacing).all()
     report = json.loads((folder / "out" / "report.json").read_text())
     assert [layer["thickness"] for layer in report["parameters"]["medium"]] == [1e-3, None]
+    assert report["parameters"]["film"]["spot"] == {"diameter": pytest.approx(50e-6), "profile": "top-hat"}
