@@ -152,6 +152,13 @@ def test_layers_of_one_speed_in_a_job_give_the_image_of_that_speed(place):
     assert np.abs(values - expected).max() < 0.03 * np.abs(expected).max()  # the record's end folds back elsewhere
 
 
+def test_subset_job_has_layers_and_notes_their_critical_angle(place):
+    through, layers = {"mask_id": place.sparse.id, "points": "exact"}, [{"sound_speed": 1700, "thickness": 4e-4}, {}]
+    _, report = place.do("what-if", scan_id=place.scan, through=through, parameters={"modes": 16, "medium": layers})
+    assert report["parameters"]["medium"][1]["sound_speed"] == SPEED
+    assert any("does not reach the film" in note for note in report["notes"])
+
+
 def test_quality_of_an_image_against_itself_is_perfect_and_against_a_worse_one_is_not(place):
     (one, _), (other, _) = place.reconstruct(), place.reconstruct(sound_speed=1350.0)
     _, same = place.do("quality", reconstruction_id=one, reference_id=one, diameter=None, threshold=0.04)

@@ -207,6 +207,22 @@ def test_a_preview_has_a_quarter_of_the_voxels_and_shows_the_same_projection(sca
     assert correlation(small.mip("z"), full.mip("z")) > 0.98
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("detail", ["preview", "full"])
+def test_image_grown_in_layers_is_the_one_of_these_layers(scan: GrowingScan, tmp_path: Path, detail: str) -> None:
+    layers = [{"sound_speed": SPEED, "thickness": 0.8e-3}, {"sound_speed": 1650.0}]
+    parameters = PARAMETERS.replace(medium=layers, depth_range=(0.2e-3, 1.9e-3))
+    scan.measure(1000)
+    view = LiveReconstruction(scan.path, tmp_path / "live", parameters, detail)  # type: ignore[arg-type]
+    view.update()
+    reconstruct_scan(scan.path, tmp_path / "whole", parameters)
+    whole, grown = read_volume(tmp_path / "whole" / "volume.h5"), view.volume()
+    places = [v.axes.z[np.unravel_index(v.values.argmax(), v.values.shape)[2]] for v in (whole, grown)]
+    assert abs(places[0] - places[1]) <= grown.spacing[2]
+    if detail == "full":  # which may begin a slice earlier
+        assert _distance(grown.values[..., -whole.values.shape[2] :], whole.values) < 1e-4
+
+
 def test_weights_fitted_to_the_points_so_far_make_a_half_done_pass_a_better_projection(tmp_path: Path) -> None:
     """In the middle of the last pass of a progressive order one half of the aperture is twice as dense as the other."""
     scan = GrowingScan(tmp_path / "scan.h5", count=800)

@@ -188,7 +188,11 @@ def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
     if not interval or (parameters.medium is None and not speed):
         return samples
     if parameters.medium is not None:
-        return _layered_slices(samples, interval, build_medium(parameters.medium, speed), parameters)
+        try:
+            medium = build_medium(parameters.medium, speed)
+        except InvalidInput as error:
+            raise InvalidInput(f"parameters.{error.field}", error.value, error.allowed) from error
+        return _layered_slices(samples, interval, medium, parameters)
     if parameters.depth_range is None:
         extent = Extent(samples, parameters.conditioning.delay / interval)
         return max(samples, extent.end - extent.first)
@@ -202,7 +206,7 @@ def _layered_slices(samples: int, interval: float, medium: Medium, parameters: R
     first, last = parameters.depth_range or (None, None)
     begin = medium.depth_at(extent.first * interval) if first is None else first
     end = medium.depth_at(extent.end * interval) if last is None else last
-    return max(samples, math.ceil((end - begin) / (interval * medium.slowest)) + 1)
+    return max(samples, math.ceil((end - begin) / (interval * medium.slowest)) + (last is not None))
 
 
 def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:
