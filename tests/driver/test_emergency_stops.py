@@ -42,12 +42,18 @@ def stop(simulator, **options):
 
 
 def test_emergency_stop_of_idle_port_returns_device_status():
-    with launch() as simulator:
-        answer, _ = stop(simulator)
-        assert (answer.laser, answer.shutter, answer.holder) == ("off", "closed", "")
-        assert answer.state in ("idle", "linked")
-        with fabry_perot.connect(simulator.url) as scanner:
-            assert scanner.state == "linked", "the port is free again"
+    """A host of another test may wait for an earlier device of the same name, and then answers: not five times."""
+    for _ in range(5):
+        with launch() as simulator:
+            answer, _ = stop(simulator)
+            assert (answer.laser, answer.shutter) == ("off", "closed")
+            if answer.holder:
+                continue
+            assert answer.state in ("idle", "linked")
+            with fabry_perot.connect(simulator.url) as scanner:
+                assert scanner.state == "linked", "the port is free again"
+            return
+    pytest.fail(f"{answer.holder} holds each of five new ports")
 
 
 @pytest.mark.long
