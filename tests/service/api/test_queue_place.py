@@ -94,7 +94,7 @@ def test_the_position_is_by_priority_and_then_by_age(http, jobs):
 
 
 def test_queue_expected_end_is_computed_from_past_job_durations(server, http, jobs, ledger, clock):
-    """Two workers, jobs of 10.5 s each (the median): a job begins when half of those before it have been done."""
+    """Two workers, jobs of 10.5 s each (the median): a job begins when a worker has done its one or those before it."""
     for seconds in (9, 10, 11, 50):
         job = jobs()
         ledger.start_attempt(job, "w")
@@ -110,10 +110,12 @@ def test_queue_expected_end_is_computed_from_past_job_durations(server, http, jo
     for job, seconds in zip(running, (10.5, 14.5), strict=True):
         assert datetime.fromisoformat(place(http, job)["expected_end"]) == begun + timedelta(seconds=seconds)
     with server.database.read() as session:
-        for number, job in enumerate((third, fourth, fifth)):
+        for number, (job, seconds) in enumerate(((third, 21), (fourth, 25), (fifth, 31.5))):
             estimate = forecast(session, job, 2, clock.now)
             assert estimate.position == number + 1
-            assert estimate.expected_end == clock.now + timedelta(seconds=10.5 * (number / 2 + 1))
+            assert estimate.expected_end == begun + timedelta(seconds=seconds)
+            assert forecast(session, job, 2, clock.now + timedelta(seconds=1)) == estimate, "an ETag that holds"
+            assert forecast(session, job, 2, clock.now + timedelta(minutes=1)).expected_end is None, "overdue"
     assert [place(http, job)["position"] for job in (*running, third)] == [None, None, 1]
     assert figure(server, "steradian_jobs_waiting_work_seconds") == 3 * 10.5
     assert 0 < figure(server, "steradian_jobs_waiting_oldest_seconds") < 600

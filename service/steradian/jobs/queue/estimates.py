@@ -32,8 +32,9 @@ class QueueEstimate:
     position
         1 for the next that begins; ``None`` when it runs, or waits for its scan or for another worker.
     expected_end
-        The jobs before it, each with the median duration of this job's kind, on so many workers. ``None`` when too few
-        such jobs have been done, a worker is idle, or it takes longer than it should.
+        From the expected ends of the running jobs and the median duration of this job's kind for those before it; the
+        same at each look, so that its ETag holds. ``None`` when too few such jobs have been done, a worker is idle, or
+        the running jobs take longer than they should.
     awaited
         The worker that it waits for, in words, where none that is present can do it.
     """
@@ -54,11 +55,8 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Queu
     row = session.scalar(select(JobRow).where(JobRow.id == job_id))
     if row is None or row.state not in {_R.QUEUED, _R.RUNNING}:
         return None
-    seconds = _median_duration(session, row.kind)
     if row.state is _R.RUNNING:
-        begun = datetime.fromisoformat(row.attempts[-1]["started"]) if row.attempts else None
-        end = None if begun is None or seconds is None else begun + timedelta(seconds=seconds)
-        return QueueEstimate(None, end if end is not None and end > now else None)
+        return QueueEstimate(None, _expected_end(session, row, now))
     waiting = [JobRow.state == _R.QUEUED, ~WAITS_FOR_SCAN]
     if session.scalar(select(JobRow.id).where(JobRow.id == job_id, *waiting)) is None:
         return QueueEstimate()
@@ -69,10 +67,22 @@ def forecast(session: Session, job_id: str, workers: int, now: datetime) -> Queu
     waiting += _skipped(present)
     earlier = [*waiting, tuple_(*QUEUE_ORDER) < (row.priority, row.turn, row.sequence)]
     ahead = session.scalar(select(func.count()).select_from(JobRow).where(*earlier)) or 0
-    running = session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == _R.RUNNING)) or 0
-    if seconds is None or not workers or running < workers:
+    running = session.scalars(select(JobRow).where(JobRow.state == _R.RUNNING)).all()
+    seconds = _median_duration(session, row.kind)
+    ends = sorted(end for job in running if (end := _expected_end(session, job, now)) is not None)
+    if seconds is None or not ends or len(running) < workers:
         return QueueEstimate(ahead + 1)
-    return QueueEstimate(ahead + 1, now + timedelta(seconds=seconds * (ahead / workers + 1)))
+    rounds, place = divmod(ahead, len(ends))
+    return QueueEstimate(ahead + 1, ends[place] + timedelta(seconds=seconds * (rounds + 1)))
+
+
+def _expected_end(session: Session, job: JobRow, now: datetime) -> datetime | None:
+    """Return the expected end of a running job; ``None`` when it is overdue, or too few of its kind have been done."""
+    seconds = _median_duration(session, job.kind)
+    if seconds is None or not job.attempts:
+        return None
+    end = datetime.fromisoformat(job.attempts[-1]["started"]) + timedelta(seconds=seconds)
+    return end if end > now else None
 
 
 @dataclass(frozen=True)
