@@ -20,7 +20,7 @@ def engine():
     """An engine that has built the image; skipped where nothing can."""
     missing = [name for name in PROGRAMS if shutil.which(name, path="/usr/sbin:/sbin:/usr/bin:/bin") is None]
     if os.geteuid() != 0 or missing:
-        pytest.skip(f"needs root and Debian's packages {', '.join(PROGRAMS)}")
+        pytest.skip(f"needs root and Debian's packages: apt-get install {' '.join(PROGRAMS)}")
     made = Engine(Path(os.environ.get("STERADIAN_IMAGES", ROOT / ".tools" / "images")).absolute())
     made.build()
     return made
