@@ -2,14 +2,14 @@
 # Prove and measure the GPU engine on a machine with a CUDA device, in one command.
 #
 #   benchmarks/gpu_session.sh tests       the engine's tests, on the device: a line for each, and their output in tests.log
-#   benchmarks/gpu_session.sh benchmark   python -m steradian_benchmarks gpu: a table, and gpu.json
+#   benchmarks/gpu_session.sh benchmark   python -m steradian_benchmarks gpu: a table, gpu.json, and docs/performance.md with it
 #   benchmarks/gpu_session.sh all         both
 #   benchmarks/gpu_session.sh fetch       beforehand, where an index of packages can be reached: wheels into .wheels
 #   benchmarks/gpu_session.sh collect     keep what came in .wheels/part-N
 #
-# Files go to the folder $OUT (default: gpu-session). Where there is a folder .wheels, what is missing comes from there,
-# with neither an index nor a virtual environment: for machines that reach nothing. Otherwise a virtual environment in
-# .gpu-venv gets '.[gpu,test]'.
+# Files go to the folder $OUT (default: gpu-session). With $PYTHON, that interpreter has all packages. Where there is a folder
+# .wheels, what is missing comes from there, with neither an index nor a virtual environment: for machines that reach
+# nothing. Otherwise a virtual environment in .gpu-venv gets '.[gpu,test]'.
 #
 # .wheels/base is what the library needs, .wheels/part-N at most 40 MiB of a yardstick's wheel (cuFINUFFT's are large);
 # these parts need not come at once: they are collected in $PARTS (default: /tmp/gpu-session-parts) until all are there.
@@ -18,7 +18,7 @@ cd "$(dirname "$0")/.."
 
 out=${OUT:-gpu-session} wheels=${WHEELS:-.wheels} parts=${PARTS:-/tmp/gpu-session-parts}
 site=${SITE:-/tmp/gpu-session-site} # what is not installed, for this session alone
-python=python3
+python=${PYTHON:-python3}
 # What the library needs besides what such machines have (NumPy, SciPy, Numba, CuPy, numba-cuda, typer, rich, pytest);
 # others to be compared with come last.
 needed=(annotated-types cbor2 cobs filelock google-crc32c pydantic pydantic-core pyserial typing-inspection typing-extensions
@@ -74,8 +74,9 @@ provide() {
         export CUDA_HOME=/usr/local/cuda # where numba-cuda looks for NVVM if no package has it
     fi
     export PYTHONPATH="$PWD/service:$PWD/driver:$PWD/benchmarks" NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-/tmp/gpu-session-numba}
-    collect
-    if [ -d "$wheels" ]; then
+    if [ -n "${PYTHON:-}" ]; then
+        : # has all
+    elif collect && [ -d "$wheels" ]; then
         # an older one of what the machine has would hide it: only what cannot be imported is installed
         local missing=()
         for wheel in "$wheels"/base/*.whl; do
@@ -128,6 +129,7 @@ tests() {
     "$python" -m pytest -o addopts= -o filterwarnings=default --import-mode=importlib -p no:cacheprovider \
         --confcutdir=tests/service/imaging -q -ra --durations=15 "$@" tests/service/imaging/test_cuda_engine.py \
         tests/service/imaging/test_device.py tests/service/imaging/test_gpu_arrays.py tests/service/imaging/test_gpu.py \
+        tests/service/imaging/test_parametric.py \
         2>&1 | tee "$out/tests.log"
 }
 
@@ -146,6 +148,8 @@ benchmark() {
     found=$(peer cufinufft-2.4)
     [ -z "$found" ] || others="$others:$found"
     PYTHONPATH=$others run_benchmark gpu "$@" || status=1
+    cp docs/performance.md "$out"
+    "$python" -m steradian_benchmarks gpu --figures "$out/gpu.json" --page "$out/performance.md" || status=1
     found=$(peer cufinufft-2.5)
     if [ -n "$found" ]; then
         PYTHONPATH="$PYTHONPATH:$found" run_benchmark gpu-cufinufft --only cuFINUFFT || status=1

@@ -142,13 +142,21 @@ def take_volumes(camera, client, jobs):
     def tab(name):
         return lambda page: page.click(f"[data-tab='{name}']")
 
+    def measure_line(page):
+        tab("Measure")(page)
+        page.wait_for_load_state("networkidle")
+        if not page.locator("[data-measurement]").count():  # the first picture of two
+            page.get_by_role("button", name="Measure the line").click()
+        page.click("[data-measurement] [data-cell='kind']")
+        page.wait_for_selector("[data-result='profile']")
+
     camera.take("volumes", "/volumes", ".gallery canvas", act=all_drawn)
     camera.take("volume", f"/volumes/{first}", drawn)
     camera.take(
         "volume-measure",
         f"/volumes/{first}{line_across(client.reconstructions.volume(first))}",
         drawn,
-        act=tab("Measure"),
+        act=measure_line,
     )
     camera.take("volume-compare", f"/volumes/{first}#against={second}", drawn, act=tab("Compare"))
     camera.take("volume-speed", f"/volumes/{first}#map=depth", drawn, act=tab("Speed"))
@@ -187,6 +195,29 @@ def take_data(camera, files):
 
     camera.take("data", "/data", "#files", act=drop)
     camera.take("data-understood", "/data", "#files", act=bring)
+
+
+def take_choice(camera, client):
+    """A scan in stages that waits for the choice of a point of interest."""
+    mask = client.masks.equi_steradian(aperture=APERTURE, depth=3.6e-3, count=1600)
+    survey = {"points": 400, "choice": "several", "count": 3, "decision": "ask"}
+    plan = client.plans.create(mask.id, pulse_rate=400.0, survey=survey)
+    scan = client.scans.create(plan.id, labels={"sample": "mouse ear"})
+    client.reconstructions.create(scan.id, follow=True, interval=1)
+
+    def waits():
+        while client.scans.get(scan.id).stages[1]["state"] == "planned":
+            time.sleep(0.5)
+        assert client.scans.get(scan.id).state == "paused", "no picture of a scan that waits"
+
+    def shown(page):
+        page.wait_for_selector(".stage-choice:visible")
+        page.get_by_text("from 400 of 400 A-lines").wait_for()
+
+    waits()
+    camera.take("scan-choice", f"/scans/{scan.id}", ".live-frame canvas", act=shown, during=waits)
+    client.scans.stop(scan.id)
+    client.scans.wait(scan)
 
 
 def take_running(camera, client):
@@ -234,6 +265,7 @@ def main():
         take_volumes(camera, client, jobs)
         take_queue(camera, client, scan, jobs)
         take_data(camera, recording(Path(folder)))
+        take_choice(camera, client)
         take_running(camera, client)
 
 

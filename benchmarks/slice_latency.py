@@ -23,11 +23,11 @@ WATCH = 'document.addEventListener("steradian:volume", (event) => (window.shown 
 STEP = """async ([axis, index]) => {
     const {stage, views, store} = window.shown;
     const view = views.find((one) => one.axis === axis), n = "xyz".indexOf(axis);
-    const place = [...stage.place];
+    const place = [...stage.position];
     place[n] = stage.source.origin[n] + index * stage.source.spacing[n];
     const drawn = new Promise((go) => {
-        const told = () => { if (view.range.from === index) { view.ears.delete(told); go(performance.now()); } };
-        view.ears.add(told);
+        const told = () => { if (view.range.from === index) { view.listeners.delete(told); go(performance.now()); } };
+        view.listeners.add(told);
     });
     const asked = performance.now();
     store.change({at: place});

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from packaging.requirements import Requirement
 
 OURS = ("steradian", "fabry-perot-scanner", "steradian-client")
-EXTRAS = {"steradian": ("export", "notebook", "store"), "steradian-client": ("cli",)}
+EXTRAS = {"steradian": ("export", "notebook", "store", "vessels"), "steradian-client": ("cli",)}
 FREE = re.compile(
     r"\b(MIT|BSD|0BSD|Apache|ISC|PSF|PSFL|Python Software|MPL|Mozilla|LGPL|Lesser|HPND|CNRI|Zlib|CC0|Unlicense)"
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Annotated
@@ -10,44 +9,16 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from steradian.benchmarks.report_pages import with_environment
 from steradian.cli.benchmark_output import JsonFile, print_and_save, save
 from steradian.cli.console import console, finish_with_summary, progress_bar
+from steradian_benchmarks.compute_commands import gpu, learned_positions, operators
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
 )
-
-
-@app.command()
-def gpu(
-    json_file: JsonFile = None,
-    repeats: Annotated[int, typer.Option(help="Runs of each; the median counts.", min=1)] = 20,
-    quick: Annotated[bool, typer.Option(help="Tiny versions of all: whether they run, no measurement.")] = False,
-    only: Annotated[str, typer.Option(help="Only cases whose name begins with this text.")] = "",
-    page: Annotated[Path | None, typer.Option(help="Also write the tables between the marks of this page.")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Measure nothing: take an earlier --json, for --page.")] = None,
-) -> None:
-    """Time a CUDA device (extra gpu): direct images, model, adjoint and a fit, beside cuFFT's pair and the processor.
-
-    'gpu s' is with arrays on the device, 'memory s' from and to NumPy's, 'ratio' over the transform pair of the same
-    volume, 'faster' than two processors.
-    """
-    from steradian_benchmarks import gpu as measured
-    from steradian_benchmarks.gpu_report import write_page
-
-    if figures is not None and page is not None:
-        write_page(page, json.loads(figures.read_text(encoding="utf-8")))
-        return
-    with progress_bar() as progress:
-        rows = measured.gpu(quick=quick, repeats=repeats, only=only, progress=progress)
-    shown = ("device", "case", "shape", "gpu_s", "memory_s", "pair_s", "ratio", "cpu_s", "faster", "error")
-    print_and_save("gpu", rows, json_file, shown)
-    if page is not None:
-        write_page(page, with_environment("gpu", rows))
-    if not quick and (missed := measured.limit_violations(rows)):
-        console().print("\n".join(missed))
-        raise typer.Exit(1)
+app.command()(gpu)
+app.command()(operators)
+app.command("learned-positions")(learned_positions)
 
 
 @app.command()
@@ -193,6 +164,70 @@ def live(
     with progress_bar() as progress:
         rows = measure(quick=quick, revisions=revisions, progress=progress)
     print_and_save("live", rows, json_file)
+
+
+@app.command()
+def series(
+    json_file: JsonFile = None,
+    quick: Annotated[bool, typer.Option(help="A small scan: whether it runs, no measurement.")] = False,
+) -> None:
+    """Time a series of 20 frames as one job beside its frames one by one, and a warm iterative series beside cold fits.
+
+    'ratio' is the series' time over that of the frames, with all files and pictures; 'limit' what it must not exceed.
+    """
+    from steradian_benchmarks.series import series as measure
+
+    with progress_bar() as progress:
+        rows = measure(quick=quick, progress=progress)
+    print_and_save("series", rows, json_file)
+
+
+@app.command()
+def stages(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the tables into this page, docs/stages.md.")] = None,
+    quick: Annotated[bool, typer.Option(help="Few points, one object: whether it runs, no measurement.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Measure nothing: take an earlier --json, for --page.")] = None,
+) -> None:
+    """Image vessels at random places by a survey and a focus, and end scans of yarns early, beside whole scans.
+
+    Takes a quarter of an hour on two processors.
+    """
+    from steradian_benchmarks import stages_report as report
+
+    with progress_bar() as progress:
+        rows = report.measure(quick=quick, figures=figures, progress=progress)
+    for part, lines in report.summaries(rows).items():
+        print_and_save(part, lines, None)
+    save("stages", rows, json_file)
+    if page is not None:
+        report.write_page(page, rows)
+    if not quick and (missed := report.violations(rows)):
+        console().print("\n".join(missed))
+        raise typer.Exit(1)
+
+
+@app.command()
+def budget(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/which-mask.md.")] = None,
+    quick: Annotated[bool, typer.Option(help="Two scans, direct method: whether it runs, no measurement.")] = False,
+    figures: Annotated[Path | None, typer.Option(help="Measure nothing: take an earlier --json, for --page.")] = None,
+) -> None:
+    """Compare contrast and width predicted by 'steradian design' with those of 20 simulated scans.
+
+    Takes ten minutes on two processors. Fails when a direct prediction is off by more than 2 dB or 10 %.
+    """
+    from steradian_benchmarks import budget as measured
+
+    with progress_bar() as progress:
+        rows = measured.read(figures) if figures else measured.budget(quick=quick, progress=progress)
+    print_and_save("budget", rows, json_file)
+    if page is not None:
+        measured.write_page(page, rows)
+    if not quick and (missed := measured.violations(rows)):
+        console().print("\n".join(missed))
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -20,6 +20,11 @@ _STEPS = {
 }  # fmt: skip
 
 
+_DERIVATIVES = {
+    "positions_to_traces_s": "positions", "time_to_traces_s": "time zero", "speeds_to_traces_s": "sound speed",
+}  # fmt: skip
+
+
 def write_page(page: Path, document: dict[str, Any]) -> None:
     """Replace the tables between the markers of a documentation page."""
     replace_between_markers(page, BEGIN, END, tables(document))
@@ -61,6 +66,9 @@ def _words(row: Row) -> list[str]:
     if "to_depth_s" in row:
         steps = ", ".join(f"{words} {_time(row[name])}" for name, words in _STEPS.items())
         return [f"- Steps of the first case: {steps}. A copy runs at {row['copied_bytes_per_s'] / 1e12:.2f} TB/s."]
+    if "positions_to_traces_s" in row:
+        parts = ", ".join(f"by {words} {_time(row[name])}" for name, words in _DERIVATIVES.items())
+        return [f"- Derivatives of all A-lines, beside both products in {_time(row['gpu_s'])}: {parts}."]
     if "why_not" in row:
         return [f"- {row['peer']}: not measured ({row['why_not']})."]
     if "setting" in row:

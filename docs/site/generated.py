@@ -11,11 +11,12 @@ from typing import Any, get_args
 DOCS = Path(__file__).parents[1]
 METHODS = ("get", "put", "post", "patch", "delete")
 LIBRARY = {
-    "Masks": "equi_steradian_mask equiangular_mask grid_mask hexagonal_mask custom_mask Mask compare_masks",
+    "Masks": "equi_steradian_mask equiangular_mask grid_mask hexagonal_mask custom_mask Mask compare_masks design_scan",
     "Plans and scans": "ScanPlan Scan open",
     "Reconstruction": "reconstruct Acquisition AcquisitionGeometry ImageGrid Compute ReconstructionPlan ForwardOperator"
-    " FrameChoice Volume measure_width quality",
-    "Medium": "Medium Layer Attenuation",
+    " FrameChoice Volume uncertainty suppress_artefacts measure_width quality",
+    "Medium": "Medium Layer Attenuation find_medium",
+    "Scans in stages": "survey focus",
     "Reconstruction methods": "Nufft Ner LinearKappa NearestKappa Gridded Iterative",
     "Errors": "SteradianError InvalidInput",
 }

@@ -12,7 +12,7 @@ from steradian._version import __version__ as __version__
 TYPE_CHECKING = False  # not typing's: whoever starts the command line waits for what is read here
 if TYPE_CHECKING:
     from steradian import quality
-    from steradian.comparisons import compare_masks
+    from steradian.comparisons import compare_masks, design_scan
     from steradian.core.exceptions import InvalidInput, SteradianError
     from steradian.imaging import (
         Acquisition,
@@ -31,7 +31,9 @@ if TYPE_CHECKING:
         ReconstructionPlan,
         Volume,
         reconstruct,
+        uncertainty,
     )
+    from steradian.imaging.artefact_suppression import suppress_artefacts
     from steradian.imaging.operators import ForwardOperator
     from steradian.io import open as open
     from steradian.masks import (
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
     )
     from steradian.plans import ScanPlan
     from steradian.reconstructions.scan import Scan
+    from steradian.reconstructions.stages.library import focus, survey
+    from steradian.reconstructions.studies.medium_search import find_medium
     from steradian.reconstructions.studies.width import measure_width
     from steradian.scans.frames import FrameChoice
 
@@ -72,13 +76,19 @@ _HOMES = {
     "Volume": "steradian.imaging",
     "compare_masks": "steradian.comparisons",
     "custom_mask": "steradian.masks",
+    "design_scan": "steradian.comparisons",
     "equi_steradian_mask": "steradian.masks",
     "equiangular_mask": "steradian.masks",
+    "find_medium": "steradian.reconstructions.studies.medium_search",
+    "focus": "steradian.reconstructions.stages.library",
     "grid_mask": "steradian.masks",
     "hexagonal_mask": "steradian.masks",
     "measure_width": "steradian.reconstructions.studies.width",
     "open": "steradian.io",
     "reconstruct": "steradian.imaging",
+    "suppress_artefacts": "steradian.imaging.artefact_suppression",
+    "survey": "steradian.reconstructions.stages.library",
+    "uncertainty": "steradian.imaging",
 }
 
 __all__ = [
@@ -106,13 +116,19 @@ __all__ = [
     "Volume",
     "compare_masks",
     "custom_mask",
+    "design_scan",
     "equi_steradian_mask",
     "equiangular_mask",
+    "find_medium",
+    "focus",
     "grid_mask",
     "hexagonal_mask",
     "measure_width",
     "quality",
     "reconstruct",
+    "suppress_artefacts",
+    "survey",
+    "uncertainty",
 ]  # and open, which would take the place of Python's own in "from steradian import *"
 
 
@@ -132,6 +148,7 @@ def __dir__() -> list[str]:
 
 def _load_displays() -> None:
     """Import the modules that register implementations with :mod:`steradian.drawing.display_dispatch`."""
+    import steradian.comparisons.design_plots
     import steradian.masks.plots
     import steradian.plans.plots
     import steradian.reconstructions.display  # noqa: F401

@@ -1,4 +1,4 @@
-"""``steradian.open()``: open a mask, plan, scan or volume file, with its type detected from the content."""
+"""``steradian.open()``: open a mask, plan, scan, volume or series file, with its type detected from the content."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ if TYPE_CHECKING:
     from steradian.masks import Mask
     from steradian.plans import ScanPlan
     from steradian.reconstructions.scan import Scan
+    from steradian.reconstructions.series.series import Series
 
-    Opened: TypeAlias = Mask | ScanPlan | Scan | Volume
+    Opened: TypeAlias = Mask | ScanPlan | Scan | Volume | Series
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-KNOWN = "a mask or plan (.json), a scan or a volume (.h5) of Steradian, or the folder of a reconstruction"
+KNOWN = "a mask or plan (.json), a scan, a volume or a series (.h5) of Steradian, or the folder of a reconstruction"
 
 
 def open(path: str | Path) -> Opened:
-    """Open a mask, plan, scan or volume file, with its type detected from the content.
+    """Open a mask, plan, scan, volume or series file, with its type detected from the content.
 
     Parameters
     ----------
     path
-        A file written by Steradian; or a folder that a reconstruction has left, for its volume.
+        A file written by Steradian; or a folder that a reconstruction has left, for its volume or series.
 
     Returns
     -------
-    Mask, ScanPlan, Scan or Volume
+    Mask, ScanPlan, Scan, Volume or Series
         Shows what it is when it is printed.
 
     Raises
@@ -43,8 +44,9 @@ def open(path: str | Path) -> Opened:
         When a value in it is out of range, or it is a table of a mask's points, which lacks the aperture.
     """
     wanted = Path(path)
-    if wanted.is_dir() and (wanted / "volume.h5").is_file():
-        wanted = wanted / "volume.h5"
+    for name in ("volume.h5", "series.h5"):
+        if wanted.is_dir() and (wanted / name).is_file():
+            wanted = wanted / name
     if not wanted.is_file():
         raise NotFound("file", str(path))
     with wanted.open("rb") as file:
@@ -59,7 +61,7 @@ def open(path: str | Path) -> Opened:
     raise DamagedFile(f"{wanted} is not {KNOWN}")
 
 
-def _of_hdf5(path: Path) -> Scan | Volume:
+def _of_hdf5(path: Path) -> Scan | Volume | Series:
     import h5py
 
     try:
@@ -75,6 +77,10 @@ def _of_hdf5(path: Path) -> Scan | Volume:
         from steradian.reconstructions.volumes.file import read_volume
 
         return read_volume(path)
+    if kind == "steradian-series":
+        from steradian.reconstructions.series.series import read_series
+
+        return read_series(path)
     told = "has no format" if kind is None else f"has the format {kind!r}"
     raise DamagedFile(f"{path} is HDF5, but {told}; not {KNOWN} ('steradian import' reads recordings of others)")
 

@@ -15,7 +15,10 @@ WARNINGS = {
     ("operation-4xx-response", "#/paths/~1readyz/get/responses"): "likewise; it may say 503",
 }
 """What the linter may warn of, and why it stays."""
-BREAKS: dict[tuple[str, str], str] = {}
+_JOB = "#/paths/~1api~1v1~1jobs/get/responses/200/content/application~1json/schema/properties/items/items/properties"
+BREAKS: dict[tuple[str, str], str] = {
+    ("schema-combinator-changed", f"{_JOB}/result/anyOf/6"): "results of jobs of a new kind, regions",
+}
 """What may break clients of the accepted document, (rule, place), and why; emptied when the next one is accepted."""
 ADDITIONS = {"enum-values-added": "a client has to expect values of answers that it does not know, like fields"}
 """What the comparison takes for a break and we for an addition."""

@@ -93,7 +93,7 @@ def free_port():
 def test_few_blocks_are_not_run():
     left_out = [why for name in ("README.md", "docs/tutorial.md") for _, _, why in blocks(name) if why is not None]
     assert left_out == ["the whole suite, which CI runs by this very line"]
-    assert [len(blocks(name)) for name in ("README.md", "docs/tutorial.md")] == [3, 13]
+    assert [len(blocks(name)) for name in ("README.md", "docs/tutorial.md")] == [3, 17]
 
 
 def test_the_readme_then_the_tutorial_as_written(copy, free_port):
@@ -121,5 +121,14 @@ def test_the_readme_then_the_tutorial_as_written(copy, free_port):
     said = tutorial.run()
     assert "brightest at x 0.00, y 0.00, depth 3.0" in said
     assert "(96, 96, 1024)" in said
-    for made in ("image/volume.h5", "better/mip-z.png", "mine/report.json", "seen-by-few/what-if.json", "mask.png"):
+    saturation = {name: float(mean) for name, mean in re.findall(r"^(artery|vein) +0 +190 +(0\.\d+)", said, re.M)}
+    assert saturation == pytest.approx({"artery": 0.95, "vein": 0.65}, abs=0.01)
+    for made in (
+        "image/volume.h5",
+        "better/mip-z.png",
+        "mine/report.json",
+        "seen-by-few/what-if.json",
+        "mask.png",
+        "so2.png",
+    ):
         assert (copy / "first-hour" / made).is_file(), made

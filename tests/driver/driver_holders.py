@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fabry_perot.simulator import Simulator
+from support.copies import Popen
 from support.waiting import until
 
 FAST = {"speed": 1.0, "noise_db": 60.0}
@@ -62,10 +63,10 @@ def report(simulator: Simulator) -> dict:
 
 
 @contextmanager
-def program(code: str, *arguments: str) -> Iterator[subprocess.Popen]:
+def program(code: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run Python code in a process of its own."""
     command = [sys.executable, "-c", textwrap.dedent(code), *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:
@@ -73,14 +74,14 @@ def program(code: str, *arguments: str) -> Iterator[subprocess.Popen]:
 
 
 @contextmanager
-def scan_of(simulator: Simulator, folder: Path, points: int = 5000) -> Iterator[subprocess.Popen]:
+def scan_of(simulator: Simulator, folder: Path, points: int = 5000) -> Iterator[subprocess.Popen[str]]:
     """Run `fabry-perot scan` in a process of its own, and go on once it has fired twenty times."""
     where = np.random.default_rng(0).uniform(-6, 6, (points, 2)).round(3)
     np.savetxt(folder / "points.csv", where, delimiter=",", header="x_mm,y_mm", comments="", fmt="%.4f")
     words = ["scan", simulator.url, "points.csv", "--samples", "64", "--rate", "100"]
     command = [sys.executable, "-m", "fabry_perot", *words]
     before = report(simulator)["shots"]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             until(lambda: report(simulator)["shots"] > before + 20, tell=lambda: f"(code {process.poll()})")
             yield process

@@ -16,13 +16,16 @@ class VirtualLine:
     Parameters
     ----------
     speed
-        Device seconds a second; its capabilities must say the same.
+        Declared device seconds a second; its capabilities must say the same.
+    pace
+        Real device seconds a second; by default the declared ones.
     limits
         Of the device.
     """
 
-    def __init__(self, speed: int = 1, **limits: int) -> None:
-        self.clock, self.limits, self.speed = VirtualClock(1_000_000), limits, speed
+    def __init__(self, speed: int = 1, pace: int = 0, **limits: int) -> None:
+        self.clock, self.limits = VirtualClock(1_000_000), limits
+        self.speed, self.pace = speed, pace or speed
         self.instrument = CountingInstrument()
         self.boots, self.sent = 0, b""
         self.boot()
@@ -30,7 +33,7 @@ class VirtualLine:
     def boot(self) -> None:
         self.boots += 1
         boot, timing = 0xB000 + 7 * self.boots, DeviceTiming().scaled(self.speed)
-        now = self.clock.now() * self.speed
+        now = self.clock.now() * self.pace
         self.device = Device(self.instrument, boot=boot, now=now, timing=timing, **self.limits)
 
     def write(self, data: bytes) -> None:
@@ -40,8 +43,8 @@ class VirtualLine:
         before = self.clock.now()
         self.clock.advance(1_000)
         data, self.sent = self.sent, b""
-        step = 1_000 if self.speed == 1 else 250 * self.speed
-        for now in range(before * self.speed + step, self.clock.now() * self.speed + 1, step):
+        step = 1_000 if self.pace == 1 else 250 * self.pace
+        for now in range(before * self.pace + step, self.clock.now() * self.pace + 1, step):
             self.device.receive(data, now)
             data = b""
         return self.device.next_frames(16384)
@@ -56,7 +59,7 @@ class VirtualLine:
             self.boot()
 
 
-def outcomes(*only: str, speed: int = 1, **limits: int) -> dict[str, str]:
-    line = VirtualLine(speed, **{"ring": 16, **limits})
+def outcomes(*only: str, speed: int = 1, pace: int = 0, **limits: int) -> dict[str, str]:
+    line = VirtualLine(speed, pace, **{"ring": 16, **limits})
     found = run(ConformanceHost(line, line.clock), fire=True, ask=line.ask, only=only)
     return {outcome.name: outcome.failure or outcome.skipped for outcome in found}

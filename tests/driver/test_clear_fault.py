@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -21,6 +20,7 @@ from fabry_perot.wire.constants import Operation, Type
 from fabry_perot.wire.framing import Frame
 from fabry_perot.wire.messages import Fault, pack
 from fabry_perot.wire.states import DeviceState, Event
+from support import copies
 from support.waiting import until
 
 PATIENT = HostTiming(ttl=1_000_000)
@@ -36,7 +36,7 @@ def simulator():
 
 
 def command(*words):
-    return subprocess.run([sys.executable, "-m", "fabry_perot", *words], capture_output=True, text=True, timeout=250)
+    return copies.run([sys.executable, "-m", "fabry_perot", *words])
 
 
 def scan_until_it_stops(scanner, lines, then=None):

@@ -13,10 +13,12 @@ from driver_line import VirtualLine, outcomes
 from driver_mutants import MUTANTS
 
 from fabry_perot.conformance import SCENARIOS, ConformanceHost, as_junit, run
-from fabry_perot.device import request_handlers
+from fabry_perot.device import device_state, request_handlers
 from fabry_perot.errors import PlanInvalid
 from fabry_perot.simulator import launch
-from fabry_perot.wire.constants import Operation, Result
+from fabry_perot.wire.constants import Operation, Result, Type
+from fabry_perot.wire.framing import Deframer
+from fabry_perot.wire.states import RUNNING, Event, HoldCause
 
 NAMES = [scenario.run.__name__ for scenario in SCENARIOS]
 KILLERS = {
@@ -47,6 +49,59 @@ def test_conformance_scan_scenarios_pass_on_accelerated_device_clock(speed, monk
     monkeypatch.setitem(CAPABILITIES, "clock_rate", float(speed))
     wanted = ("credit", "lease_expiry", "stale_echo", "future_echo", "new_session", "abort_levels")
     assert outcomes(*wanted, speed=speed) == dict.fromkeys(wanted, "")
+
+
+def test_conformance_waits_for_simulated_clock_slower_than_declared(monkeypatch):
+    monkeypatch.setitem(CAPABILITIES, "clock_rate", 20.0)
+    wanted = ("lease_expiry", "stale_echo")
+    assert outcomes(*wanted, speed=20, pace=6) == dict.fromkeys(wanted, "")
+
+
+class LateHello(VirtualLine):
+    """Line that delivers HELLO of a new session only after the lease has expired, a number of times."""
+
+    def __init__(self, delays):
+        super().__init__(ring=16)
+        self.delays, self._late, self._reads = delays, b"", 0
+
+    def write(self, data):
+        is_firing = self.device.state in RUNNING
+        if not self._late and is_firing and self.delays and Deframer().feed(data)[0].type == Type.HELLO:
+            self.delays, self._reads = self.delays - 1, 600
+        if self._reads:
+            self._late += data
+        else:
+            super().write(data)
+
+    def read(self):
+        self._reads = max(0, self._reads - 1)
+        if not self._reads:
+            super().write(self._late)
+            self._late = b""
+        return super().read()
+
+
+def failure_of_new_session(line):
+    """Run the scenario of a new session and return its failure, empty when it passes."""
+    (outcome,) = run(ConformanceHost(line, line.clock), fire=True, only=["new_session"])
+    return outcome.failure
+
+
+@pytest.mark.parametrize("delays", [1, 3])
+def test_conformance_repeats_new_session_after_lease_expiry_on_slow_line(delays):
+    line = LateHello(delays)
+    assert failure_of_new_session(line) == ""
+    assert line.delays == 0
+
+
+def test_conformance_fails_if_every_lease_expires_before_new_session():
+    assert failure_of_new_session(LateHello(100)).startswith("expected: hold cause 2")
+
+
+@pytest.mark.parametrize("delays", [0, 1])
+def test_conformance_fails_device_with_wrong_hold_cause_of_new_session(delays, monkeypatch):
+    monkeypatch.setitem(device_state._CAUSES, Event.NEW_SESSION, HoldCause.LEASE)
+    assert failure_of_new_session(LateHello(delays)).startswith("expected: hold cause 2")
 
 
 @pytest.mark.long

@@ -7,12 +7,15 @@ import os
 import signal
 import socket
 import sys
+import threading
 
 import pytest
 from driver_holders import FAST, program, report, scan_of
 
 import fabry_perot
 from fabry_perot.host import control_client, port_usage
+from fabry_perot.host.control_server import ControlServer
+from fabry_perot.host.transport import open_transport
 from fabry_perot.simulator import launch
 from support.waiting import until
 
@@ -137,6 +140,26 @@ def test_a_monitor_gives_its_port_to_a_program_that_connects_and_takes_it_back(s
             until(lambda: monitor.connection == "busy" and monitor.holder.endswith(f"(process {os.getpid()})"))
         until(lambda: monitor.connection == "connected")
         assert (monitor.holder, monitor.error) == ("", None)
+
+
+def test_program_that_connects_while_a_monitor_starts_gets_the_port(simulator):
+    class Starting:
+        """Monitor that has locked the terminal and does not listen for requests yet."""
+
+        def give_way(self):
+            line.close()
+            return True
+
+    line = open_transport(simulator.url)
+    later = threading.Timer(0.4, lambda: servers.append(ControlServer(Starting(), simulator.url)))
+    servers = []
+    later.start()
+    try:
+        with fabry_perot.connect(simulator.url) as scanner:
+            assert scanner.state == "linked"
+    finally:
+        later.join()
+        servers[0].close()
 
 
 ASKER = """

@@ -16,6 +16,7 @@ import pytest
 import fabry_perot
 from fabry_perot import TuningMap
 from fabry_perot.simulator import launch
+from support import copies
 
 EXACT = {"noise_db": float("inf"), "energy_jitter": 0.0, "seed": 2}
 
@@ -30,7 +31,7 @@ def simulator(request):
 def run(*words, cwd, code=0):
     """Run a command; returns standard output, and standard error too when it is to fail."""
     command = [sys.executable, "-m", "fabry_perot", *map(str, words)]
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=250)
+    done = copies.run(command, cwd=cwd)
     assert done.returncode == code, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout if code == 0 else done.stdout + done.stderr

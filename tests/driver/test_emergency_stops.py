@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
 import sys
 import time
 
@@ -16,6 +15,7 @@ from driver_holders import ANOTHER_USER, FAST, FOREIGN, LIAR, program, report, s
 
 import fabry_perot
 from fabry_perot.simulator import launch
+from support import copies
 from support.waiting import until
 
 QUICK = 250_000
@@ -252,7 +252,7 @@ def test_stop_command_prints_device_status_and_fails_if_unreachable(line, tmp_pa
 
 
 def command(*words):
-    return subprocess.run([sys.executable, "-m", "fabry_perot", *words], capture_output=True, text=True, timeout=250)
+    return copies.run([sys.executable, "-m", "fabry_perot", *words])
 
 
 @pytest.mark.long

@@ -114,7 +114,7 @@ def test_open_interlock_or_key_off_reported_always_and_faults_if_armed(state):
         assert bench.host.status.fault == (fault if latched else 0)
 
 
-def test_stuck_shutter_is_reported_open_and_latches_fault():
+def test_stuck_shutter_is_reported_open_and_latches_fault(caplog):
     bench = scanning()
     bench.instrument.stuck = True
     bench.call(Operation.PAUSE)
@@ -123,6 +123,7 @@ def test_stuck_shutter_is_reported_open_and_latches_fault():
     assert bench.host.status.fault == FAULT_SHUTTER
     assert bench.host.status.laser & SHUTTER_OPEN, "the read-back, not what was asked for"
     assert bench.instrument.shutter.count("close") > 2, "it is tried again"
+    assert caplog.text.count("shutter-stuck") == 1, "logged once, not at each poll"
     bench.instrument.stuck = False
     bench.run(300)
     assert not bench.host.status.laser & SHUTTER_OPEN

@@ -28,6 +28,7 @@ from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Type
 from fabry_perot.wire.framing import Deframer, Frame, encode_frame
 from fabry_perot.wire.messages import Hello, HelloAck, pack, unpack
+from support import copies
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
 EAGER = HostTiming(hello_period=40_000, hello_tries=25, request_period=200_000, connect=1_500_000)
@@ -135,7 +136,7 @@ def held(how: str) -> Port:
     def make(stack: ExitStack, folder: Path, scanner: str) -> str:
         url = stack.enter_context(stranger())
         command = [sys.executable, "-c", HOLDER, url, how]
-        program = stack.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
+        program = stack.enter_context(copies.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE))
         assert program.stdout is not None
         assert program.stdout.readline() == b"held\n"
         (folder / "holder").write_text(f"(process {program.pid})")

@@ -25,6 +25,7 @@ from fabry_perot.errors import (
 from fabry_perot.host import HostTiming, RecoveryPolicy, io_pump, transport
 from fabry_perot.host.discovery import connect
 from fabry_perot.host.io_pump import IoPump, stream_end_reason
+from fabry_perot.host.link_states import HostState
 from fabry_perot.host.scanner import Scanner
 from fabry_perot.host.session import Session
 from fabry_perot.host.transport import SocketTransport, TerminalTransport
@@ -238,6 +239,19 @@ def test_a_silent_line_is_waited_for_as_long_as_asked(bench):
     bench.finish()
     heard = bench.host.heard_at
     assert stream_end_reason(bench.host, heard + 1_000_000, 1_000_000) is None
+    assert isinstance(stream_end_reason(bench.host, heard + 1_000_001, 1_000_000), LinkLost)
+
+
+@pytest.mark.parametrize("phase", [HostState.LOST, HostState.HELLO])
+def test_lost_line_of_held_scan_is_reported_as_lost_line(bench, phase):
+    bench.scan(5)
+    bench.finish()
+    held = {"state": DeviceState.SAFE_HOLD, "cause": HoldCause.LEASE}
+    bench.host.device_state, bench.host.status = DeviceState.SAFE_HOLD, bench.host.status._replace(**held)
+    heard = bench.host.heard_at
+    assert isinstance(stream_end_reason(bench.host, heard, 1_000_000), LeaseExpired)
+    bench.host.phase = phase
+    assert stream_end_reason(bench.host, heard + 1_000_000, 1_000_000) is None, "its state is not known"
     assert isinstance(stream_end_reason(bench.host, heard + 1_000_001, 1_000_000), LinkLost)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 
 import pytest
@@ -16,11 +15,12 @@ from fabry_perot.hardware import InstrumentError
 from fabry_perot.simulator import launch
 from fabry_perot.wire.constants import Operation
 from fabry_perot.wire.states import DeviceState
+from support import copies
 
 
 def status(url: str) -> dict:
     command = [sys.executable, "-m", "fabry_perot", "status", "--json", url]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=250)
+    done = copies.run(command)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

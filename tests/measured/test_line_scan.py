@@ -80,6 +80,19 @@ def layered():
     return steradian.reconstruct(acquisition, grid, steradian.Nufft(max_frequency=4e6))
 
 
+@pytest.mark.parametrize("way", [0.95, 1.05])
+def test_measured_line_scan_has_the_speed_of_each_layer_found_from_five_percent_off(way):
+    record = loadmat(Path(os.environ["STERADIAN_MEASURED_DATA"]) / FILE)["ptx"].T.astype(float)
+    layers = [steradian.Layer(way * layer.sound_speed, layer.thickness) for layer in LAYERS.layers]
+    sensors = (np.arange(111) - 55) * 1e-3
+    medium = steradian.Medium(layers)
+    acquisition = steradian.Acquisition(record, sensors, dt=80e-9, t0=58e-6, medium=medium, aperture=111e-3)
+    found = steradian.find_medium(acquisition, modes=111, standard_error=False)
+    assert [each.criterion for each in found.parameters] == ["boundary echo", "boundary echo", "sharpness"]
+    for each, layer in zip(found.parameters, LAYERS.layers, strict=True):
+        assert each.value == pytest.approx(layer.sound_speed, rel=0.02)
+
+
 def strongest(volume, low, high, apart):
     """Return (z, width at half of it along x) of the four largest envelopes in a depth range, ``apart`` in depth."""
     z = volume.coordinates("z")

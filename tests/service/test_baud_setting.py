@@ -8,7 +8,7 @@ from driver_lines import stranger
 from typer.testing import CliRunner
 
 from steradian.cli.app import app
-from steradian.cli.scan import at_baud
+from steradian.cli.scanner_port import at_baud
 from steradian.core.exceptions import InvalidInput, ScanFailed
 from steradian.core.settings import Settings
 from steradian.masks import equi_steradian_mask

@@ -56,8 +56,8 @@ def plan(tmp_path_factory):
 
 @contextmanager
 def running(*command, **how):
-    """A program that runs until the block ends."""
-    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **how)
+    """A program that runs until the block ends; its output is part of the test's."""
+    program = subprocess.Popen(command, **how)
     try:
         yield program
     finally:
@@ -66,10 +66,15 @@ def running(*command, **how):
         program.wait(60)
 
 
-def shot(scanner):
+def shot(scanner, program=None):
     """Wait until the simulated scanner fires; returns its account of that moment."""
     before = scanner.send_command("report", fired=False)["shots"]
-    return until(lambda: (now := scanner.send_command("report", fired=False))["shots"] > before + 2 and now)
+
+    def fired():
+        assert program is None or program.poll() is None, "the program has ended"
+        return (now := scanner.send_command("report", fired=False))["shots"] > before + 2 and now
+
+    return until(fired)
 
 
 def press(service):
@@ -93,8 +98,8 @@ def assert_dark(scanner, before, told):
 @pytest.mark.walk
 def test_emergency_stop_while_scan_run_fires_turns_the_laser_off(scanner, released, plan, tmp_path):
     command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
-    with running(*command, "-o", str(tmp_path / "scan.h5")):
-        shot(scanner)
+    with running(*command, "-o", str(tmp_path / "scan.h5")) as program:
+        shot(scanner, program)
         shown = until(lambda: (now := released.get(SCANNER).json())["laser"] == "on" and now)
         assert (shown["connection"], shown["state"]) == ("in-use", "scanning")
         assert "process" in shown["holder"]
@@ -109,8 +114,8 @@ def test_emergency_stop_while_scan_run_fires_turns_the_laser_off(scanner, releas
 def test_emergency_stop_while_fabry_perot_scan_fires_turns_the_laser_off(scanner, released, tmp_path):
     (tmp_path / "points.csv").write_text(POINTS)
     command = (sys.executable, "-m", "fabry_perot", "scan", scanner.url, str(tmp_path / "points.csv"))
-    with running(*command, "-o", str(tmp_path / "lines.npy")):
-        before = shot(scanner)
+    with running(*command, "-o", str(tmp_path / "lines.npy")) as program:
+        before = shot(scanner, program)
         told, _ = press(released)
         assert_dark(scanner, before, told)
 
@@ -119,7 +124,7 @@ def test_emergency_stop_while_fabry_perot_scan_fires_turns_the_laser_off(scanner
 def test_emergency_stop_while_a_frozen_program_holds_the_port_turns_the_laser_off(scanner, released, plan, tmp_path):
     command = (sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url)
     with running(*command, "-o", str(tmp_path / "scan.h5")) as program:
-        shot(scanner)
+        shot(scanner, program)
         os.kill(program.pid, signal.SIGSTOP)
         told, seconds = press(released)
         assert seconds < 2.5 or told["laser"] == "off"

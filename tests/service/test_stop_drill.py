@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator import launch
+from support.commands import run_here
 from support.services import Service
 from support.waiting import until
 
@@ -59,10 +60,9 @@ def points(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plan_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plan")
-    steradian = [sys.executable, "-m", "steradian"]
     mask = ["mask", "equi-steradian", "--aperture", "5mm", "--depth", "3.6mm", "--count", "900", "-o", "m.json"]
-    subprocess.run([*steradian, *mask], cwd=folder, check=True, capture_output=True)
-    subprocess.run([*steradian, "plan", "m.json", "-o", "p.json"], cwd=folder, check=True, capture_output=True)
+    run_here(*mask, cwd=folder)
+    run_here("plan", "m.json", "-o", "p.json", cwd=folder)
     return folder / "p.json"
 
 

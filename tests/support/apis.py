@@ -5,9 +5,9 @@ import socket
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from functools import cache
-
-import httpx
+from http.client import HTTPConnection, HTTPException
 
 from steradian.core.settings import Settings
 from steradian.storage.data_dir.layout import DataDirectory
@@ -57,10 +57,12 @@ class ApiProcess:
         return self
 
     def _answers(self):
-        try:
-            return httpx.get(f"{self.url}/healthz", timeout=10).is_success
-        except httpx.HTTPError:
-            return False
+        with closing(HTTPConnection(self.url.removeprefix("http://"), timeout=10)) as connection:
+            try:
+                connection.request("GET", "/healthz")
+                return connection.getresponse().status == 200
+            except (OSError, HTTPException):
+                return False
 
     @property
     def said(self):

@@ -23,25 +23,72 @@ TICKS = os.sysconf("SC_CLK_TCK")
 SHOWN = 40
 
 
-def processor_time():
-    """Return the processor seconds of this process and its descendants, those that have ended included."""
-    parents, seconds = {}, {}
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            try:
-                fields = Path("/proc", name, "stat").read_bytes().rpartition(b")")[2].split()
-            except OSError:  # it has ended since
-                continue
-            parents[int(name)] = int(fields[1])
-            seconds[int(name)] = sum(map(int, fields[11:15])) / TICKS
-    total, family, grown = 0.0, {os.getpid()}, True
-    while grown:
-        children = {pid for pid, parent in parents.items() if parent in family} - family
-        family |= children
-        grown = bool(children)
-    for pid in family:
-        total += seconds.get(pid, 0.0)
-    return total
+class ProcessorTime:
+    """Processor seconds of this process and its descendants, those that have ended included.
+
+    Each test asks three times, so that only descendants are read: nobody else's process becomes one later.
+    """
+
+    def __init__(self):
+        self._others, self._family, self._newest = {}, set(), None
+
+    def read(self):
+        """Return the seconds."""
+        own = os.times()
+        total = own.user + own.system + own.children_user + own.children_system
+        try:
+            os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        except ChildProcessError:  # there are none
+            return total
+        if (newest := _newest_process()) != self._newest or newest is None:
+            self._find_family()
+            self._newest = newest
+        return total + sum(_seconds(fields) for fields in map(_stat, self._family) if fields)
+
+    def _find_family(self):
+        """Find the descendants; an ended process's number may since be that of another one, with another inode."""
+        parents, others, own = {}, {}, str(os.getpid())
+        with os.scandir("/proc") as entries:
+            for entry in entries:
+                name = entry.name
+                if not name.isdigit():
+                    continue
+                if self._others.get(name) == entry.inode():
+                    others[name] = entry.inode()
+                elif fields := _stat(name):
+                    parents[name] = fields[1].decode(), entry.inode()
+        family, grown = {own}, True
+        while grown:
+            children = {name for name, (parent, _) in parents.items() if parent in family} - family
+            family |= children
+            grown = bool(children)
+        self._others = others | {name: inode for name, (_, inode) in parents.items() if name not in family}
+        self._family = family - {own}
+
+
+def _newest_process():
+    """Return the number of the process that was started last, on this machine."""
+    try:
+        return Path("/proc/loadavg").read_bytes().split()[-1]
+    except OSError:
+        return None
+
+
+def _stat(name):
+    try:
+        file = os.open(f"/proc/{name}/stat", os.O_RDONLY)
+    except OSError:  # it has ended since
+        return None
+    try:
+        return os.read(file, 4096).rpartition(b")")[2].split()
+    except OSError:
+        return None
+    finally:
+        os.close(file)
+
+
+def _seconds(fields):
+    return sum(map(int, fields[11:15])) / TICKS
 
 
 class CostMeter:
@@ -52,7 +99,8 @@ class CostMeter:
         self._sleep, self._depth, self._since = time.sleep, 0, 0.0
         self._listening = False
         time.sleep = self._counted(time.sleep)
-        self._last = (processor_time(), 0.0)
+        self._processor = ProcessorTime()
+        self._last = (self._processor.read(), 0.0)
 
     def _counted(self, sleep):
         @wraps(sleep)  # its name, too: it is pickled as the function of the standard library
@@ -86,7 +134,7 @@ class CostMeter:
     def lap(self):
         """Return the seconds of processor and of sleep since the last call."""
         self._listen()
-        now = (processor_time() - self.compiled, self.slept)
+        now = (self._processor.read() - self.compiled, self.slept)
         lap = max(0.0, now[0] - self._last[0]), now[1] - self._last[1]
         self._last = now
         return lap

@@ -7,6 +7,7 @@ import sys
 from contextlib import suppress
 
 from steradian.core.settings import Settings
+from support import warmed
 from support.processes import tree_of
 from support.seaweed import free_ports
 from support.services import Service
@@ -44,7 +45,7 @@ class Worker:
         with self.log.open("ab") as log:
             command = [sys.executable, "-m", "steradian", "worker", "--name", self.name]
             about = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
-            self.process = subprocess.Popen(command, env=self.settings.environment(), **about)
+            self.process = warmed.start(command, env=self.settings.environment(), **about)
         return self
 
     kill = Node.kill

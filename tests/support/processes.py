@@ -40,6 +40,15 @@ def runs(pid, word):
         return False
 
 
+def processor_seconds(pid):
+    """Processor time that a process has taken, in s; 0 when it has ended."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
 def resident(pid):
     """Bytes of memory of a process; 0 when it has ended."""
     try:

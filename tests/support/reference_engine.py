@@ -96,7 +96,7 @@ class ReferenceEngine:
         image = xp.real(xp.fft.ifftn(modes, axes=(0, 1)))[x : x + nx, y : y + ny, :]
         return xp.reshape(image * more, self.tables.geometry.shape)
 
-    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
         """Return the traces of modes over time (NUFFT type 2)."""
         xp, lateral = self._xp, self.tables.lateral
         spectrum = modes * xp.conj(self._factor)

@@ -10,6 +10,7 @@ import uuid
 import httpx
 
 from steradian.core.settings import Settings
+from support import warmed
 
 WAIT = {"Prefer": "wait=100"}
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
@@ -31,7 +32,7 @@ class Service:
         """Start it, again if it has ended; returns it once it has told its address."""
         self._let_go()
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(
+            self.process = warmed.start(
                 self.command,
                 env=self.settings.environment(),
                 stdin=subprocess.DEVNULL,

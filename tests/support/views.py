@@ -20,7 +20,7 @@ BRIGHT = """(canvas) => {
 def drawn(page):
     """Wait until every view of a volume shows something; returns the page."""
     page.wait_for_selector("[data-view='3-D']")
-    page.wait_for_function("() => [...document.querySelectorAll('.message')].every((one) => one.hidden)")
+    page.wait_for_function("() => [...document.querySelectorAll('.message')].every((one) => one.hidden)", polling=100)
     page.wait_for_selector("#volume[data-surveyed]")
     return page
 
@@ -43,8 +43,10 @@ def spacing(volume):
 
 
 def scale_of(page, volume):
-    """Pixels a mm has, worked out from the panels' sizes: the largest at which every view shows everything."""
+    """Pixels a mm has, worked out from the panels' sizes: the largest at which every view shows what is not cropped."""
     extents = dict(zip(AXES, np.multiply(volume.values.shape, spacing(volume)), strict=True))
+    first, last = shown_depths(page)
+    extents["z"] = last - first
     fits = []
     for view, (across, up) in VIEWS.items():
         box = page.locator(f"[data-view='{view}']").bounding_box()
@@ -52,11 +54,17 @@ def scale_of(page, volume):
     return 0.94 * min(fits)
 
 
+def shown_depths(page):
+    """First and last depth in mm that the views show."""
+    return [float(one) for one in page.get_attribute("#volume", "data-depths").split(",")]
+
+
 def pixel_of(page, volume, view, place):
-    """Where a place in mm lies in a view, by the page's promise: the volume's middle in the middle."""
+    """Where a place in mm lies in a view, by the page's promise: the middle of what is shown in the middle."""
     box = page.locator(f"[data-view='{view}']").bounding_box()
     lines = dict(zip(AXES, (volume.x, volume.y, volume.z), strict=True))
     middle = {axis: 1e3 * (line[0] + line[-1]) / 2 for axis, line in lines.items()}
+    middle["z"] = sum(shown_depths(page)) / 2
     at, (across, up) = dict(zip(AXES, place, strict=True)), VIEWS[view]
     way = -1 if up == "y" else 1
     scale = scale_of(page, volume)

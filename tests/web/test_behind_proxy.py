@@ -98,7 +98,7 @@ def test_the_whole_story_below_a_path(service, laboratory, open_below):
 
 def test_stop_below_a_path_turns_a_firing_laser_off(service, open_below):
     page = open_below("/data")
-    scan = service.start_scan(service.plan(pulse_rate=1, averages=60))["id"]
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=24))["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 1)
     expect(page.locator("#scanner")).to_contain_text("laser on")
     page.get_by_role("button", name="Emergency stop").click()

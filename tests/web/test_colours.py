@@ -23,7 +23,16 @@ def rgb(pixels):
     return np.stack([values & 255, values >> 8 & 255, values >> 16 & 255], axis=-1)
 
 
-@pytest.mark.parametrize(("name", "of"), [("inferno", "inferno"), ("cividis", "cividis"), ("grey", "gray")])
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("inferno", "inferno"),
+        ("cividis", "cividis"),
+        ("grey", "gray"),
+        ("grey-reversed", "gray_r"),
+        ("coolwarm", "coolwarm"),
+    ],
+)
 def test_colour_tables_match_rendered_pictures(modules, name, of):
     """No colour is further than 4 of 255 from the one that the service's own pictures have."""
     found = rgb(modules.call(MODULE, f"return Array.from(m.colourTable('{name}'));"))
@@ -38,6 +47,26 @@ def test_shades_stand_out_of_the_page(modules, theme, page):
     rows = np.array([[int(one) for one in re.findall(r"\d+", colour)] for colour in (*found, f"rgb{page}")]) / 255
     light = np.where(rows <= 0.04045, rows / 12.92, ((rows + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722] + 0.05
     assert (np.maximum(light[:-1], light[-1]) / np.minimum(light[:-1], light[-1])).min() >= 3
+
+
+@pytest.mark.parametrize(
+    ("gamma", "decibels", "of"),
+    [
+        (0.5, 0, lambda share: share**0.5),
+        (1, 40, lambda share: np.clip(1 + np.log10(np.maximum(share, 1e-9)) / 2, 0, 1)),
+    ],
+)
+def test_gamma_and_logarithm_are_their_formulas(modules, gamma, decibels, of):
+    """A share of 0.01 is black on a logarithmic scale of 40 dB; of signed values both sides have the curve."""
+    script = (
+        "return ['grey', 'coolwarm'].map((name) => [...m.transferTable(name, {gamma: given.gamma, log: given.log})]);"
+    )
+    grey, signed = modules.call("volume/transfer.js", script, gamma=gamma, log=decibels)
+    share = np.linspace(0, 1, len(grey))
+    assert np.abs(rgb(grey)[:, 0] - 255 * of(share)).max() <= 1
+    both = 0.5 + 0.5 * np.sign(2 * share - 1) * of(np.abs(2 * share - 1))
+    expected = colours("coolwarm")[np.round(255 * both).astype(int)].astype(int)
+    assert np.abs(rgb(signed) - expected).max() <= 5
 
 
 def test_depth_colour_table_matches_rendered_pictures(modules):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+import steradian
+from steradian.scans.importing.description import Description
 from support.waiting import until
 
 
@@ -119,6 +121,42 @@ def test_import_form_with_grid_pitch_places_sensors(service, open_page, recordin
     expect(page.get_by_role("button", name="Import")).to_be_enabled()
     assert drawn(page) > 144
     page.provoked("status of 422")  # the array alone does not say how many are on a side
+
+
+def test_import_form_has_field_for_each_value_of_description(service, open_page, tmp_path):
+    """The page lists arrays under names of their own, and reads the one that is named, in the unit that is stated."""
+    x = np.arange(12) * 1e-3 - 5.5e-3
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    lines = np.random.default_rng(3).normal(size=(144, 100)).astype(np.float32)
+    np.savez(tmp_path / "own.npz", signals=lines, spare=lines, positions=1e3 * places, dt=0.02, c=1500.0)
+    page = open_page(service, "/data")
+    page.set_input_files("#files", tmp_path / "own.npz")
+    remark = page.locator("[data-remark=array]")
+    expect(remark).to_have_text("Required: one of c, dt, positions, signals, spare")
+    names = set(page.locator("form [name]").evaluate_all("all => all.map((one) => one.name)"))
+    not_numbers = {"positions", "weights", "file_name"}  # arrays, and the name of the file
+    assert set(Description.model_fields) - not_numbers - {"grid"} <= names
+    page.get_by_label("Array of the A-lines").fill("signals")
+    page.get_by_text("units of the file, scale").click()
+    page.get_by_label("Lengths in the file").select_option("mm")
+    page.get_by_label("Times in the file").select_option("us")
+    page.get_by_label("Scale").fill("2")
+    figures = page.locator("dl.figures")
+    expect(figures).to_contain_text("20\N{NO-BREAK SPACE}ns (50\N{NO-BREAK SPACE}MHz)")
+    expect(remark).to_be_empty()
+    page.get_by_label("Sensors along x").fill("12")
+    expect(page.locator("[data-remark=interval]")).to_contain_text("Required: with a pitch along y or")
+    expect(page.get_by_role("button", name="Import")).to_be_disabled()
+    page.get_by_label("Sensors along x").fill("")
+    expect(page.locator("[data-remark=interval]")).to_be_empty()
+    page.get_by_role("button", name="Import").click()
+    expect(page.get_by_text("Imported")).to_be_visible()
+    scan = page.get_by_text("Imported").locator("xpath=..").locator("a").get_attribute("href").rpartition("/")[2]
+    file = tmp_path / "scan.h5"
+    file.write_bytes(service.get(f"/scans/{scan}/file").content)
+    held = steradian.open(file).recording()
+    np.testing.assert_allclose(held.traces * np.reshape(held.scale, (-1, 1)), 2 * lines, rtol=1e-6)
+    page.provoked("status of 422")  # the array was not named
 
 
 def drawn(page):

@@ -62,6 +62,60 @@ def test_design_error_is_shown_beside_its_field(service, open_page):
     page.provoked("status of 422")  # what is refused
 
 
+def test_arrangement_change_keeps_points_and_aperture(service, open_page):
+    """A grid fills the aperture with about as many points, and the number asked for before comes back."""
+    page = ready(open_page(service, f"/design{SMALL}&aperture=0.01"))
+    page.get_by_label("Arrangement").select_option("grid")
+    until(lambda: figure(page, "Points") == "64")
+    ready(page)
+    assert [page.locator(FIELD.format(name)).input_value() for name in ("aperture", "side", "interval")] == [
+        "10",
+        "8",
+        "1250",
+    ]
+    page.locator(FIELD.format("side")).fill("10")
+    expect(page.locator(FIELD.format("interval"))).to_have_value("1000")
+    page.locator(FIELD.format("side")).fill("8")
+    page.get_by_label("Arrangement").select_option("combined")
+    assert [page.locator(FIELD.format(name)).input_value() for name in ("count", "count2")] == ["30", "30"]
+    page.get_by_label("Arrangement").select_option("hexagonal")
+    expect(page.locator(FIELD.format("count"))).to_have_value("60")
+    ready(page)
+
+
+def test_refused_design_hides_figures_and_names_range_in_unit_of_field(service, open_page):
+    """The largest interval of 8 points over 13.56 mm, 1.695 mm, is given in µm, the unit of its field."""
+    page = ready(open_page(service, "/design?mask=grid&side=8&interval=0.001"))
+    expect(page.locator("section.spread canvas")).to_be_visible()
+    page.locator(FIELD.format("interval")).fill("1700")
+    expect(page.locator("#remarks-interval")).to_have_text("allowed: at most aperture / count = 1695 µm")
+    expect(page.locator("section.plane .refusal")).to_contain_text("Interval: allowed at most")
+    for shown in ("dl.figures.across", "section.plane canvas", "section.spread canvas", "section.time .part"):
+        expect(page.locator(shown).first).to_be_hidden()
+    page.locator(FIELD.format("interval")).fill("1690")
+    ready(page)
+    expect(page.locator("section.plane canvas")).to_be_visible()
+    assert figure(page, "Spacing") == "1.69\N{NO-BREAK SPACE}mm"
+    page.provoked("status of 422")  # what is refused
+
+
+def test_design_recovers_from_lost_preview_and_dims_what_is_old(service, open_page):
+    """Until the service answers, the figures of the design before are dimmed and the scan cannot be started."""
+    page = ready(open_page(service, f"/design{SMALL}"))
+    dimmed = page.locator("#design[data-outcome=stale]")
+    expect(dimmed).to_have_count(0)
+    page.route("**/designs/preview", lambda route: route.abort())
+    page.locator(FIELD.format("count")).fill("200")
+    expect(page.locator("footer [role=alert]")).to_contain_text("the service does not answer")
+    expect(dimmed).to_have_count(1)
+    expect(page.get_by_role("button", name="Scan this")).to_be_disabled()
+    page.unroute_all()
+    ready(page)  # by itself
+    expect(dimmed).to_have_count(0)
+    assert figure(page, "Points") not in {"53", ""}
+    page.provoked("net::ERR_FAILED")  # the answer that was lost
+
+
 def test_the_point_goes_where_it_is_dragged(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}"))
     canvas = page.locator("section.plane canvas")
@@ -143,7 +197,7 @@ def test_design_form_offers_every_plan_field_of_api(service, open_page):
         expect(page.locator(f"#field-{name}, [data-field^='{name}.']").first).to_be_attached()
     page.locator("[data-group='More'] summary").click()
     page.locator(FIELD.format("excitation")).fill("750, 5000")
-    expect(page.locator("[data-field='excitation'] .remarks")).to_contain_text("200e-9 to 3e-6")
+    expect(page.locator("[data-field='excitation'] .remarks")).to_contain_text("200 to 3000 nm")
     page.locator(FIELD.format("excitation")).fill("750, 850")
     page.locator(FIELD.format("beams")).fill("0, 0; 1, 0")
     ready(page)
@@ -163,6 +217,9 @@ def test_design_form_offers_every_plan_field_of_api(service, open_page):
     assert plan["excitation"] == pytest.approx([750e-9, 850e-9])
     assert plan["beams"] == []
     until(lambda: service.get(f"/scans/{scan['id']}").json()["state"] == "complete")
+    expect(page.get_by_label("Frame")).to_contain_text("750 nm")
+    page.goto(f"{service.url}/scans")
+    expect(page.locator("tbody tr").first).to_contain_text("750, 850\N{NO-BREAK SPACE}nm")
     page.provoked("status of 422")  # what is refused
 
 
@@ -268,3 +325,35 @@ def test_where_there_are_several_scanners_a_person_chooses_one(service, open_pag
     finally:
         service.http.delete("/scanners/scanner-1", params={"abandon": True}).raise_for_status()
         database.close()
+
+
+def test_a_pulse_budget_is_proposed_and_its_split_taken_by_keyboard_and_pointer(service, open_page):
+    """The chosen split fills in points and averages; its figures are the service's."""
+    page = ready(open_page(service, "/design?mask=grid&side=9&aperture=0.005&depth=0.0015&interval=0.0005"))
+    panel = page.get_by_role("region", name="Pulse budget")
+    for label, value in {"Time (min)": "0.4", "Noise of one pulse (dB)": "25"}.items():
+        panel.get_by_label(label).fill(value)
+    panel.get_by_role("button", name="Propose").click()
+    slider = panel.get_by_role("slider", name="Points of the scan")
+    expect(panel.get_by_text("1,200 pulses of 25.0 dB")).to_be_visible()
+    proposed = panel.locator(".caption[aria-live]")
+    expect(proposed).to_contain_text("; proposed")
+    slider.focus()
+    page.keyboard.press("End")
+    expect(proposed).to_contain_text("1,156 points × 1 averages")
+    expect(page.locator(FIELD.format("side"))).to_have_value("34")
+    expect(page.locator(FIELD.format("averages"))).to_have_value("1")
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator(FIELD.format("averages"))).to_have_value("2")
+    box = panel.locator("svg.trade").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 2, box["y"] + box["height"] / 2, steps=3)
+    page.mouse.up()
+    expect(slider).to_have_attribute("aria-valuenow", "0")
+    assert int(page.locator(FIELD.format("averages")).input_value()) > 10
+    ready(page)
+    page.locator(FIELD.format("depth")).fill("1.6")
+    panel.get_by_role("button", name="Use it").click()
+    expect(panel).to_contain_text("The design has changed since: propose again.")
+    ready(page)

@@ -39,7 +39,7 @@ def laser(service):
 
 def slow_scan(service):
     """A scan of minutes that has begun."""
-    scan = service.start_scan(service.plan(pulse_rate=1, averages=60))
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=24))
     until(lambda: service.get(f"/scans/{scan['id']}").json()["progress"]["done"] >= 1)
     return scan["id"]
 

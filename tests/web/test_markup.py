@@ -11,11 +11,10 @@ from playwright.sync_api import expect
 from support.waiting import until
 
 MARKUP = [
-    "<img src=x onerror=document.title='gone'>",
-    "<script>document.title='gone'</script>",
-    "\"><svg onload=document.title='gone'>",
+    "\"><img src=x onerror=document.title='gone'> {{7*7}} ${7*7}",
+    "<script>document.title='gone'</script> &lt;b&gt;",
     "javascript:document.title='gone'",
-    "{{7*7}} ${7*7} &lt;b&gt;",
+    pytest.param("\"><svg onload=document.title='gone'>", marks=pytest.mark.nightly),
 ]
 
 
@@ -34,7 +33,7 @@ def recording(**arrays):
 @pytest.mark.parametrize("markup", MARKUP)
 def test_labels_holders_reasons_links_and_problems(service, open_page, markup):
     """Labels of a scan, names and values; who holds the scanner; why it was stopped; what a link says; a problem."""
-    body = {"plan_id": service.plan(pulse_rate=1, averages=60), "labels": {markup[:60]: markup}}
+    body = {"plan_id": service.plan(pulse_rate=1, averages=24), "labels": {markup[:60]: markup}}
     scan = service.http.post("/scans", json=body, headers={"Idempotency-Key": uuid.uuid4().hex}).json()["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["state"] == "running")
     page = open_page(service, "/scans")

@@ -1,7 +1,7 @@
 """The page beside another program that fires on the scanner's port, and a fault that its interlock latches."""
 
+import os
 import re
-import subprocess
 import sys
 
 import pytest
@@ -11,6 +11,7 @@ from fabry_perot.simulator import launch
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.plans.files import write_json
+from support import warmed
 from support.services import Service
 from support.waiting import until
 
@@ -37,7 +38,7 @@ def other(scanner, tmp_path):
     plan = tmp_path / "plan.json"
     write_json(ScanPlan.create(mask=mask, samples=256, pulse_rate=20.0), plan)
     command = [sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", scanner.url]
-    program = subprocess.Popen([*command, "-o", str(tmp_path / "scan.h5")], stdout=-3, stderr=-3)
+    program = warmed.start([*command, "-o", str(tmp_path / "scan.h5")], env=dict(os.environ), stdout=-3, stderr=-3)
     until(lambda: scanner.send_command("report", fired=False)["shutter"])
     yield program
     program.terminate()

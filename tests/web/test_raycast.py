@@ -22,7 +22,7 @@ SCRIPT = """
     const gl = canvas.getContext("webgl2");
     const bytes = new Uint8Array(4 * given.size ** 2);
     gl.readPixels(0, 0, given.size, given.size, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
-    const at = m.projection(block, given.shown.camera, canvas);
+    const at = m.projection(block, given.shown.camera, canvas, given.shown.fit);
     return {pixels: [...bytes], scale: at.scale, places: given.places.map((place) => at.project(place))};
 """
 
@@ -40,9 +40,9 @@ def blobs(*places, shape=(21, 19, 41), sigma=0.12):
     return sum(np.exp(-((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2) / (2 * sigma**2)) for a, b, c in places)
 
 
-def draw(modules, values, camera=(0, 90, 1), clip=WHOLE, map="grey", window=(0, 1), depth=False, places=()):
+def draw(modules, values, camera=(0, 90, 1), clip=WHOLE, map="grey", window=(0, 1), depth=False, places=(), **more):
     block = {"values": values.ravel(), "shape": values.shape, "origin": ORIGIN, "spacing": SPACING}
-    shown = {"camera": camera, "clip": clip, "window": window, "depth": depth, "map": map, "depths": [0.4, 2.4]}
+    shown = {"camera": camera, "clip": clip, "window": window, "depth": depth, "map": map, "depths": [0.4, 2.4]} | more
     found = modules.call(MODULE, SCRIPT, block=block, shown=shown, size=SIZE, places=places)
     assert isinstance(found, dict), found
     pixels = np.array(found["pixels"], np.uint8).reshape(SIZE, SIZE, 4)[::-1, :, :3]  # WebGL's first row is the lowest
@@ -101,6 +101,15 @@ def test_raycast_hides_clipped_voxels(modules):
     assert below[int(seen["y"]), int(seen["x"]), 0] > 240
 
 
+def test_a_fitted_part_is_in_the_middle_and_fills_the_picture(modules):
+    """Of the lower quarter of the depths the middle is in the picture's, at the scale of its diagonal."""
+    place = np.array(ORIGIN) + (np.array([10, 9, 35]) * SPACING)
+    pixels, found = draw(modules, blobs(place), (0, 0, 1), fit=[0, 1, 0, 1, 0.75, 1], places=[place])
+    assert brightest(pixels) == pytest.approx((SIZE / 2, SIZE / 2), abs=3)
+    extent = np.array([21, 19, 41 / 4]) * SPACING
+    assert found["scale"] == pytest.approx(SIZE / 1.04 / np.linalg.norm(extent))
+
+
 def test_depth_is_a_hue(modules):
     """A blob near the sensors is warm, one far from them is cold, in the colours of the service's own pictures."""
     near, far = (-0.5, 0.0, 0.6), (0.5, 0.0, 2.2)
@@ -115,6 +124,10 @@ def test_the_window_and_the_colours_hold(modules):
     values = blobs((0.0, 0.0, 1.4), sigma=0.3) * 5000
     pixels, _ = draw(modules, values, window=(0, 10000))
     assert pixels.max() == pytest.approx(127, abs=6)
+    picture, _ = draw(modules, values, window=(0, 10000), transfer={"gamma": 0.5, "log": 0})
+    assert picture.max() == pytest.approx(255 * 0.5**0.5, abs=6)
+    picture, _ = draw(modules, values, window=(0, 10000), transfer={"gamma": 1, "log": 40})
+    assert picture.max() == pytest.approx(255 * (1 + np.log10(0.5) / 2), abs=6)
     signed, _ = draw(modules, -values, map="difference", window=(-5000, 5000), places=[(0.0, 0.0, 1.4)])
     assert signed.max() < 20, "a maximum-intensity projection of negative values shows the highest of them: none"
 
@@ -128,7 +141,7 @@ def test_raycast_window_matches_slices_for_thin_structures(modules):
     script = """
         given.block.values = Uint8Array.from(given.block.values);
         const solid = Object.create(m.View3D.prototype);
-        Object.assign(solid, {stage: {cut: 0.5, defaultWindow: [0, 8], window: [0, 8]}, block: given.block});
+        Object.assign(solid, {stage: {cut: 0.5, projectedEnd: 8, window: [0, 8]}, block: given.block});
         solid.dimFactor = solid.dimFactorOf(given.block);
         return solid.window;"""
     assert modules.call("volume/view_3d.js", script, block=block) == pytest.approx([0, 0.3 * 255], rel=0.01)

@@ -1,11 +1,14 @@
 """The queue, its form made from the API's schema, results side by side, and names that are markup."""
 
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+import steradian
 from steradian_client import Client
 from support.page_modules import modules_of
 from support.recordings import INTERVAL, SOUND_SPEED, ball
@@ -56,6 +59,54 @@ def test_rerun_form_marks_and_submits_changed_parameters(open_page, service, cli
     page.wait_for_selector(f"[data-row='{again.id}'][data-state='succeeded']")
 
 
+def test_layers_and_spot_are_asked_for_and_told_with_noise_gain_and_the_command_that_repeats_them(
+    open_page, service, client, scan, made, tmp_path
+):
+    page = open_page(service, f"/reconstructions?again={made[0].id}")
+    page.wait_for_selector("[data-field='medium']", state="attached")
+    for group in ("More", "Spot"):
+        page.locator(f"details[data-group='{group}'] summary").first.click()
+    for given in (("1480", "1.5", "", "0.00217", "2"), ("1520", "-2", "", "0.75", "1.5")):
+        page.click("[data-field='medium'] button:has-text('Add a layer')")
+        for cell, text in zip(
+            page.locator("[data-field='medium'] tbody tr").last.locator("input").all(), given, strict=True
+        ):
+            cell.fill(text)
+    page.fill("#field-sound_speed", "")
+    page.fill("#field-film-spot-diameter", "0.05")
+    page.provoked("status of 422")  # the last layer has a thickness below 0
+    page.click("#asking button.primary")
+    fault = page.locator("[data-field='medium'] .fault")
+    expect(fault).to_contain_text("thickness")
+    page.locator("[data-field='medium'] tbody tr").last.locator("[data-part='thickness']").fill("")
+    before = {one.id for one in client.reconstructions.list()}
+    page.click("#asking button.primary")
+    page.wait_for_function("() => document.querySelector('#asking').hidden")
+    (again,) = [one for one in client.reconstructions.list() if one.id not in before]
+    water, tissue = again.parameters["medium"]
+    assert water["thickness"] == pytest.approx(1.5e-3)
+    assert tissue == {
+        "sound_speed": 1520.0, "thickness": None, "density": None, "attenuation": {"coefficient": 0.75, "power": 1.5}
+    }  # fmt: skip
+    assert again.parameters["film"]["spot"]["diameter"] == pytest.approx(50e-6)
+    page.wait_for_selector(f"[data-row='{again.id}'][data-state='succeeded']")
+    page = open_page(service, f"/volumes/{again.id}")
+    page.click("[data-tab='Made']")
+    expect(page.locator(".noise-gain canvas")).to_have_attribute(
+        "aria-label", "noise gain against depth (mm): noise gain"
+    )
+    command = page.inner_text("[data-command='shell']")
+    subprocess.run(
+        ["bash", "-e", "-c", command.replace("steradian reconstruct", f"{sys.executable} -m steradian reconstruct")],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        timeout=300,
+    )
+    repeated, first = steradian.open(tmp_path / again.id), client.reconstructions.volume(again.id)
+    np.testing.assert_allclose(repeated.values, first.values, rtol=1e-4, atol=1e-5 * np.abs(first.values).max())
+
+
 def test_a_frame_is_chosen_of_a_scan_that_has_several(open_page, service, client, scan):
     """By number and excitation wavelength; none is asked for of a scan that has one, and the origin's is kept."""
     plan = service.plan(count=60, pulse_rate=1000, frames=2, excitation=[750e-9, 850e-9])
@@ -64,6 +115,8 @@ def test_a_frame_is_chosen_of_a_scan_that_has_several(open_page, service, client
     page = open_page(service, f"/reconstructions?scan={several}")
     expect(page.locator("#of-frame option")).to_have_text(
         [
+            "all 4, as a series",
+            "means at each wavelength, as a series",
             "1 of 4, 750 nm",
             "2 of 4, 750 nm",
             "3 of 4, 850 nm",
@@ -284,6 +337,13 @@ def test_side_by_side_view_lists_differing_parameters(open_page, service, made):
     assert "modes" not in table
     page.locator("[data-view]").first.click(position={"x": 30, "y": 30})
     page.wait_for_function("() => location.hash.includes('at=')")
+    failed = service.get(f"/reconstructions/{made[1].id}").json() | {"state": "failed"}
+    failed["error"] = {"detail": "no memory"}
+    page.route(f"**/reconstructions/{made[1].id}", lambda route: route.fulfill(json=failed))
+    page.reload()
+    expect(page.locator("[data-unusable] li")).to_contain_text(["failed"])
+    expect(page.locator("[data-unusable] li")).to_contain_text(["no memory"])
+    expect(page.locator("[data-view]")).to_have_count(1)
 
 
 def test_volume_without_picture_shows_reason(open_page, service, made):

@@ -119,7 +119,7 @@ def test_signals_map_keys_tell_and_show_bad_alines(service, open_page, scan):
 
 
 def test_signals_of_a_running_scan_are_read_again_while_open(service, open_page):
-    made = service.start_scan(service.plan(pulse_rate=1, averages=60))
+    made = service.start_scan(service.plan(pulse_rate=1, averages=24))
     until(lambda: service.get(f"/scans/{made['id']}").json()["progress"]["done"] >= 2)
     places = service.get(f"/masks/{made['mask_id']}/points").json()["positions"]
     asked = []

@@ -71,7 +71,7 @@ def presses_of(page):
 
 def test_stop_with_revoked_key_turns_laser_off(keyed, signed_in):
     page, identifier = signed_in
-    plan = keyed.plan(pulse_rate=1, averages=60)
+    plan = keyed.plan(pulse_rate=1, averages=24)
     scan = keyed.http.post("/scans", json={"plan_id": plan}, headers={"Idempotency-Key": uuid.uuid4().hex}).json()
     until(lambda: keyed.get(f"/scans/{scan['id']}").json()["progress"]["done"] >= 1)
     keyed.keys.revoke(identifier)

@@ -22,7 +22,7 @@ def released(service):
 @pytest.mark.parametrize(("pictures", "downloads"), [(6, 0), (6, 3)])
 def test_stop_request_is_not_delayed_by_hanging_requests(service, open_page, released, pictures, downloads):
     """Pictures that never come, of which the page asks for a few at a time, and downloads, which it does not count."""
-    scan = service.start_scan(service.plan(pulse_rate=1, averages=60))["id"]
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=24))["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 1)
     page = open_page(service, "/data")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
@@ -51,7 +51,7 @@ def crowd(service, open_page):
 
 def test_the_stop_of_the_seventh_page_answers(service, crowd, released):
     """With a stream each, six pages took all connections: the seventh was not even shown."""
-    scan = service.start_scan(service.plan(pulse_rate=1, averages=60))["id"]
+    scan = service.start_scan(service.plan(pulse_rate=1, averages=24))["id"]
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 1)
     pages, streams = crowd
     pages[-1].get_by_role("button", name="Emergency stop").click()

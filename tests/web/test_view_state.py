@@ -19,9 +19,18 @@ FULL = {
     "region": {"plane": "z", "from": [0, 0], "to": [1, 1]},
     "background": {"plane": "z", "from": [2, 2], "to": [3, 3]},
     "points": [[0.25, -1, 3.6], [0, 2.5, 1]],
-    "against": "r01jz0000000000000000000000",
+    "against": "r01jz0000000000000000000000:3",
     "how": "blink",
     "tool": "line",
+    "index": 4,
+    "large": "3d",
+    "depth": [0.5, 6.25],
+    "smooth": "nearest",
+    "gamma": 0.45,
+    "log": 40,
+    "overlayMap": "magenta",
+    "overlayWindow": [0, 2.5],
+    "opacity": [1, 0.4],
 }
 WHOLE = "given.view.slab = given.view.slab.map(Number);"
 
@@ -72,6 +81,13 @@ def test_the_plain_view_needs_no_words(modules):
         "#against=../../x",
         "#how=%E0%A4%A",
         "#cut=-1",
+        "#large=all",
+        "#depth=3,2",
+        "#gamma=0",
+        "#log=500",
+        "#overlayMap=depth",
+        "#opacity=1,2",
+        "#against=r1:x",
     ],
 )
 def test_an_address_without_sense_is_the_plain_view(modules, text):

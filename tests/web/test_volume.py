@@ -1,5 +1,7 @@
 """The volume's page shows where a ball is, how large it is and what it is made of: in figures, pixels and files."""
 
+import csv
+import io
 import re
 import subprocess
 import sys
@@ -11,7 +13,7 @@ from playwright.sync_api import expect
 import steradian
 from steradian_client import Client
 from support.recordings import INTERVAL, RADIUS, SOUND_SPEED, ball
-from support.views import AXES, crosshair, drawn, figure, pixel_of, spacing
+from support.views import AXES, VIEWS, brightest_pixel, crosshair, drawn, figure, pixel_of, shown_depths, spacing
 
 PLACE = (0.3, -0.15, 1.2)
 """Of the ball, in mm."""
@@ -42,7 +44,7 @@ def page(open_page, service, made):
 
 def test_a_click_moves_the_crosshair_in_every_view(page, made):
     """A place clicked in x–z is where the others go; the third coordinate stays."""
-    page, volume = page(), made[1][0]
+    page, volume = page("#depth=0,all"), made[1][0]
     wanted = (-0.8, PLACE[1], 2.4)
     x, y = pixel_of(page, volume, "x–z", wanted)
     page.locator("[data-view='x–z']").click(position={"x": x, "y": y})
@@ -55,21 +57,103 @@ def test_a_click_moves_the_crosshair_in_every_view(page, made):
     assert crosshair(page)[2] == pytest.approx(wanted[2] + spacing(volume)[2], abs=0.05)
 
 
+def test_any_view_is_enlarged_by_double_click_and_key(page, made):
+    """One view has the room of all four, its image at least 560 pixels at 1280 × 720; the others come back."""
+    page, volume = page(), made[1][0]
+    panes = page.locator(".pane:visible")
+    page.locator("[data-view='x–y']").dblclick()
+    expect(panes).to_have_count(1)
+    box = page.locator("[data-view='x–y']").bounding_box()
+    extents = np.multiply(volume.values.shape, spacing(volume))[:2]
+    image = extents.min() * 0.985 * min(box["width"] / extents[0], box["height"] / extents[1])
+    assert image >= 560
+    assert box["y"] + box["height"] <= 720
+    page.keyboard.press("Escape")
+    expect(panes).to_have_count(4)
+    page.locator("[data-view='3-D']").focus()
+    page.keyboard.press("f")
+    expect(panes).to_have_count(1)
+    expect(page.locator("[data-view='3-D']")).to_be_visible()
+    page.get_by_role("button", name="Show all views").click()
+    expect(panes).to_have_count(4)
+
+
+def test_zoom_keeps_the_crosshair_where_it_is_in_every_view(page):
+    """At four times the size the ball, on which the crosshair is, lies at the same pixels in all views."""
+    x, y, z = PLACE
+    page = page(f"#at={x},{y},{z}")
+    images = [page.locator(f"[data-image='{view}']") for view in VIEWS]
+    before = [brightest_pixel(image) for image in images]
+    box = page.locator("[data-view='x–y']").bounding_box()
+    page.mouse.move(box["x"] + 30, box["y"] + 40)  # far from the ball
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -600)
+    page.wait_for_function("() => location.hash.includes('zoom=4')")
+    for image, seen in zip(images, before, strict=True):
+        now = brightest_pixel(image)
+        assert (now["x"], now["y"]) == pytest.approx((seen["x"], seen["y"]), abs=5)
+
+
+def test_depths_without_signal_are_not_shown_until_asked_for(page, made):
+    """The views show the ball and a margin, all depths by a button, those of two numbers, and the ball again."""
+    page, volume = page(), made[1][0]
+    first, last = shown_depths(page)
+    assert first < PLACE[2] - 0.3
+    assert PLACE[2] + 0.3 < last < 1e3 * volume.z[-1] - 0.5
+    page.get_by_role("button", name="All depths").click()
+    expect(page.locator("#volume")).to_have_attribute("data-depths", re.compile(r"^-?0\.0"))
+    assert shown_depths(page)[1] == pytest.approx(1e3 * volume.z[-1], abs=spacing(volume)[2])
+    page.get_by_label("Shown depth, to (mm)").fill("2.5")
+    page.get_by_label("Shown depth, to (mm)").blur()
+    page.wait_for_function("() => document.querySelector('#volume').dataset.depths.endsWith('2.5000')")
+    page.get_by_role("button", name="Object").click()
+    expect(page.locator("#volume")).to_have_attribute("data-depths", f"{first:.4f},{last:.4f}")
+
+
+def test_readout_is_whole_and_its_value_is_numpy_s(page, made):
+    """At the edge of a small view, too; a coordinate that rounds to zero has no sign."""
+    page, volume = page("#at=-0.001,0.5,1"), made[1][0]
+    assert page.inner_text("[data-place] [data-axis='x']") == "0.00 mm"
+    place = (-1e-3, 0.5, 1.0)
+    x, y = pixel_of(page, volume, "x–z", place)
+    view = page.locator("[data-view='x–z']")
+    view.hover(position={"x": round(x), "y": round(y)})
+    said = page.locator("[data-cursor]")
+    told = re.fullmatch(r"x (\S+), z (\S+) mm: (\S+)\sarb\.\su\.", said.inner_text())
+    lines = [1e3 * np.array(line) for line in (volume.x, volume.z)]
+    mm = [float(one.replace("−", "-")) for one in told.groups()[:2]]
+    i, k = (np.abs(line - one).argmin() for line, one in zip(lines, mm, strict=True))
+    near = volume.values.max(axis=1)[i - 1 : i + 2, k - 1 : k + 2]
+    assert near.min() * 0.99 <= float(told[3].replace(",", "")) <= near.max() * 1.01
+    for place in ((3, 3), (-4, 3), (3, -4), (-4, -4)):
+        box, frame = view.bounding_box(), page.locator(".canvases:has([data-view='x–z'])").bounding_box()
+        view.hover(position={"x": place[0] % box["width"], "y": place[1] % box["height"]})
+        if said.is_visible():
+            inner = said.bounding_box()
+            assert inner["x"] >= frame["x"]
+            assert inner["x"] + inner["width"] <= frame["x"] + frame["width"]
+            assert said.evaluate("(one) => one.scrollWidth <= one.clientWidth")
+
+
 def test_a_region_is_numpy_s(page, made):
-    """Mean and deviation of a rectangle drawn in a slice are those of the volume's values there."""
+    """Mean, deviation and contrast of rectangles in a slice are those of the volume's values there."""
     page, volume = page("#slab=0,0,0&tool=region&region=z,-0.5,-0.6,0.75,0.4&background=z,1,1,2,2"), made[1][0]
     page.click("[data-tab='Measure']")
-    page.wait_for_selector("[data-result='region'] [data-figure='mean']")
+    page.get_by_role("button", name="Measure the background").click()
+    page.wait_for_selector("[data-result='contrast']")
     k = np.unravel_index(volume.values.argmax(), volume.values.shape)[2]
     x, y = 1e3 * np.array(volume.x), 1e3 * np.array(volume.y)
     inside = volume.values[(x >= -0.5) & (x <= 0.75), :, k][:, (y >= -0.6) & (y <= 0.4)].astype(float)
     outside = volume.values[(x >= 1) & (x <= 2), :, k][:, (y >= 1) & (y <= 2)].astype(float)
-    for name, one in (("region", inside), ("background", outside)):
-        for key, wanted in (("mean", one.mean()), ("deviation", one.std())):
-            told = page.get_attribute(f"[data-result='{name}'] [data-figure='{key}']", "data-value")
-            assert float(told) == pytest.approx(wanted, rel=1e-4)
-            assert page.inner_text(f"[data-result='{name}'] [data-figure='{key}']").endswith("arb.\u00a0u.")
     assert figure(page, "contrast") == pytest.approx((inside.mean() - outside.mean()) / outside.std(), rel=1e-3)
+    page.get_by_role("button", name="Measure the region").click()
+    page.wait_for_selector("[data-result='region'] [data-figure='mean']")
+    for key, wanted in (("mean", inside.mean()), ("deviation", inside.std())):
+        assert figure(page, key) == pytest.approx(wanted, rel=1e-4)
+        assert page.inner_text(f"[data-result='region'] [data-figure='{key}']").endswith("arb.\u00a0u.")
+    for name in ("contrast 1", "region 1"):
+        page.get_by_role("button", name=f"Delete {name}").click()
+        expect(page.locator(f"[data-measurement='{name}']")).to_have_count(0)
 
 
 def test_an_address_shows_the_same_view(page):
@@ -173,23 +257,63 @@ def test_sound_speed_is_shown_with_error_and_unit(service, open_page, made):
     expect(page.get_by_text(f"Dashed line: this volume, {SOUND_SPEED:.1f} m/s")).to_be_visible()
 
 
-def test_a_ball_s_corrected_width_is_its_own(page):
-    """The width of the image is shown with the point spread there and with the diameter of the ball behind it."""
+def test_medium_search_is_shown_with_error_and_unit_of_each_parameter(service, open_page, made):
+    found = {"name": "layer1.thickness", "value": 2e-3, "standard_error": 1e-5, "unit": "m", "at_edge": False}
+    job = {"state": "succeeded", "ended": "2026-01-01T00:00:00Z", "result": {"parameters": [found]}}
+    page = open_page(service, "/healthz")
+    page.route("**/api/v1/jobs?kind=sound-speed*", lambda route: route.fulfill(json={"items": [job]}))
+    page.goto(f"{service.url}/volumes/{made[0][0]}")
+    page.click("[data-tab='Speed']")
+    expect(page.get_by_text("layer1.thickness: 0.0020000 ± 0.000010 m")).to_be_visible()
+
+
+def test_named_profiles_are_kept_with_widths_and_correction(service, open_page, page, made):
+    """Two lines are drawn, one renamed and corrected; another browser sees both, and the CSV file has them."""
     x, y, z = PLACE
-    page = page(f"#at={x},{y},{z}&slab=0,0,0&tool=line&line=z,{x - 0.9},{y},{x + 0.9},{y}")
+    page, volume = page(f"#at={x},{y},{z}&slab=0,0,0&tool=line&depth=0,all"), made[1][0]
     page.click("[data-tab='Measure']")
-    page.get_by_role("button", name="Point spread and corrected diameter").click()
-    told = page.locator("[data-width] dl")
-    expect(told).to_contain_text("as a Gaussian sphere", timeout=120_000)
-    text = told.inner_text()
-    corrected = float(re.search(r"Corrected\s+([\d.]+) µm", text)[1])
+    for n, view in enumerate(("x–y", "x–z"), 1):
+        box = page.locator(f"[data-view='{view}']").bounding_box()
+        for side, act in ((-0.9, page.mouse.down), (0.9, page.mouse.up)):
+            at = pixel_of(page, volume, view, (x + side, y, z))
+            page.mouse.move(box["x"] + at[0], box["y"] + at[1], steps=3)
+            act()
+        expect(page.locator(f"[data-measurement='profile {n}'] [data-cell='width']")).to_contain_text("µm")
+    name = page.get_by_label("Name of measurement 1")
+    name.fill("ball")
+    name.press("Enter")
+    page.get_by_role("button", name="Correct the width of ball").click()
+    expect(page.locator("[data-measurement='ball'] [data-cell='corrected']")).to_contain_text("µm", timeout=120_000)
+    text = page.locator("[data-result='profile']").inner_text()
+    corrected = float(re.search(r"Corrected\s+([\d.]+) µm, as a Gaussian sphere", text)[1])
     assert corrected == pytest.approx(2 * (2 * np.log(2)) ** 0.5 * 1e6 * RADIUS, rel=0.06)
     assert float(re.search(r"Point spread\s+([\d.]+) µm", text)[1]) < corrected
+    other = open_page(service, f"/volumes/{made[0][0]}")
+    expect(other.locator("[data-measurement]")).to_have_count(2)
+    expect(other.locator("[data-measurement='ball'] [data-cell='corrected']")).to_have_text(f"{corrected:g} µm")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download the measurements as CSV").click()
+    rows = list(csv.DictReader(io.StringIO(download.value.path().read_text())))
+    assert [row["name"] for row in rows] == ["ball", "profile 2"]
+    assert 1e6 * float(rows[0]["corrected"]) == pytest.approx(corrected, abs=0.5)
+    page.get_by_text("Several volumes").click()
+    page.locator(f"[data-volumes] input[value='{made[0][1]}']").check()
+    page.get_by_role("button", name="Measure in these volumes").click()
+    expect(page.get_by_text("Measured in all of them")).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Table of all volumes").click()
+    rows = list(csv.DictReader(io.StringIO(download.value.path().read_text())))
+    assert [(row["reconstruction_id"], row["name"]) for row in rows] == [
+        (volume_id, name) for volume_id in made[0][:2] for name in ("ball", "profile 2")
+    ]
+    for name in ("ball", "profile 2"):
+        page.get_by_role("button", name=f"Delete {name}").click()
+        expect(page.locator(f"[data-measurement='{name}']")).to_have_count(0)
 
 
 def test_selected_points_in_volume_fill_mask_design(service, page, made):
     """One point by a click in x–z; one by a click in x–y that is dragged in x–z to its depth; both fill the design."""
-    page, volume = page("#tool=point"), made[1][0]
+    page, volume = page("#tool=point&depth=0,all"), made[1][0]
     page.click("[data-tab='Measure']")
     deep, shallow = (-0.8, PLACE[1], 2.4), (0.7, 0.5, 1.0)
     x, y = pixel_of(page, volume, "x–z", deep)

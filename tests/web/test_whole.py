@@ -19,7 +19,7 @@ PLACE = (0.3, -0.15, 1.2)
 """Of the ball that the scanner sees, in mm."""
 SIGMA = 0.2
 FWHM = 2 * math.sqrt(2 * math.log(2)) * SIGMA
-DESIGN = {"aperture": 9.6, "count": 1400, "depth": 2, "pulse_rate": 3, "samples": 640}
+DESIGN = {"aperture": 9.6, "count": 1400, "depth": 2, "pulse_rate": 6, "samples": 640}
 """What is typed into the form, in the units beside its fields."""
 
 
@@ -66,7 +66,7 @@ def design(page, service):
 def watch(page, service, scan):
     """Hold the scan, see what there is of its image, and let it end; returns the image's reconstruction."""
     expect(page.locator(".label", has_text="sample: ball")).to_be_visible()
-    until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 400)
+    until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= 200)
     page.get_by_role("button", name="Pause").click()
     canvas = page.locator("section.image canvas")
     expect(canvas).to_be_visible()

@@ -46,8 +46,8 @@ def write(part: SectionResult) -> str:
             picture("iterative", "Truth, direct and iterative reconstruction: projection and a plane of the volume"),
             f"- *Cost.* Forward and adjoint product at full size take {number(cost['forward'], 2)} and"
             f" {number(cost['backward'], 2)} direct reconstructions ({part['modes']}² × {part['samples']});",
-            f"  a whole run ({cost['products']} products) takes {number(cost['run'], 0)}"
-            f" ({number(cost.get('run_cpu'), 0)} in processor time), because it works on one"
+            f"  a whole run ({cost['products']} products) takes {number(cost['run'], 1)}"
+            f" ({number(cost.get('run_cpu'), 1)} in processor time), because it works on one"
             f" sample in {first['thinning']}, which holds the signal's band, with the aperture",
             f"  padded until no copy is heard. Memory: at most {number(first['megabytes'], 0)} MB,"
             f" {number(first.get('outputs'), 1)} times the volume's.",
@@ -97,9 +97,9 @@ def _price(part: SectionResult) -> list[Claim]:
         number(max(outputs, default=0), 1),
     )
     return [
-        Claim("Iterative reconstruction: at most 20 direct ones' time", (20 - run,), f"{number(run, 0)}"),
+        Claim("Iterative reconstruction: at most 8 direct ones' time", (8 - run,), number(run, 1)),
         *([memory] if outputs else []),  # older documents do not have it
-        Claim("Iterative reconstruction: a yarn's volume to 0.97", tuple(v - 0.97 for v in yarns), spread(yarns, 3)),
+        Claim("Iterative reconstruction: a yarn's volume to 0.985", tuple(v - 0.985 for v in yarns), spread(yarns, 3)),
     ]
 
 

@@ -11,13 +11,14 @@ from steradian_client.events import Events
 from steradian_client.models import Health, Readiness, Service, Storage
 from steradian_client.request_session import RETRY_TIMEOUT, RequestSession
 from steradian_client.resources.batches import Batches
+from steradian_client.resources.exports import Exports
 from steradian_client.resources.jobs import Jobs
 from steradian_client.resources.masks import Masks
 from steradian_client.resources.plans import Plans
 from steradian_client.resources.reconstructions import Reconstructions
 from steradian_client.resources.scanners import Scanners
 from steradian_client.resources.scans import Scans
-from steradian_client.resources.transfers import Exports, Imports, Uploads
+from steradian_client.resources.transfers import Imports, Uploads
 from steradian_client.sync_async import AsyncMode, Mode, Resource, SyncMode, dual_method
 from steradian_client.transport import AsyncTransport, SyncTransport
 

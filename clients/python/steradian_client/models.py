@@ -122,6 +122,9 @@ class Plan(ResponseModel):
     max_sensitivity_loss: float = 0.0
     wavelength_uncertainty: float = 0.0
     beams: list[list[float]] = Field(default_factory=list)
+    stages: list[dict[str, Any]] = Field(default_factory=list)
+    stage_ends: list[int] = Field(default_factory=list)
+    stopping: dict[str, float | None] | None = None
     preview: dict[str, Any]
 
 
@@ -138,6 +141,7 @@ class DesignPreview(ResponseModel):
     solid_angles: list[float] | None
     visible_share: float | None
     visit: list[int]
+    stages: list[int] = Field(default_factory=list)
     plan: Preview
 
 
@@ -151,6 +155,31 @@ class PointSpread(ResponseModel):
     axial: float | None
     true_width: float
     background: float
+
+
+class PulseSplit(ResponseModel):
+    """Split of laser pulses between points and averages, with a vessel's expected contrast (dB) and widths (m)."""
+
+    points: int
+    averages: int
+    seconds: float
+    contrast_db: float
+    side_lobes_db: float | None
+    width: float | None
+    width_scatter: float | None
+    resolution: float | None
+    usable: bool
+    proposed: bool
+
+
+class PulseBudget(ResponseModel):
+    """Splits of a number of laser pulses for one arrangement and method."""
+
+    pulses: int
+    noise_db: float
+    max_contrast_db: float
+    modes: int
+    splits: list[PulseSplit]
 
 
 class QueuePosition(ResponseModel):
@@ -198,6 +227,7 @@ class Scan(LongRunning):
     desired_state: str | None = None
     reason: str | None = None
     labels: dict[str, str] = Field(default_factory=dict)
+    stages: list[dict[str, Any]] | None = None
     completes: str | None = None
     fence: int | None = None
     summary: dict[str, Any] | None
@@ -258,12 +288,14 @@ class Coverage(ResponseModel):
 
 
 class Reconstruction(LongRunning):
-    """Reconstruction job: its request and progress."""
+    """Reconstruction job: its request and progress; ``report["frames"]`` lists the volumes of a series."""
 
     scan_id: str
     kind: str = "reconstruction"
     batch_id: str | None = None
     mask_id: str | None = None
+    reconstruction_id: str | None = None
+    unmixing: dict[str, Any] | None = None
     frame: int | None = None
     wavelength: float | None = None
     average: bool = False
@@ -294,6 +326,18 @@ class Quality(ResponseModel):
     threshold: float
     state: str
     figures: dict[str, float | None] | None
+
+
+class Measurement(ResponseModel):
+    """Named measurement in a volume with its values; lengths in metres."""
+
+    reconstruction_id: str
+    measurement: dict[str, Any]
+    figures: dict[str, float | None]
+    ends: list[list[float]]
+    reason: str
+    state: str | None
+    correction: dict[str, Any] | None
 
 
 class Job(LongRunning):

@@ -309,6 +309,10 @@ class ConformanceHost:
         """Return the device time of the last STATUS."""
         return self.status.device_time if self.status else 0
 
+    def host_time(self) -> int:
+        """Return the host's time in µs."""
+        return self._clock.now()
+
     def forget(self) -> None:
         """Clear the record of received frames."""
         self.frames.clear()

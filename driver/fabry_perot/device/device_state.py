@@ -102,7 +102,7 @@ class DeviceBody:
         self._session = self._random.randrange(1, 0x10000)
         self._armed_at = self._status_at = self._fault_at = now
         self._status_due = False
-        self._fault_number = 0
+        self._fault_number, self._logged_faults = 0, dict[int, str]()
         self._shut_at = now
         self.close()
         self.hardware(self._rest, None)
@@ -217,9 +217,14 @@ class DeviceBody:
         self.plan_status_due, self.plan_refused = True, False
 
     def raise_fault(self, code: int, reason: str = "") -> None:
-        """Latch a hardware fault and send it until acknowledged; later faults are logged but do not replace it."""
-        log.error("hardware fault: %s%s", fault_codes.by_code(code), f": {reason}" if reason else "")
-        if self.try_transition(Event.HARDWARE_FAULT) or (self.state in LATCHED_STATES and not self.fault):
+        """Latch a hardware fault and send it until acknowledged; later ones are logged once, but do not replace it."""
+        is_new = self.try_transition(Event.HARDWARE_FAULT) or (self.state in LATCHED_STATES and not self.fault)
+        if is_new:
+            self._logged_faults.clear()
+        if self._logged_faults.get(code) != reason:  # a stuck shutter is found at each poll
+            self._logged_faults[code] = reason
+            log.error("hardware fault: %s%s", fault_codes.by_code(code), f": {reason}" if reason else "")
+        if is_new:
             self.fault, self.fault_text, self._fault_at = code, reason, self.now
             self._fault_number += 1
 

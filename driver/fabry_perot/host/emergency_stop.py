@@ -30,6 +30,8 @@ _SILENCE, _SILENCE_BESIDE = 0.3, 0.7
 """Seconds without a word of the device after which HELLO is said to it; the latter beside a program that holds it."""
 _CLOSING = 0.2
 """Longest wait in s for a line to be closed before the answer is given."""
+_STARTING = 1.0
+"""Longest wait in s for the control socket of a program that has locked a terminal."""
 _MARGIN = 0.3
 """Seconds beyond the timeout within which an answer is given even where the system hangs."""
 
@@ -101,12 +103,13 @@ def status_in(reply: Reply) -> PortStatus | None:
         return None
 
 
-def ask_to_yield(url: str) -> bool:
-    """Request the holder of a port to release it, and return whether a holder did."""
+def ask_to_yield(url: str) -> bool | None:
+    """Request the holder of a port to release it; return whether a holder did, and ``None`` if none replied."""
     replies = [
         control_client.ask(listener, 1.0, do="yield", port=aliases(url)) for listener in control_client.listeners(url)
     ]
-    return any(reply is not None and reply.body.get("yielded") is True for reply in replies)
+    told = [reply.body.get("yielded") is True for reply in replies if reply is not None]
+    return any(told) if told else None
 
 
 class _Stop:
@@ -250,6 +253,8 @@ def _close(line: Transport) -> None:
 def after_yield(opener: Callable[[], T], url: str, seconds: float = 2.0) -> T:
     """Open a port; if its holder is only a monitor, request the port's release first.
 
+    A holder without a control socket may have opened the terminal a moment ago: it is asked again for a second.
+
     Parameters
     ----------
     opener
@@ -264,17 +269,15 @@ def after_yield(opener: Callable[[], T], url: str, seconds: float = 2.0) -> T:
     PortBusy
         Its holder does not give way.
     """
-    try:
-        return opener()
-    except PortBusy:
-        if not ask_to_yield(url):
-            raise
-    deadline = time.monotonic() + seconds
+    began, given = time.monotonic(), False
     while True:
         try:
             return opener()
         except PortBusy:
-            if time.monotonic() > deadline:
+            told = ask_to_yield(url)  # again after it was given: another monitor may have been faster
+            given = given or told is True
+            starts = told is None and "://" not in url  # locked just now: its control socket is yet to come
+            patience = seconds if given else _STARTING if starts else 0.0
+            if time.monotonic() - began >= patience:
                 raise
-            ask_to_yield(url)  # another watching program may have been faster
             time.sleep(0.02)

@@ -23,6 +23,7 @@ from fabry_perot.errors import (
 )
 from fabry_perot.host import Host
 from fabry_perot.host.handshake import new_nonce
+from fabry_perot.host.link_states import HostState
 from fabry_perot.host.silence_log import SilenceLog
 from fabry_perot.host.traffic import Mark
 from fabry_perot.host.transport import Transport
@@ -174,7 +175,9 @@ def stream_end_reason(host: Host, now: int, patience: int, port: str = "PORT") -
     status, assembly = host.status, host.assembly
     if host.time_since_heard(now) > patience:
         return LinkLost("the scanner has gone silent")
-    if status is None or assembly is None or status.state != host.device_state:
+    if status is None or assembly is None or host.phase in (HostState.LOST, HostState.HELLO):
+        return None  # the device's state is not known at present
+    if status.state != host.device_state:
         return None
     if status.plan == assembly.plan and assembly.delivered < status.produced:
         return None

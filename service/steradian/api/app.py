@@ -29,12 +29,14 @@ from steradian.api.openapi import postprocess as contract
 from steradian.api.openapi import swagger_page as documentation
 from steradian.api.routers import (
     batches,
+    budgets,
     deletion,
     designs,
     events,
     health,
     jobs,
     masks,
+    measurements,
     metrics,
     plans,
     quality,
@@ -56,8 +58,8 @@ from steradian.core.settings import Settings
 from steradian.web.pages import make_router
 
 ROUTER_MODULES = (
-    events, root, masks, plans, designs, scanners, scans, scan_data, signals, reconstructions, reconstruction_data,
-    quality, batches, uploads, jobs, deletion, storage, sessions, stops,
+    events, root, masks, plans, designs, budgets, scanners, scans, scan_data, signals, reconstructions,
+    reconstruction_data, measurements, quality, batches, uploads, jobs, deletion, storage, sessions, stops,
 )  # fmt: skip
 """In the order in which a request is compared with their routes; streams are opened by many at once."""
 

@@ -47,6 +47,7 @@ from steradian.storage.repositories.deletion import DeletionService, InUse, remo
 from steradian.storage.repositories.event_log import EventLog
 from steradian.storage.repositories.idempotency import IdempotencyStore
 from steradian.storage.repositories.masks import MaskRepository
+from steradian.storage.repositories.measurements import MeasurementRepository
 from steradian.storage.repositories.plans import PlanRepository
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
@@ -56,9 +57,8 @@ if TYPE_CHECKING:
     from steradian.jobs.queue.queue_client import JobQueue
 
 _log = logging.getLogger(__name__)
-QUEUE_PATIENCE = 30.0
-STORE_PATIENCE = timedelta(seconds=5)
-"""How long a request waits for an object store that does not answer."""
+QUEUE_PATIENCE, STORE_PATIENCE = 30.0, timedelta(seconds=5)
+"""How long a request waits for the queue (s), and for an object store that does not answer."""
 RECONCILE_EVERY, TIDY_EVERY, REOPEN_EVERY = 1.0, 600.0, 5.0
 CARETAKER_SHUTDOWN_TIMEOUT = 5.0
 """Seconds that an ending service waits for what looks after it: a database may be down."""
@@ -83,6 +83,7 @@ class ServiceContainer:
         self.scanner = ScannerRepository(self.database, clock, settings.scanner_id)
         self.batches = BatchRepository(self.database, clock)
         self.ledger = JobLedger(self.database, clock)
+        self.measurements = MeasurementRepository(self.database)
         self.deletion = DeletionService(self.database, clock)
         self.idempotency = IdempotencyStore(self.database, clock)
         self.keys = KeyStore(self.database, clock, fixed=settings.api_key)
@@ -98,8 +99,8 @@ class ServiceContainer:
         self.nodes = PeerRegistry(settings, self.scanner)
         self.stop_relay = EmergencyStopRelay(self.nodes, self.scanner)
         self._memory = PeriodicRefresher(self.database, self.sessions.remember, self.nodes.refresh, self._stay)
-        self.drawing, self.previewing = asyncio.Lock(), asyncio.Lock()
-        """One picture that is kept and one preview at a time: a place in the pool is left for what is quick."""
+        self.drawing, self.previewing, self.designing = asyncio.Lock(), asyncio.Lock(), asyncio.Lock()
+        """One stored picture, preview and budget at a time."""
         self.process_pool = ProcessPool()
         self.shot_inspections = RowDeltaTracker()
         self.usage: BatchLoader[None, dict[str, int]] = BatchLoader(lambda _: {None: usage(self.database, self.data)})

@@ -34,6 +34,7 @@ EXIT_CODES: dict[type[SteradianError], int] = {
 
 COMMANDS = {
     "mask": "mask:app",
+    "design": "design:design",
     "plan": "plan:plan",
     "scan": "scan:app",
     "scanner": "scanner:app",
@@ -42,6 +43,9 @@ COMMANDS = {
     "what-if": "what_if:what_if",
     "sound-speed": "sound_speed:sound_speed",
     "measure": "measure:measure",
+    "unmix": "unmix:unmix",
+    "figure": "figure:figure",
+    "wavelengths": "wavelengths:wavelengths",
     "import": "import_:import_",
     "export": "export:export",
     "demo": "demo:demo",

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from steradian.cli.console import finish_with_summary, progress_bar, show_figures
-from steradian.cli.scan import new_scan_id, scanner_port
+from steradian.cli.scan import new_scan_id
+from steradian.cli.scanner_port import scanner_port
 from steradian.core.exceptions import SteradianError
 
 if TYPE_CHECKING:
@@ -132,7 +133,8 @@ def _queue(data: DataDirectory) -> Iterator[JobQueue]:
 def _reconstruct_queued(queue: JobQueue, scan_id: str, data: DataDirectory, output: Path) -> None:
     """Reconstruct the scan as a queued job, then move scan file and results to the output folder."""
     from steradian.jobs.queue.queue_client import new_job_id
-    from steradian.jobs.requests import ReconstructionRequest, to_job_request
+    from steradian.jobs.reconstruction_request import ReconstructionRequest
+    from steradian.jobs.requests import to_job_request
     from steradian.storage.state_machines import ReconstructionState
 
     request = ReconstructionRequest.create(scan_id=scan_id, parameters={"modes": MODES, "depth_range": DEPTHS})

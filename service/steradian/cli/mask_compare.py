@@ -21,9 +21,11 @@ from steradian.cli.console import (
 from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
-    from steradian.comparisons import Comparison
+    from steradian.comparisons import Comparison, StagedScan
     from steradian.masks import Mask
 
+STAGED = "staged"
+"""Name of the candidate that is a survey and a focus on what the survey shows."""
 SIMULATED_PANEL = "An object seen through each"
 Row = tuple[str, list[str], list[float] | None]
 """A figure's name, its texts, and what is compared, the greatest being the best; none: nothing is."""
@@ -34,7 +36,8 @@ def compare(
         list[str] | None,
         typer.Argument(
             help="Mask files (.json), or arrangements: equi-steradian, grid, hexagonal, poisson-disc, random, perhaps"
-            " with a number of points (grid:2000). Default: all five.",
+            " with a number of points (grid:2000); or staged, with --phantom: a survey, then a focus on what it shows."
+            " Default: all five arrangements.",
         ),
     ] = None,
     aperture: Annotated[
@@ -74,6 +77,12 @@ def compare(
     iterations: Annotated[
         int, typer.Option(help="Of the iterative reconstruction, 0 for none.", rich_help_panel=SIMULATED_PANEL)
     ] = 30,
+    survey: Annotated[
+        int | None,
+        typer.Option(
+            help="Points of the survey of a staged scan; default: an eighth.", rich_help_panel=SIMULATED_PANEL
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of points by chance, of the object and of the noise.")] = 0,
     plot: Annotated[Path | None, plot_option("Also draw them side by side, for example into compare.png.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print all figures as JSON instead of a table.")] = False,
@@ -85,7 +94,7 @@ def compare(
     """
     from steradian.comparisons import compare_masks
 
-    named = _load_masks(masks, aperture, depth, (offset_x, offset_y), count, seed)
+    named = _load_masks(masks, aperture, depth, (offset_x, offset_y), count, seed, survey)
     point = (offset_x, offset_y, depth)
     thing = None if phantom is None else _load_phantom(phantom, point, phantom_radius, seed)
     with progress_bar() as progress:
@@ -114,24 +123,35 @@ def compare(
 
 
 def _load_masks(
-    given: list[str] | None, aperture: float, depth: float, offset: tuple[float, float], count: int, seed: int
-) -> dict[str, Mask]:
+    given: list[str] | None,
+    aperture: float,
+    depth: float,
+    offset: tuple[float, float],
+    count: int,
+    seed: int,
+    survey: int | None,
+) -> dict[str, Mask | StagedScan]:
     """Read or create each mask, and return the masks by unique names."""
+    from steradian.comparisons import StagedScan
     from steradian.masks import Counted, mask_by_count, read_mask
 
-    found: dict[str, Mask] = {}
+    found: dict[str, Mask | StagedScan] = {}
+    mask: Mask | StagedScan
     for text in given or get_args(Counted):
         name, _, number = text.partition(":")
-        if name in get_args(Counted):
+        if name in (*get_args(Counted), STAGED):
             if number and not number.isdigit():
                 raise InvalidInput("masks", text, "a number of points after the colon, such as grid:2000")
             points = int(number) if number else count
-            mask = mask_by_count(name, aperture, points, depth=depth, offset=offset, seed=seed)  # type: ignore[arg-type]
+            if name == STAGED:
+                mask = StagedScan(aperture, points, survey, seed)
+            else:
+                mask = mask_by_count(name, aperture, points, depth=depth, offset=offset, seed=seed)  # type: ignore[arg-type]
             name = text
         elif Path(text).is_file():
             mask, name = read_mask(Path(text)), Path(text).stem
         else:
-            raise InvalidInput("masks", text, "a mask file, or one of " + ", ".join(get_args(Counted)))
+            raise InvalidInput("masks", text, "a mask file, or one of " + ", ".join((*get_args(Counted), STAGED)))
         if name in found:
             name = f"{name} ({sum(other.startswith(name) for other in found) + 1})"
         found[name] = mask

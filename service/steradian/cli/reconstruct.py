@@ -17,16 +17,17 @@ from steradian.cli.console import (
     quantity_option,
     speed,
 )
-from steradian.cli.frame_options import AverageOption, EachOption, FrameOption, WavelengthOption, each_choice
+from steradian.cli.frame_options import AlignOption, AverageOption, FrameOption, MotionOption, WavelengthOption
 from steradian.cli.import_ import DescriptionOption, parse_description
 from steradian.cli.medium_options import AttenuationOption, LayerOption, parse_medium
-from steradian.cli.reconstruction_summary import show_report
+from steradian.cli.reconstruction_summary import show_report, show_series_report
 from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from steradian.reconstructions.parameters import ReconstructionParameters
-    from steradian.reconstructions.pipeline.run import Report
-    from steradian.scans.frames import FrameChoice
+    from steradian.reconstructions.pipeline.report import Report
+    from steradian.reconstructions.pipeline.size_limit import LargeVolume
+    from steradian.reconstructions.series.report import SeriesReport
 
 CONDITIONING, DISPLAY = "Preprocessing", "Image display"
 SHOTS = "Shot normalisation"
@@ -56,7 +57,8 @@ def reconstruct(
     frame: FrameOption = None,
     wavelength: WavelengthOption = None,
     average: AverageOption = False,
-    each: EachOption = None,
+    align: AlignOption = False,
+    motion: MotionOption = False,
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
@@ -95,7 +97,7 @@ def reconstruct(
         bool,
         typer.Option(
             "--sensitivity/--no-sensitivity",
-            help="Divide by what a wavelength beside the best one left of the film's sensitivity.",
+            help="Correct A-lines for what a wavelength beside the best one left of the film's sensitivity.",
             rich_help_panel=SHOTS,
         ),
     ] = False,
@@ -151,9 +153,11 @@ def reconstruct(
 ) -> None:
     """Reconstruct the initial pressure and write the volume, its projections and a report into a folder."""
     from steradian.reconstructions.parameters import ReconstructionParameters
+    from steradian.reconstructions.series.frames import series_choices
+    from steradian.scans.file.read import list_frames
     from steradian.scans.frames import FrameChoice
     from steradian.scans.importing.detect import is_scan_file
-    from steradian.scans.opening import FIRST
+    from steradian.scans.opening import FIRST, count_frames
 
     parameters = ReconstructionParameters.create(
         method=method,
@@ -209,13 +213,13 @@ def reconstruct(
         },
     )
     choice = FrameChoice(frame, wavelength, average)
-    if each is not None and (follow or frame is not None or wavelength is not None):
-        raise InvalidInput("each", each, "without follow, frame and wavelength")
     if follow and choice != FIRST:
         raise InvalidInput("follow", "true", "without frame, wavelength and average")
-    if each == "frame" and average:
-        raise InvalidInput("average", "true", "not of each frame; with --each wavelength or alone")
-    if description is not None or ((each is not None or choice != FIRST) and file.is_file() and not is_scan_file(file)):
+    if follow and (align or motion):
+        raise InvalidInput("follow", "true", "without align and motion")
+    if description is not None or (
+        file.is_file() and not is_scan_file(file) and (choice != FIRST or count_frames(file) > 1)
+    ):
         from steradian.scans.importing.sandbox import import_in_sandbox
 
         path, options = parse_description(description)
@@ -224,11 +228,14 @@ def reconstruct(
             file = import_in_sandbox(
                 file, output / "scan.h5", description=path, options=options, progress=progress
             ).path
-    if each is not None:
-        for name, one in each_choice(file, each, average).items():
-            show_report(_make(file, output / name, parameters, one, yes), output / name)
+    is_series = frame is None and not follow and file.is_file() and is_scan_file(file)
+    if is_series and len(series_choices(list_frames(file), wavelength=wavelength, average=average)) > 1:
+        selection = {"wavelength": wavelength, "average": average, "align": align, "motion": motion}
+        show_series_report(_make_series(file, output, parameters, selection, yes), output)
+    elif align:
+        raise InvalidInput("align", "true", "a series: a scan file with several frames, none of them chosen")
     elif not follow:
-        show_report(_make(file, output, parameters, choice, yes), output)
+        show_report(_make(file, output, parameters, {"frame": choice, "motion": motion}, yes), output)
     else:
         from steradian.reconstructions.live.follow import reconstruct_live
         from steradian.reconstructions.warmup import warmup_second_half
@@ -240,7 +247,24 @@ def reconstruct(
         show_report(report, output)
 
 
-def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice: FrameChoice, agreed: bool) -> Report:
+def _make_series(
+    file: Path, output: Path, parameters: ReconstructionParameters, selection: dict[str, Any], agreed: bool
+) -> SeriesReport:
+    """Reconstruct a series; ask for confirmation on the terminal if its file is large."""
+    from steradian.reconstructions.pipeline.size_limit import LargeVolume
+    from steradian.reconstructions.series.reconstruct import reconstruct_series
+
+    try:
+        with progress_bar() as progress:
+            return reconstruct_series(file, output, parameters, **selection, agreed=agreed, progress=progress)
+    except LargeVolume as error:
+        _confirm(error)
+        return _make_series(file, output, parameters, selection, True)
+
+
+def _make(
+    file: Path, output: Path, parameters: ReconstructionParameters, options: dict[str, Any], agreed: bool
+) -> Report:
     """Reconstruct a scan; ask for confirmation on the terminal if the volume is large."""
     from steradian.reconstructions.pipeline.run import reconstruct_scan
     from steradian.reconstructions.pipeline.size_limit import LargeVolume
@@ -248,12 +272,17 @@ def _make(file: Path, output: Path, parameters: ReconstructionParameters, choice
 
     try:
         with warmup_second_half(), progress_bar() as progress:
-            return reconstruct_scan(file, output, parameters, frame=choice, agreed=agreed, progress=progress)
+            return reconstruct_scan(file, output, parameters, **options, agreed=agreed, progress=progress)
     except LargeVolume as error:
-        if not sys.stdin.isatty():
-            raise InvalidInput(error.field, error.value, f"{error.allowed} with --yes") from None
-        typer.confirm(f"{error}\nMake it?", abort=True, err=True)
-        return _make(file, output, parameters, choice, True)
+        _confirm(error)
+        return _make(file, output, parameters, options, True)
+
+
+def _confirm(error: LargeVolume) -> None:
+    """Ask on the terminal whether a large file is made; raise InvalidInput without a terminal."""
+    if not sys.stdin.isatty():
+        raise InvalidInput(error.field, error.value, f"{error.allowed} with --yes") from None
+    typer.confirm(f"{error}\nMake it?", abort=True, err=True)
 
 
 def _frequency_or_signal(given: str | float) -> float | str:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 from steradian.cli.console import console, finish_with_summary, format_files, show_figures, show_notes
 
 if TYPE_CHECKING:
-    from steradian.reconstructions.pipeline.run import Report
+    from steradian.reconstructions.pipeline.motion import MotionReport
+    from steradian.reconstructions.pipeline.report import Report
+    from steradian.reconstructions.series.report import SeriesReport
 
 
 def show_report(report: Report, output: Path) -> None:
@@ -22,6 +24,7 @@ def show_report(report: Report, output: Path) -> None:
         f"{report.scale_percentile:g}th percentile",
         **_fit(report),
         **_band(report),
+        **_motion([report.motion]),
         **_medium(report),
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
@@ -32,6 +35,29 @@ def show_report(report: Report, output: Path) -> None:
     if report.missing is not None:
         console().print(f"[yellow]warning[/]: {report.missing}", soft_wrap=True)
     finish_with_summary(("volume", output / "volume.h5"), ("all results", output))
+
+
+def show_series_report(report: SeriesReport, output: Path) -> None:
+    """Print the summary of a series and its output files."""
+    spacing = " × ".join(f"{1e6 * step:.4g}" for step in report.spacing_m)
+    light: dict[float, int] = {}
+    for frame in report.frames:
+        light[frame.excitation_m] = light.get(frame.excitation_m, 0) + 1
+    figures = {
+        "series": ", ".join(
+            f"{count} at {1e9 * each:g} nm" if each else f"{count} volumes" for each, count in light.items()
+        ),
+        "volumes": " × ".join(map(str, report.shape)) + f" ({report.axes}), {spacing} µm",
+        "sensors": ", ".join(sorted({f"{frame.sensors} of {frame.planned}" for frame in report.frames})),
+        "sound speed": f"{report.sound_speed_m_s:g} m/s",
+        **_shifts(report),
+        **_motion([frame.motion for frame in report.frames]),
+        "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
+        "files": format_files(output),
+    }
+    show_figures("Series", figures)
+    show_notes(tuple(dict.fromkeys((*report.notes, *(note for frame in report.frames for note in frame.notes)))))
+    finish_with_summary(("series", output / "series.h5"), ("all results", output))
 
 
 def _medium(report: Report) -> dict[str, object]:
@@ -46,6 +72,27 @@ def _medium(report: Report) -> dict[str, object]:
         shown = report.noise_gain[:: max(1, len(report.noise_gain) - 1)]
         rows["noise gain"] = ", ".join(f"{gain:.2g} at {1e3 * depth:.3g} mm" for depth, gain in shown)
     return rows
+
+
+def _motion(found: list[MotionReport | None]) -> dict[str, object]:
+    """Return a table row on the motion within scans; empty where it was not looked for."""
+    texts = []
+    for each in found:
+        if each is not None:
+            pairs = zip("xyz", each.rms_m, each.standard_error_m, strict=True)
+            text = ", ".join(f"{axis} {1e6 * rms:.2g} ± {1e6 * error:.2g} µm" for axis, rms, error in pairs)
+            texts.append(f"{text} ({'undone' if each.corrected else 'not significant'})")
+    return {"motion (rms)": "; ".join(texts)} if texts else {}
+
+
+def _shifts(report: SeriesReport) -> dict[str, object]:
+    """Return a table row on the shifts between the volumes of a series; empty where they were not looked for."""
+    shifts = [frame.shift for frame in report.frames if frame.shift is not None]
+    if not shifts:
+        return {}
+    largest = max(max(map(abs, shift.metres)) for shift in shifts)
+    undone = sum(shift.corrected for shift in shifts)
+    return {"shifts": f"{undone} of {len(report.frames)} volumes moved back, at most {1e6 * largest:.3g} µm"}
 
 
 def _area(report: Report) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +12,14 @@ from typer.core import TyperGroup
 
 from steradian.cli.console import console, finish_with_summary, progress_bar, show_figures
 from steradian.cli.scanner import clearing_command
+from steradian.cli.scanner_port import PHANTOM, at_baud, scanner_port
+from steradian.cli.stage_options import EnoughOption, FocusOption, SurveyOption, parse_places, plan_with_stages
 from steradian.core.exceptions import DamagedFile, FaultLatched, InvalidInput
 
 if TYPE_CHECKING:
-    from steradian.plans import ScanPlan
     from steradian.scans.acquisition.run import ScanSummary
     from steradian.scans.acquisition.session_control import SessionControl
+    from steradian.scans.acquisition.stages import StagePlanner
 
 
 class _DefaultCommandGroup(TyperGroup):
@@ -48,7 +50,6 @@ Baud = Annotated[
     ),
 ]
 Speed = Annotated[float, typer.Option(help="How much faster than real time a simulated scan runs.")]
-PHANTOM = "yarn"
 Phantom = Annotated[
     str | None,
     typer.Option(
@@ -68,21 +69,32 @@ def run(
     baud: Baud = None,
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
+    survey: SurveyOption = None,
+    focus: FocusOption = None,
+    enough: EnoughOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The scan file to write (HDF5).")] = Path("scan.h5"),
 ) -> None:
-    """Run a plan on a scanner and store the A-lines in a scan file."""
+    """Run a plan on a scanner and store the A-lines in a scan file.
+
+    With --survey a part of the points is spread evenly over the aperture, and the others are focused on what their
+    image shows, within the plan's number of points and its aperture.
+    """
     from steradian.plans import ScanPlan
     from steradian.plans.files import read_json
     from steradian.scans.acquisition.run import run_scan
 
-    wanted = read_json(ScanPlan, plan)
+    wanted = plan_with_stages(read_json(ScanPlan, plan), survey, focus, enough)
+    chosen = parse_places(focus or [])
     scanner = at_baud(scanner, baud, wanted)
     summary = _run_with_scanner(
         output,
         scanner,
         simulator_speed,
         phantom,
-        lambda port, control: run_scan(wanted, port, output, scan_id=new_scan_id(), control=control),
+        lambda port, control, planner: run_scan(
+            wanted, port, output, scan_id=new_scan_id(), control=control, planner=planner, chosen=chosen
+        ),
+        bool(wanted.stages or wanted.stopping),
     )
     _show(summary, scanner)
 
@@ -95,13 +107,14 @@ def resume(
     baud: Baud = None,
     simulator_speed: Speed = 20.0,
     phantom: Phantom = None,
+    focus: FocusOption = None,
 ) -> None:
     """Resume an interrupted or partial scan in the same file.
 
     Before a missing point is measured the scan proves that it is the same: plan, scanner and tuning must be, and a
     reference point is measured again and compared. Otherwise it is refused (exit code 4) and every difference named.
     """
-    _resume_or_retry(file, plan, scanner, baud, simulator_speed, phantom, retry=0)
+    _resume_or_retry(file, plan, scanner, baud, simulator_speed, phantom, retry=0, focus=focus)
 
 
 @app.command("retry")
@@ -145,20 +158,34 @@ def check(
 
 
 def _resume_or_retry(
-    file: Path, plan: Path | None, scanner: str, baud: int | None, speed: float, phantom: str | None, *, retry: int
+    file: Path,
+    plan: Path | None,
+    scanner: str,
+    baud: int | None,
+    speed: float,
+    phantom: str | None,
+    *,
+    retry: int,
+    focus: list[str] | None = None,
 ) -> None:
     from steradian.plans import ScanPlan
     from steradian.plans.files import read_json
-    from steradian.scans.acquisition.run import resume_scan
+    from steradian.scans.acquisition.run import needs_planner, resume_scan
 
     wanted = None if plan is None else read_json(ScanPlan, plan)
+    chosen = parse_places(focus or [])
+    if focus and not chosen:
+        raise InvalidInput("focus", ", ".join(focus), "a place such as 2.6mm,-1.8mm,2mm (x, y, depth)")
     scanner = at_baud(scanner, baud, wanted)
     summary = _run_with_scanner(
         file,
         scanner,
         speed,
         phantom,
-        lambda port, control: resume_scan(file, port, plan=wanted, retry=retry, control=control),
+        lambda port, control, planner: resume_scan(
+            file, port, plan=wanted, retry=retry, control=control, planner=planner, chosen=chosen
+        ),
+        needs_planner(file),
     )
     for finding in summary.findings:
         console().print(f"compared: {finding}")
@@ -173,10 +200,19 @@ def new_scan_id() -> str:
 
 
 def _run_with_scanner(
-    file: Path, scanner: str, speed: float, phantom: str | None, work: Callable[[str, SessionControl], ScanSummary]
+    file: Path,
+    scanner: str,
+    speed: float,
+    phantom: str | None,
+    work: Callable[[str, SessionControl, StagePlanner | None], ScanSummary],
+    in_stages: bool,
 ) -> ScanSummary:
-    """Call ``work(port, control)`` with Ctrl-C handling; start a simulated scanner first if one is requested."""
+    """Call ``work(port, control, planner)`` with Ctrl-C handling, first starting a simulated scanner if requested.
+
+    The planner of stages is there if the scan is ``in_stages``.
+    """
     from steradian.cli.terminal_scan_control import terminal_scan_control
+    from steradian.reconstructions.stages.planner import ChildStagePlanner
     from steradian.reconstructions.warmup import warmup_in_background
 
     needed = () if phantom is None else ("--phantom", phantom)
@@ -187,11 +223,12 @@ def _run_with_scanner(
     with (
         terminal_scan_control(file, needed) as control,
         scanner_port(scanner, speed=speed, phantom=phantom or PHANTOM) as port,
+        ChildStagePlanner() if in_stages else nullcontext() as planner,
     ):
         with warmup_in_background(), progress_bar() as progress:
             control.attach_progress_bar(progress)
             try:
-                summary = work(port, control)
+                summary = work(port, control, planner)
             except FaultLatched as error:
                 raise FaultLatched(error.code_number, f"{error}: {clearing_command(port)}") from error
         control.end(summary)
@@ -200,67 +237,15 @@ def _run_with_scanner(
 
 def _show(summary: ScanSummary, scanner: str) -> None:
     figures: dict[str, object] = {"shots fired": f"{summary.fired:,}"}
+    if summary.end == "enough":
+        figures["ended by"] = "its stopping rule"
     if summary.rescued:
         figures["of an earlier session"] = f"{summary.rescued} A-lines that the scanner still held"
     show_figures("Scan" + (" (simulated)" if scanner == "simulated" else ""), figures)
     finish_with_summary((f"{summary.stored:,} of {summary.points:,} A-lines", summary.path))
 
 
-def at_baud(scanner: str, baud: int | None, plan: ScanPlan | None = None) -> str:
-    """Return the scanner's address with a baud rate: the given one, else that of the plan's serial link.
-
-    Parameters
-    ----------
-    scanner
-        A port, which may name a baud rate itself, or ``simulated``, which has none.
-    baud
-        Asked for, in Bd.
-    plan
-        Plan whose link counts where none is asked for.
-
-    Raises
-    ------
-    InvalidInput
-        When the baud rate is out of range, or the scanner has none.
-    """
-    from fabry_perot import PlanInvalid
-    from fabry_perot.host.address import names_baud, with_baud
-
-    if baud is None:
-        link = None if plan is None or "://" in scanner or names_baud(scanner) else plan.link
-        baud = None if link is None or scanner == "simulated" else link.baudrate
-    elif scanner == "simulated":
-        raise InvalidInput("baud", baud, "none with a simulated scanner, or --scanner PORT")
-    try:
-        return scanner if baud is None else with_baud(scanner, baud)
-    except PlanInvalid as error:
-        raise InvalidInput(error.field, error.value, error.allowed) from error
-
-
 def _rows(rows: list[int]) -> str:
     if not rows:
         return "none"
     return f"{len(rows)}: rows " + ", ".join(map(str, rows[:10])) + (", …" if len(rows) > 10 else "")
-
-
-@contextmanager
-def scanner_port(scanner: str, *, speed: float, seed: int = 1, phantom: str = PHANTOM) -> Iterator[str]:
-    """Yield the address of a scanner; for ``simulated``, start a simulator process for the duration of the block.
-
-    Raises
-    ------
-    InvalidInput
-        When the phantom is none.
-    """
-    if scanner != "simulated":
-        yield scanner
-        return
-    from fabry_perot.simulator import launch
-    from fabry_perot.simulator.named_phantoms import NAMES, by_name
-
-    try:
-        by_name(phantom)
-    except (OSError, ValueError) as error:
-        raise InvalidInput("phantom", phantom, f"{', '.join(NAMES)}, or an .npz file ({error})") from error
-    with launch(speed=speed, seed=seed, phantom=phantom) as simulator:
-        yield simulator.url

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import shlex
 import signal
 import sys
@@ -15,11 +16,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from steradian.cli.console import ProgressBar, path_with_size, print_stderr
-from steradian.core.exceptions import ScanFailed
+from steradian.cli.stage_options import describe_proposal, parse_choice
+from steradian.core.exceptions import InvalidInput, ScanFailed
 from steradian.core.signal_safe_event import EXIT_INTERRUPTED, SignalSafeEvent
 from steradian.scans.acquisition.session_control import Command, SessionControl, SessionOutcome, SessionPhase
 
 if TYPE_CHECKING:
+    from steradian.plans.stages import Points, Proposal
     from steradian.scans.acquisition.run import ScanSummary
 
 ANSWER_DELAY = 0.2
@@ -48,6 +51,8 @@ class TerminalScanControl(SessionControl):
         self._under_way = self._laser_is_off = False
         self._terminals = [number for number in (1, 2) if os.isatty(number)]
         self._bar: ProgressBar | None = None
+        self._proposals: tuple[Proposal, ...] = ()
+        self._at_end_of_input = False
 
     def attach_progress_bar(self, bar: ProgressBar) -> None:
         """Set the progress bar that shows the scan."""
@@ -58,11 +63,49 @@ class TerminalScanControl(SessionControl):
         """Return the command to the session: SHUTDOWN after Ctrl-C, else RUN."""
         return Command.SHUTDOWN if self._stop.is_set() else Command.RUN
 
+    @property
+    def can_ask(self) -> bool:  # type: ignore[override]
+        """Whether a person at the terminal can answer."""
+        return not self._at_end_of_input and sys.stdin.isatty()
+
+    def on_enough(self, reason: str) -> None:
+        """Print why the scan has enough points."""
+        if self._bar is not None:
+            self._bar.say(reason)
+
+    def on_proposals(self, number: int, proposals: tuple[Proposal, ...]) -> None:
+        """Print the proposals for the points of interest of a stage."""
+        self._proposals = proposals
+        if self._bar is None:
+            return
+        for place, proposal in enumerate(proposals, start=1):
+            self._bar.say(f"{place}: {describe_proposal(proposal)}")
+        if not proposals:
+            self._bar.say("nothing stands above the noise of the survey's image")
+
     def on_phase(self, phase: SessionPhase) -> None:
-        """Record that the session has started and complete the progress bar of the connection."""
+        """Record that the session has started, and ask for points of interest if the session waits for them."""
         if not self._under_way and self._bar is not None:
             self._bar("connecting", 1, 1)
         self._under_way = True
+        if phase is SessionPhase.DECIDING and self._bar is not None:
+            self._bar.say("laser off; choose: numbers such as 1 or 1,2, or a place such as 2.6mm,-1.8mm,2mm")
+
+    def decide(self, number: int, proposed: Points) -> tuple[Points, str] | None:
+        """Return the proposed points, or those typed at the terminal; ``None``: nothing is typed yet."""
+        if proposed or not self.can_ask or not select.select([sys.stdin], [], [], 0)[0]:
+            return super().decide(number, proposed)
+        said = sys.stdin.readline()
+        self._at_end_of_input = not said
+        if not said.strip():
+            return None
+        try:
+            chosen = parse_choice(said.strip(), self._proposals)
+        except InvalidInput as error:
+            if self._bar is not None:
+                self._bar.say(str(error))
+            return None
+        return chosen, "terminal"
 
     def on_laser_off(self) -> None:
         """Record that the scanner has confirmed that its laser is off."""

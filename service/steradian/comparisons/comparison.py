@@ -10,6 +10,7 @@ import numpy as np
 
 from steradian.comparisons.mask_metrics import MaskMetricsRow, Point, evaluate
 from steradian.comparisons.simulation import METHODS, Method, Simulation, SimulationResult
+from steradian.comparisons.staged_scan import StagedScan
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
@@ -86,7 +87,7 @@ class Comparison:
 
 
 def compare_masks(
-    masks: Mapping[str, Mask],
+    masks: Mapping[str, Mask | StagedScan],
     *,
     point_of_interest: Point | None = None,
     pulse_rate: float = 50.0,
@@ -104,7 +105,7 @@ def compare_masks(
     Parameters
     ----------
     masks
-        Two or more masks of a plane, by name.
+        Two or more masks of a plane, by name; or scans in stages, which are simulated with the object.
     point_of_interest
         x, y, z in metres, for all masks the same; ``None``: that of the first mask that has one.
     pulse_rate
@@ -127,15 +128,18 @@ def compare_masks(
     Raises
     ------
     InvalidInput
-        When there are fewer than two masks, one is a line, none has a point of interest and none is given, or a
-        figure is out of range.
+        When there are fewer than two masks, one is a line, a scan in stages has no object, no mask has a point of
+        interest and none is given, or a figure is out of range.
     Cancelled
         When ``cancelled`` said so.
     """
     if len(masks) < 2:
         raise InvalidInput("masks", f"{len(masks)}", "two or more")
     for name, mask in masks.items():
-        if mask.is_line:
+        if isinstance(mask, StagedScan):
+            if phantom is None:
+                raise InvalidInput(f"masks[{name}]", "a scan in stages", "with a phantom, which its survey shows")
+        elif mask.is_line:
             raise InvalidInput(f"masks[{name}]", "a line of sensors", "a mask of a plane")
     point = point_of_interest or _point_of_interest(masks)
     simulation = None
@@ -145,11 +149,13 @@ def compare_masks(
     figures: dict[str, MaskMetricsRow] = {}
     spreads: dict[str, PointSpread] = {}
     simulated: dict[str, SimulationResult] = {}
-    for done, (name, mask) in enumerate(masks.items()):
+    built: dict[str, Mask] = {}
+    for done, (name, candidate) in enumerate(masks.items()):
         if cancelled and cancelled():
             raise Cancelled("the comparison was stopped")
         if progress:
             progress("masks", done, len(masks))
+        built[name] = mask = _build(candidate, simulation, cancelled)
         figures[name], spreads[name] = evaluate(mask, point, pulse_rate=pulse_rate, noise=noise)
         if simulation is not None:
             simulated[name] = simulation.simulate(
@@ -157,12 +163,19 @@ def compare_masks(
             )
     if progress:
         progress("masks", len(masks), len(masks))
-    return Comparison(dict(masks), point, pulse_rate, figures, spreads, simulation, simulated)
+    return Comparison(built, point, pulse_rate, figures, spreads, simulation, simulated)
 
 
-def _point_of_interest(masks: Mapping[str, Mask]) -> Point:
+def _build(candidate: Mask | StagedScan, simulation: Simulation | None, cancelled: CancelCheck | None) -> Mask:
+    if isinstance(candidate, Mask):
+        return candidate
+    assert simulation is not None  # noqa: S101 - a scan in stages has an object
+    return candidate.build(simulation, cancelled=cancelled)[0]
+
+
+def _point_of_interest(masks: Mapping[str, Mask | StagedScan]) -> Point:
     for mask in masks.values():
-        if len(mask.points_of_interest):
+        if isinstance(mask, Mask) and len(mask.points_of_interest):
             x, y, z = mask.points_of_interest[0]
             return float(x), float(y), float(z)
     raise InvalidInput("point_of_interest", "missing", "x, y, z in metres; none of the masks has one")

@@ -137,7 +137,7 @@ class Simulation:
         if mask.is_line:
             raise InvalidInput("mask", "a line of sensors", "a mask of a plane")
         modes = self._modes(mask)
-        traces = self._traces(mask, modes, progress, cancelled)
+        traces = self.alines(mask, progress=progress, cancelled=cancelled)
         found: dict[Method, Correlation] = {}
         for method in METHODS if self.iterations else METHODS[:1]:
             if cancelled and cancelled():
@@ -186,9 +186,10 @@ class Simulation:
             )
         return int(nx)
 
-    def _traces(
-        self, mask: Mask, modes: int, progress: Progress | None, cancelled: CancelCheck | None
+    def alines(
+        self, mask: Mask, *, progress: Progress | None = None, cancelled: CancelCheck | None = None
     ) -> NDArray[np.float32]:
+        """Return the simulated A-lines (M, N_t) of the object at a mask's points, with noise."""
         corner = mask.aperture / 2 + float(np.abs(mask.positions).max())
         samples = ceil(np.hypot(np.sqrt(2) * corner, self.depths[1]) / self.sound_speed / self.dt) + 1
         if isinstance(self.thing, Volume):
@@ -197,7 +198,9 @@ class Simulation:
             geometry = AcquisitionGeometry(
                 mask.positions, samples, dt=self.dt, sound_speed=self.sound_speed, aperture=mask.aperture
             )
-            model = ForwardOperator(geometry, ImageGrid(modes, depth=self.depths, lateral_padding=2.0), compute=CPU)
+            model = ForwardOperator(
+                geometry, ImageGrid(self._modes(mask), depth=self.depths, lateral_padding=2.0), compute=CPU
+            )
             clean = np.asarray(model.forward(np.asarray(self.thing.values, np.float32), cancelled=cancelled))
         else:
             clean = pressure(

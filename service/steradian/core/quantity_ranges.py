@@ -66,10 +66,14 @@ LENGTH = QuantityRange(0, 1, "m", above=True)
 """Sides of apertures, distances between sensors, depths of points of interest."""
 SAMPLING_INTERVAL = QuantityRange(1e-10, 1e-5, "s")
 SOUND_SPEED = QuantityRange(300, 6000, "m/s")
+SEARCHED_SPEEDS = QuantityRange(1380, 1620, "m/s")
+"""Speeds of sound among which one is searched, unless others are given."""
 LAYER_SPEED = QuantityRange(300, 12_000, "m/s")
 """Speed of sound in a layer, which may be a metal."""
 LAYER_THICKNESS = QuantityRange(1e-6, 1, "m")
 """Thickness of a layer of the medium."""
+SEARCH_SPAN = QuantityRange(0.001, 0.5, "of the start value")
+"""Half-width of the range searched for a parameter of the medium, relative to its start value."""
 DENSITY = QuantityRange(100, 25_000, "kg/m³")
 SPOT = QuantityRange(1e-7, 5e-3, "m")
 """Diameter of an interrogation beam."""

@@ -31,6 +31,13 @@ def save(value: object, path: Path) -> None:
 
 
 @singledispatch
+def figure(value: object, path: Path, **options: Any) -> Path:
+    """Write a figure for a paper; the suffix determines the format. Raises TypeError as :func:`plot`."""
+    written: Path = _implementation(figure, value)(value, path, **options)
+    return written
+
+
+@singledispatch
 def to_html(value: object) -> str:
     """Return an HTML representation of a value for notebooks; raises TypeError as :func:`plot`."""
     html: str = _implementation(to_html, value)(value)

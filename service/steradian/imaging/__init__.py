@@ -5,6 +5,7 @@ An :class:`Acquisition` (A-lines (M, N_t), sensors (M, 2), timing), an :class:`I
 """
 
 from steradian.imaging._reconstruct import Method, reconstruct
+from steradian.imaging._uncertainty import uncertainty
 from steradian.imaging.acquisition import Acquisition, AcquisitionGeometry
 from steradian.imaging.attenuation import ATTENUATIONS, Attenuation
 from steradian.imaging.brute_force_reference import direct_spectrum, spectrum_of
@@ -63,5 +64,6 @@ __all__ = [
     "reconstruct",
     "rim_weights",
     "spectrum_of",
+    "uncertainty",
     "voronoi_weights",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeAlias
 
+from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.acquisition import Acquisition
 from steradian.imaging.engines.array_namespace import to_numpy
@@ -22,6 +23,7 @@ def reconstruct(
     grid: ImageGrid,
     method: Method = Nufft(),
     *,
+    start: Volume | None = None,
     compute: Compute = Compute(),
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
@@ -37,6 +39,8 @@ def reconstruct(
     method
         :class:`Nufft`, :class:`Ner`, :class:`LinearKappa`, :class:`NearestKappa`, :class:`Gridded` or
         :class:`Iterative`, with its options.
+    start
+        For :class:`Iterative`: image on the same voxels at which it begins, such as the frame before. None: zero.
     compute
         Execution options.
     progress, cancelled
@@ -58,12 +62,21 @@ def reconstruct(
     if isinstance(method, Iterative):
         from steradian.imaging.iterative.solve import solve
 
-        return solve(acquisition, grid, method, compute=compute, progress=progress, cancelled=cancelled)
+        return solve(acquisition, grid, method, start=start, compute=compute, progress=progress, cancelled=cancelled)
     require_direct(method, ", Iterative")
-    if method.max_frequency == "signal":
-        traces = to_numpy(acquisition.traces)
-        method = replace(method, max_frequency=resolve_upper_frequency("signal", traces, acquisition.dt))
-    plan = ReconstructionPlan(acquisition.geometry, grid, method, compute=compute)
+    if start is not None:
+        raise InvalidInput("start", "a volume", f"None with the method {method.name}, which does not iterate")
+    plan = direct_plan(acquisition, grid, method, compute)
     volume = plan.run(acquisition.traces, scale=acquisition.scale, progress=progress, cancelled=cancelled)
     assert isinstance(volume, Volume)  # noqa: S101 - one set of traces
     return volume
+
+
+def direct_plan(
+    acquisition: Acquisition, grid: ImageGrid, method: DirectMethod, compute: Compute
+) -> ReconstructionPlan:
+    """Return the plan of a direct method, with the end of the A-lines' band where the method asks for it."""
+    if method.max_frequency == "signal":
+        traces = to_numpy(acquisition.traces)
+        method = replace(method, max_frequency=resolve_upper_frequency("signal", traces, acquisition.dt))
+    return ReconstructionPlan(acquisition.geometry, grid, method, compute=compute)

@@ -14,6 +14,9 @@ from steradian.core.quantity_ranges import SAMPLES, SAMPLING_INTERVAL, SOUND_SPE
 from steradian.imaging.medium import Layer, Medium
 from steradian.imaging.validation import Sensors
 
+GEOMETRY = ("dt", "medium", "t0", "weights", "sensitivity", "aperture", "wrap")
+"""Fields that an acquisition and its geometry share, beside the sensors and the speed, which the medium has."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AcquisitionGeometry:
@@ -42,6 +45,11 @@ class AcquisitionGeometry:
         aperture's. None: the mask's, else as "voronoi": the areas of the sensors' Voronoi cells within
         :func:`steradian.imaging.geometry.sensor_areas.sensed_region` (0.6 s for fifty thousand scattered sensors).
         Sensors at the same position add up. ``Gridded`` and ``Iterative`` do not use weights.
+    sensitivity
+        Relative sensitivities s of the sensors, shape (M,), from 0.001 to 1000: A-line m is s_m times the pressure, at
+        the noise of all. They are part of the model of ``Iterative`` and of the forward operator; direct methods take
+        insensitive sensors for less of the area, which their neighbours make up for
+        (:mod:`steradian.imaging.geometry.sensor_sensitivity`). Not for ``Gridded``. None: 1.
     aperture
         Lateral period X in metres, one number or (X, Y); None: the mask's.
     wrap
@@ -61,6 +69,7 @@ class AcquisitionGeometry:
     medium: Medium = None  # type: ignore[assignment]
     t0: float = 0.0
     weights: ArrayLike | Literal["voronoi"] | None = None
+    sensitivity: ArrayLike | None = None
     aperture: float | Sequence[float] | None = None
     wrap: bool = False
 
@@ -80,7 +89,7 @@ class AcquisitionGeometry:
         InvalidInput
             If ``traces`` does not have two axes, or ``scale`` is not a finite number.
         """
-        shared = {name: getattr(self, name) for name in ("dt", "medium", "t0", "weights", "aperture", "wrap")}
+        shared = {name: getattr(self, name) for name in GEOMETRY}
         return Acquisition(traces, self.sensors, scale=scale, **shared)
 
 
@@ -93,7 +102,7 @@ class Acquisition:
     traces
         A-lines, shape (M, N_t), floating or integer; column n was recorded at ``t0`` + n·``dt``. Of an array on a GPU
         (CuPy's, PyTorch's, with ``Compute(device="gpu")``) the image is an array of CuPy.
-    sensors, dt, sound_speed, medium, t0, weights, aperture, wrap
+    sensors, dt, sound_speed, medium, t0, weights, sensitivity, aperture, wrap
         As in :class:`AcquisitionGeometry`.
     scale
         Factor of the traces (pressure per count for integers).
@@ -113,6 +122,7 @@ class Acquisition:
     t0: float = 0.0
     scale: float = 1.0
     weights: ArrayLike | Literal["voronoi"] | None = None
+    sensitivity: ArrayLike | None = None
     aperture: float | Sequence[float] | None = None
     wrap: bool = False
 
@@ -131,16 +141,8 @@ class Acquisition:
     @property
     def geometry(self) -> AcquisitionGeometry:
         """Sensors and timing, without the A-lines; raises :class:`InvalidInput` for records under 4 samples."""
-        return AcquisitionGeometry(
-            self.sensors,
-            np.shape(self.traces)[1],
-            dt=self.dt,
-            medium=self.medium,
-            t0=self.t0,
-            weights=self.weights,
-            aperture=self.aperture,
-            wrap=self.wrap,
-        )
+        shared = {name: getattr(self, name) for name in GEOMETRY}
+        return AcquisitionGeometry(self.sensors, np.shape(self.traces)[1], **shared)
 
 
 def _check_timing(value: Acquisition | AcquisitionGeometry) -> None:

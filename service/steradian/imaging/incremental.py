@@ -53,7 +53,7 @@ class IncrementalReconstruction:
     Raises
     ------
     InvalidInput
-        If the plan's method is not a sum over sensors, or a GPU computes.
+        If the plan's method is not a sum over sensors, sensors differ in sensitivity, or a GPU computes.
     """
 
     def __init__(self, plan: ReconstructionPlan, *, fitted: bool = True) -> None:
@@ -63,6 +63,8 @@ class IncrementalReconstruction:
             raise InvalidInput(
                 "medium", str(plan.acquisition.medium), "one without attenuation for an image that grows"
             )
+        if plan.acquisition.sensitivity is not None:
+            raise InvalidInput("sensitivity", "an array", "None for an image that grows: divide the A-lines")
         if plan.method == "interpolated":
             raise InvalidInput("method", plan.method, "nedner, ner, linear or nearest for an image that grows")
         self.plan = plan

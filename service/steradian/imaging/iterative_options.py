@@ -28,7 +28,7 @@ class IterativeOptions:
     strength
         λ as a share of the largest value of Aᵀg (above which sparsity would leave nothing); for tikhonov of A's largest
         singular value squared; for thresholding in standard deviations of a step's streaks. None: 0.01 for total
-        variation, 0.02 for sparsity, 0.1 for tikhonov, 3 for thresholding.
+        variation, 0.02 for sparsity, 0.1 for tikhonov, 4.5 for thresholding.
     non_negative
         Look among images without negative values only.
     iterations
@@ -42,8 +42,8 @@ class IterativeOptions:
     highest_frequency
         End of the band in Hz; None: read from the traces.
     refits
-        Most steps at the end, of thresholding only, that give back what thresholds took from amplitudes: the first
-        scales the image, the others fit the voxels found, as long as more than noise is left of the misfit.
+        Most steps at the end, of thresholding only, that fit the voxels found without thresholds, as long as more than
+        noise is left of the misfit.
     """
 
     regularisation: Regularisation = "thresholding"
@@ -54,7 +54,7 @@ class IterativeOptions:
     discrepancy: float | None = 1.0
     noise: float | None = None
     highest_frequency: float | None = None
-    refits: int = 4
+    refits: int = 1
 
     def __post_init__(self) -> None:
         if self.regularisation not in get_args(Regularisation):
@@ -77,7 +77,7 @@ class IterativeOptions:
         """Return the regularisation parameter λ in the units described under ``strength``."""
         if self.strength is not None:
             return float(self.strength)
-        return {"total-variation": 0.01, "sparsity": 0.02, "tikhonov": 0.1, "none": 0.0, "thresholding": 3.0}[
+        return {"total-variation": 0.01, "sparsity": 0.02, "tikhonov": 0.1, "none": 0.0, "thresholding": 4.5}[
             self.regularisation
         ]
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.film_response import FilmResponse
-from steradian.imaging.geometry.model import LayerGeometry, layered_geometries
+from steradian.imaging.geometry.model import LayerGeometry
+from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
 from steradian.imaging.medium import LayerPath, Medium
-from steradian.imaging.options import ImageGrid, Precision
+from steradian.imaging.options import Precision
 from steradian.imaging.signal.attenuation import attenuation_matrix
 from steradian.imaging.transform_tables import TransformTables, forward_tables
 from steradian.imaging.transforms.extrapolation import Extrapolation, plan_extrapolation
@@ -41,31 +42,39 @@ class LayerTables:
 
 
 def layered_tables(
-    acquisition: AcquisitionGeometry,
-    grid: ImageGrid,
+    film: ReconstructionGeometry,
+    layers: Sequence[LayerGeometry],
     dtype: Precision,
     *,
     tolerance: float,
     window: Shape | Window,
     max_frequency: float | None,
     response: FilmResponse | None,
+    on_grid_points: bool = True,
 ) -> tuple[TransformTables, list[LayerTables]]:
     """Return the tables of sensors and record with the whole volume, and those of each layer in its depth range.
 
-    Parameters as in :class:`steradian.ForwardOperator`.
+    Parameters
+    ----------
+    film, layers
+        Of :func:`.model.layered_geometries`.
+    dtype, tolerance, window, max_frequency, response
+        As in :class:`steradian.ForwardOperator`.
+    on_grid_points
+        As in :func:`.transform_tables.forward_tables`.
 
     Raises
     ------
     InvalidInput
         Naming the parameter and what is allowed.
     """
-    film, layers = layered_geometries(acquisition, grid)
     found = []
     for layer in layers:
         path, geometry = layer.path, layer.geometry
         at_film = response and (_AtFilm(path, response) if path.overlying else response)
+        highest = geometry.highest_frequency or max_frequency
         tables = forward_tables(
-            geometry, dtype, tolerance=tolerance, window=window, max_frequency=max_frequency, response=at_film
+            geometry, dtype, tolerance=tolerance, window=window, max_frequency=highest, response=at_film
         )
         way = None
         if path.overlying:
@@ -74,7 +83,10 @@ def layered_tables(
                 time_zero=film.time_zero,
             )  # fmt: skip
         found.append(LayerTables(tables, layer.slices, way, _own_attenuation(layer)))
-    whole = forward_tables(film, dtype, tolerance=tolerance, window=window, max_frequency=None, response=None)
+    whole = forward_tables(
+        film, dtype, tolerance=tolerance, window=window, max_frequency=None, response=None,
+        on_grid_points=on_grid_points,
+    )  # fmt: skip
     return whole, found
 
 

@@ -133,6 +133,15 @@ class Medium:
             layer = self.layers[-1]
         return depth + layer.sound_speed * time
 
+    def time_at(self, depth: float) -> float:
+        """Return the time in s that sound from a depth (m) needs to the film along the normal."""
+        time, top = 0.0, 0.0
+        for layer in self.layers[:-1]:
+            assert layer.thickness is not None  # noqa: S101 - checked in __init__
+            time += max(0.0, min(layer.thickness, depth - top)) / layer.sound_speed
+            top += layer.thickness
+        return time + max(0.0, depth - top) / self.layers[-1].sound_speed
+
     def layer_paths(self) -> list[LayerPath]:
         """Return for each layer the path from it to the film."""
         edges = (0.0, *self.boundaries, np.inf)

@@ -44,8 +44,9 @@ from steradian.imaging.engines.numba.layered import LayeredEngine
 from steradian.imaging.engines.numba.memory_plan import min_bytes
 from steradian.imaging.engines.selection import AnyEngine, EngineSelector
 from steradian.imaging.film_response import FilmResponse
-from steradian.imaging.geometry.model import model_geometry
+from steradian.imaging.geometry.model import LayerGeometry, layered_geometries, model_geometry
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
+from steradian.imaging.geometry.sensor_sensitivity import check_sensitivity
 from steradian.imaging.layered_tables import layered_tables
 from steradian.imaging.options import Compute, ImageGrid, check_max_frequency, check_window
 from steradian.imaging.signal.attenuation import attenuation_matrix
@@ -70,8 +71,8 @@ class ForwardOperator(_LinearOperator):
     Parameters
     ----------
     geometry
-        Sensors and timing; weights play no part. Several layers are computed on the CPU, and are taken to be equally
-        dense where they have no densities.
+        Sensors, their sensitivity, and timing; weights play no part. Several layers are computed on the CPU, and are
+        taken to be equally dense where they have no densities.
     grid
         Voxels of the volume, without ``upsampling``, ``depth_step`` and ``time_padding``. ``lateral_padding`` None: as
         much as keeps the periodic copies of the volume out of the record
@@ -121,7 +122,7 @@ class ForwardOperator(_LinearOperator):
             "tolerance": tolerance, "window": window, "max_frequency": max_frequency, "response": response
         }  # fmt: skip
         if len(geometry.medium.layers) > 1:
-            self.tables, layers = layered_tables(geometry, grid, dtype, **settings)
+            self.tables, layers = layered_tables(*self.layer_geometries(geometry, grid), dtype, **settings)
             shape = self.tables.geometry
             memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
             self.chosen = EngineSelector(self.tables, compute, partial(LayeredEngine, layers=layers))
@@ -134,8 +135,18 @@ class ForwardOperator(_LinearOperator):
         if geometry.medium.lossy and len(geometry.medium.layers) == 1:
             timing = {"interval": geometry.dt, "time_zero": geometry.t0}
             self._attenuation = attenuation_matrix(geometry.medium, samples=geometry.samples, **timing).astype(dtype)
+        self._sensitivity: RealArray | None = None
+        if geometry.sensitivity is not None:
+            checked = check_sensitivity(geometry.sensitivity, len(shape.positions))
+            self._sensitivity = checked[:, None].astype(dtype)
         size = (len(shape.positions) * shape.samples, int(np.prod(shape.shape)))
         super().__init__(np.dtype(dtype), size)  # type: ignore[call-arg]
+
+    def layer_geometries(
+        self, geometry: AcquisitionGeometry, grid: ImageGrid
+    ) -> tuple[ReconstructionGeometry, list[LayerGeometry]]:
+        """Return the geometry of the volume, and of each of several layers; for subclasses with other slices."""
+        return layered_geometries(geometry, grid)
 
     @property
     def engine(self) -> AnyEngine:
@@ -168,6 +179,8 @@ class ForwardOperator(_LinearOperator):
         more = 0
         if self._attenuation is not None:  # A-lines without attenuation, beside those with it
             more = self._attenuation.nbytes + int(np.prod(self.trace_shape)) * self._attenuation.itemsize
+        if self._sensitivity is not None:
+            more += int(np.prod(self.trace_shape)) * self._sensitivity.itemsize
         return self.engine.room.memory_bytes + more
 
     def forward(
@@ -207,12 +220,18 @@ class ForwardOperator(_LinearOperator):
             given = array
             if isinstance(engine, NumbaEngine):
                 given = np.ascontiguousarray(to_numpy(array), self.tables.dtype)
-            if self._attenuation is None:
-                return make(engine, given, watch)
             if name == "traces":
-                return make(engine, given @ like(self._attenuation, given), watch)
-            lossless = make(engine, given, watch)
-            return lossless @ like(self._attenuation.T, lossless)
+                if self._sensitivity is not None:
+                    given = given * like(self._sensitivity, given)
+                if self._attenuation is not None:
+                    given = given @ like(self._attenuation, given)
+                return make(engine, given, watch)
+            result = make(engine, given, watch)
+            if self._attenuation is not None:
+                result = result @ like(self._attenuation.T, result)
+            if self._sensitivity is not None:
+                result *= like(self._sensitivity, result)
+            return result
 
         found: RealArray = self.chosen.run_with_fallback(work, keep=is_gpu_array(values))
         return found

@@ -68,6 +68,8 @@ class ReconstructionPlan:
         shapes = resolve_layers(geometry, grid, method.max_frequency)
         if len(geometry.medium.layers) > 1 and method.name not in ("ner", "nedner"):
             raise InvalidInput("method", method.name, "ner or nedner for a medium of several layers")
+        if geometry.sensitivity is not None and method.name == "interpolated":
+            raise InvalidInput("sensitivity", "an array", f"None with the method {method.name}: divide the A-lines")
         for shape in shapes:
             memory.check_memory(min_bytes(shape, dtype), compute.memory_limit, shape.shape)
         self.layers = [
@@ -108,7 +110,7 @@ class ReconstructionPlan:
 
     @property
     def threads(self) -> int:
-        """Number of threads of a run; fewer than requested if scratch memory would exceed half of the image."""
+        """Number of threads of a run; fewer than requested if scratch memory would exceed half of image or modes."""
         return self.engine.room.threads
 
     @property

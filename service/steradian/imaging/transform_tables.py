@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
@@ -14,8 +14,8 @@ from steradian.core.exceptions import InvalidInput
 from steradian.imaging import validation as checks
 from steradian.imaging.film_response import FilmResponse, tabulate
 from steradian.imaging.geometry.reconstruction import ReconstructionGeometry
-from steradian.imaging.medium import LayerPath
 from steradian.imaging.options import DirectMethod, Precision
+from steradian.imaging.response_wrappers import ConjugatedResponse, ResponseThroughLayers
 from steradian.imaging.sensing_spot import changes_sign
 from steradian.imaging.transforms.decimation import Decimation, plan_decimation
 from steradian.imaging.transforms.grid_sizes import lateral_grid
@@ -27,9 +27,6 @@ from steradian.imaging.transforms.time_to_depth import (
     window_interpolation,
 )
 from steradian.imaging.transforms.windows import Shape, Window
-
-MIN_TRANSMISSION = 0.05
-"""Transmission of pressure below which a wave is left out instead of amplified."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +49,9 @@ class TransformTables:
         From which κ which depth frequency comes, and how.
     decimation
         What is done to A-lines first, if anything.
+    transposable
+        Whether engines are to compute the transpose, too. Lateral modes at the Nyquist frequency of an even N are then
+        left out, as there is one number for both of its signs.
     """
 
     geometry: ReconstructionGeometry
@@ -61,6 +61,7 @@ class TransformTables:
     time: TimeInterpolation
     rule: KappaMap
     decimation: Decimation | None = None
+    transposable: bool = False
 
     @property
     def depths(self) -> int:
@@ -85,6 +86,32 @@ class TransformTables:
         skipped = [(p // 2 - n // 2) * g.upsampling for p, n in zip(g.padded_modes, g.modes, strict=True)]
         pairs = list(zip(skipped, g.shape[:-1], strict=True))
         return (pairs[0], pairs[1]) if len(pairs) == 2 else ((0, 1), pairs[0])
+
+
+def transposable_inverse_tables(
+    geometry: ReconstructionGeometry, dtype: Precision, *, tolerance: float, response: FilmResponse | None
+) -> TransformTables:
+    """Return tables of the inversion, of which engines compute the transpose, too, with unit sensor weights.
+
+    Sensors are taken to be on no grid, and A-lines are not decimated. The lateral modes at the Nyquist frequency of an
+    even N are left out.
+
+    Parameters
+    ----------
+    geometry, dtype
+        As in :func:`inverse_tables`.
+    tolerance
+        Relative error against the direct sums.
+    response
+        Factor of each wave.
+    """
+    modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
+    point = float(np.prod([X / n for X, n in zip(geometry.period, geometry.padded_modes, strict=True)]))
+    sizes, window = lateral_grid(modes, len(places), "kaiser-bessel", share)
+    lateral = non_uniform(places, np.full(len(places), 1 / point), modes, window, sizes)
+    time = window_interpolation(geometry.samples, float(geometry.record), "kaiser-bessel", share, 0.05 * tolerance)
+    rule = _kappa_map(geometry, time, geometry.band, "rising", response)
+    return TransformTables(geometry, "nedner", dtype, lateral, time, rule, transposable=True)
 
 
 def inverse_tables(geometry: ReconstructionGeometry, options: DirectMethod, dtype: Precision) -> TransformTables:
@@ -141,14 +168,18 @@ def forward_tables(
     window: Shape | Window,
     max_frequency: float | None,
     response: FilmResponse | None,
+    on_grid_points: bool = True,
 ) -> TransformTables:
     """Return the tables of the forward model and its adjoint (:mod:`steradian.imaging.operators`).
 
-    Sensors' weights play no part, and the lateral spectrum is never one that repeats. Parameters as in
+    Sensors' weights play no part, and the lateral spectrum is never one that repeats. Without ``on_grid_points`` no
+    sensor is taken to be on a grid, so that they can be moved. Other parameters as in
     :class:`steradian.ForwardOperator`.
     """
     modes, places, share = _modes(geometry), _places(geometry), _share(geometry, tolerance)
-    grid, ones = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry)), np.ones(len(places))
+    grid, ones = None, np.ones(len(places))
+    if on_grid_points:
+        grid = detect_grid(places, modes, 0.1 * tolerance, _rounding(geometry))
     if grid is not None and all(n % g == 0 and s == 0 for n, (g, s) in zip(modes, grid, strict=True)):
         lateral = on_grid(places, ones, modes, [(n, 0.0) for n in modes])
     else:
@@ -158,42 +189,29 @@ def forward_tables(
     band = 0.5 * geometry.record
     if max_frequency is not None:
         band = min(band, max_frequency * geometry.sampling_interval * geometry.record)
-    rule = _kappa_map(geometry, time, band, "both", None if response is None else _Conjugated(response))
-    return TransformTables(geometry, "nedner", dtype, lateral, time, rule)
+    rule = _kappa_map(geometry, time, band, "both", None if response is None else ConjugatedResponse(response))
+    return TransformTables(geometry, "nedner", dtype, lateral, time, rule, transposable=True)
 
 
-@dataclass(frozen=True, slots=True)
-class _Conjugated:
-    """Complex conjugate of a film response, for the adjoint."""
+def moved(tables: TransformTables, positions: NDArray[np.float64], derivative: int | None = None) -> LateralTransform:
+    """Return the lateral transform of tables with the sensors at other positions (M, d−1) in m.
 
-    response: FilmResponse
+    With ``derivative`` (0 or 1, the lateral axis) its derivative by each sensor's position along that axis, per metre.
 
-    def evaluate(
-        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
-    ) -> NDArray[np.complex128]:
-        return np.conj(self.response.evaluate(frequencies, sines, sound_speed))
-
-
-@dataclass(frozen=True, slots=True)
-class _ThroughLayers:
-    """Response of the film to waves from a deeper layer, times the transmission, or divided by it."""
-
-    path: LayerPath
-    response: FilmResponse | None
-    inverse: bool
-
-    def evaluate(
-        self, frequencies: NDArray[np.float64], sines: NDArray[np.float64], sound_speed: float
-    ) -> NDArray[np.complex128]:
-        first = self.path.layers[0].sound_speed
-        passed = self.path.transmission(sines)
-        if self.inverse:
-            passed = np.divide(1.0, passed, out=np.zeros(len(passed)), where=passed > MIN_TRANSMISSION)
-        found = np.ones((len(frequencies), len(sines)), np.complex128) * passed
-        if self.response is not None:
-            at_film = np.minimum(sines * (first / self.path.sound_speed), 1.0)
-            found *= self.response.evaluate(frequencies, at_film, first)
-        return found
+    Raises
+    ------
+    ValueError
+        If the tables' sensors are on a grid.
+    """
+    lateral, window = tables.lateral, tables.lateral.windows[1]
+    if window is None:
+        raise ValueError("sensors on a grid cannot be moved")
+    geometry = replace(tables.geometry, positions=positions)
+    scale, axis = lateral.scale, None
+    if derivative is not None:
+        scale = scale / geometry.period[derivative]
+        axis = derivative if positions.shape[1] == 2 else 1
+    return non_uniform(_places(geometry), scale, lateral.modes, window, lateral.grid, axis)
 
 
 def _kappa_map(
@@ -212,7 +230,7 @@ def _kappa_map(
         overlying = (np.stack([thickness / speeds, thickness / g.sound_speed], axis=1) / length) ** 2
         shift = path.top / (length * g.sound_speed)
         if response is not None or path.layers[0].density is not None:
-            response = _ThroughLayers(path, response, inverse=waves == "rising")
+            response = ResponseThroughLayers(path, response, inverse=waves == "rising")
     table, steps = tabulate(
         response, nyquist=0.5 / g.sampling_interval, bandwidth=0.5 * g.record, sound_speed=g.sound_speed,
         signed=changes_sign(response),

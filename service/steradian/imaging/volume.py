@@ -171,7 +171,16 @@ class Volume:
     def _repr_html_(self) -> str:
         return display_dispatch.to_html(self)
 
-    def plot(self, axis: Literal["x", "y", "z"] = "z", axes: Plot | None = None) -> Plot:
+    def plot(
+        self,
+        axis: Literal["x", "y", "z"] = "z",
+        axes: Plot | None = None,
+        *,
+        cmap: str = "inferno",
+        vmin: float | None = None,
+        vmax: float | None = None,
+        scale_bar: float | bool = False,
+    ) -> Plot:
         """Plot the maximum-intensity projection along one axis; a 2-D image as it is.
 
         Parameters
@@ -180,13 +189,42 @@ class Volume:
             The axis that disappears.
         axes
             A matplotlib plot to draw into; None: a new one.
+        cmap
+            A colour map of matplotlib, or a single colour: red, green, blue, cyan, magenta, yellow.
+        vmin, vmax
+            Values at the ends of the colours; None: 0 and the 99.9th percentile, at least half the maximum.
+        scale_bar
+            Length of a scale bar in mm; True: a round one; False: none.
 
         Raises
         ------
         InvalidInput
-            If the image has no such axis.
+            If the image has no such axis, there is no such colour map, or ``vmax`` is not above ``vmin``.
         """
-        return display_dispatch.plot(self, axes, axis=axis)
+        options = {"axis": axis, "cmap": cmap, "vmin": vmin, "vmax": vmax, "scale_bar": scale_bar}
+        return display_dispatch.plot(self, axes, **options)
+
+    def figure(self, path: str | Path, **options: Any) -> Path:
+        """Write a figure for a paper to a ``.pdf``, ``.svg`` or ``.png`` file: a projection with axes and colour bar.
+
+        Parameters
+        ----------
+        path
+            File to write.
+        **options
+            ``axis`` that disappears ("z"), or several for a panel of each; ``slab``, first and last position in m
+            along it, by axis for several (None: all), and ``region``, such positions by axis, of what is shown;
+            ``width`` in mm (85), ``dpi`` (300), ``font_size`` in points (7), ``scale_bar`` in mm (None: round, 0:
+            none), ``interpolation`` ("nearest" or "linear"); ``depth_coded`` (False), ``colour_map`` ("inferno" and
+            others of matplotlib, or a single colour), ``percentile`` (99.9) or ``limits`` of the scale, ``gamma`` (1)
+            or ``log_range_db`` (None), ``label`` of the colour bar, ``near_field`` in m (0), ``name``, the title.
+
+        Raises
+        ------
+        InvalidInput
+            When the ending is another one, or a value is out of range.
+        """
+        return display_dispatch.figure(self, Path(path), **options)
 
     def to_xarray(self) -> xarray.DataArray:
         """Return the image as xarray DataArray: dimensions x, y and z, or x and z, coordinates in metres.

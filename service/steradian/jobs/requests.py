@@ -8,137 +8,51 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, TypeAlias
 
-from pydantic import ConfigDict, Field, StringConstraints, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from steradian.core.exceptions import InvalidInput
-from steradian.core.quantity_ranges import LENGTH, SOUND_SPEED
-from steradian.core.validation import Value, quantity_field
-from steradian.jobs.job import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobRequest, Requirements
+from steradian.core.quantity_ranges import LENGTH, SEARCH_SPAN, SEARCHED_SPEEDS, SOUND_SPEED
+from steradian.core.validation import quantity_field
+from steradian.jobs.figure_request import FIGURE_EXAMPLE, FigureRequest
+from steradian.jobs.job import JobRequest, Requirements
+from steradian.jobs.reconstruction_request import ReconstructionRequest
+from steradian.jobs.request_base import Identifier, JobRequestBase, Name, OfFrames, Required, Text, index_field
 from steradian.jobs.request_versions import stored
 from steradian.reconstructions.exporting import FORMATS as VOLUME_FORMATS
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.studies.medium_unknowns import check_search
 from steradian.scans.exporting import FORMATS as SCAN_FORMATS
 from steradian.scans.frames import FrameChoice
 
-Identifier: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9]+$")]
-"""A resource's identifier; it becomes part of a path."""
-Name: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=60)]
-Text: TypeAlias = Annotated[str, StringConstraints(max_length=200)]
 SUFFIXES: Final[dict[str, str]] = {name: entry.suffix for name, entry in VOLUME_FORMATS.items()} | {
     name: endings[0] for name, endings in SCAN_FORMATS.items()
 }
 """Endings of exported files by format, of volumes and scans."""
 if TYPE_CHECKING:
+    from steradian.quality import RegionOfInterest
+
     Format: TypeAlias = str
 else:
     Format = Literal[tuple(SUFFIXES)]
 EXAMPLES: dict[str, Any] = {
     "sound-speed": {"kind": "sound-speed", "scan_id": "s01jz0000000000000000000000", "first": 1450, "last": 1550},
     "quality": {
-        "kind": "quality",
-        "reconstruction_id": "r01jz0000000000000000000000",
+        "kind": "quality", "reconstruction_id": "r01jz0000000000000000000000",
         "reference_id": "r01jz0000000000000000000001",
     },
     "width": {
-        "kind": "width",
-        "scan_id": "s01jz0000000000000000000000",
-        "reconstruction_id": "r01jz0000000000000000000000",
-        "start": [-1e-3, 0, 2.5e-3],
-        "end": [1e-3, 0, 2.5e-3],
+        "kind": "width", "scan_id": "s01jz0000000000000000000000", "reconstruction_id": "r01jz0000000000000000000000",
+        "start": [-1e-3, 0, 2.5e-3], "end": [1e-3, 0, 2.5e-3],
     },
+    "regions": {
+        "kind": "regions", "reconstruction_id": "r01jz0000000000000000000000", "fit": "step",
+        "regions": [{"kind": "box", "name": "vessel", "ranges": [[-1e-3, 1e-3], [0, 1e-3], [2e-3, 3e-3]]}],
+    },
+    "figure": FIGURE_EXAMPLE,
     "export": {"kind": "export", "reconstruction_id": "r01jz0000000000000000000000", "format": "nifti"},
     "import": {"kind": "import", "upload_id": "u01jz0000000000000000000000", "labels": {"from": "k-Wave"}},
-}
+}  # fmt: skip
 """A request of each kind of job."""
-_SCAN = "s01jz0000000000000000000000"
-RECONSTRUCTION_EXAMPLES: list[Any] = [
-    {"scan_id": _SCAN, "parameters": {"modes": 226}},
-    {"scan_id": _SCAN, "follow": True, "interval": 2},
-    {"scan_id": _SCAN, "through": {"mask_id": "m0123456789abcdef01234567"}},
-]
-
-
-class Required(Value):
-    """Explicit requirements on a job's worker (memory, cores), in addition to those that follow from the job.
-
-    Memory for its volume, and a GPU.
-    """
-
-    memory: int | None = Field(default=None, ge=1, le=2**50, description="Memory of the worker, at least (bytes)")
-    cores: int | None = Field(default=None, ge=1, le=4096, description="Threads that its jobs may use, at least")
-
-
-class JobRequestBase(Value):
-    """Base class of job requests: priority, time limit and worker requirements."""
-
-    priority: int = Field(default=DEFAULT_PRIORITY, ge=0, le=LOWEST_PRIORITY, description="Smaller ones run first")
-    timeout: float | None = Field(default=None, gt=0, le=30 * 86_400, description="Longest it may run (s)")
-    requires: Required = Field(default=Required(), description="Capabilities required of the worker")
-
-
-class Through(Value):
-    """Mask for retrospective undersampling: the scan is reconstructed from the points of this mask alone."""
-
-    mask_id: Identifier = Field(description="Identifier of the mask")
-    points: Literal["nearest", "exact"] = Field(
-        default="nearest", description="nearest: the measured point nearest to each of the mask's; exact: the same ones"
-    )
-
-
-class OfFrames(JobRequestBase):
-    """Base class of job requests that select frames of a scan by number, wavelength or average."""
-
-    frame: int | None = Field(
-        default=None,
-        ge=0,
-        description="Which frame of a scan that has several; by default the first, with a note",
-    )
-    wavelength: float | None = quantity_field(
-        "m", "Of the excitation: its first frame, or with average the mean of its frames", default=None, gt=0, le=1e-5
-    )
-    average: bool = Field(
-        default=False, description="The mean of all frames, or of those at the wavelength; they must have one"
-    )
-
-    @property
-    def frames(self) -> FrameChoice:
-        """Selection of the scan's frames that are reconstructed."""
-        return FrameChoice(self.frame, self.wavelength, self.average)
-
-
-class ReconstructionRequest(OfFrames):
-    """Request of a reconstruction: complete, live (following a running scan) or with another mask."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": RECONSTRUCTION_EXAMPLES})
-
-    scan_id: Identifier = Field(description="Identifier of the scan")
-    parameters: ReconstructionParameters = ReconstructionParameters()
-    follow: bool = Field(
-        default=False,
-        description="Start while the scan runs: a revision every few seconds, the complete image at its end",
-    )
-    interval: float = quantity_field("s", "Between two revisions while following", ge=0.2, le=3600, default=2.0)
-    through: Through | None = Field(default=None, description="Another mask, of a scan that is over")
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        told = {"frame": self.frame, "wavelength": self.wavelength, "average": self.average or None}
-        given = [name for name, value in told.items() if value is not None]
-        if self.through is not None and (self.follow or given):
-            raise InvalidInput("through", self.through.mask_id, "neither follow nor frame, wavelength, average with it")
-        if self.follow and given:
-            raise InvalidInput(given[0], told[given[0]], "none while following")
-        if self.follow and (treatment := self.parameters.shots.bad_lines) != "keep":
-            raise InvalidInput("parameters.shots.bad_lines", treatment, "keep while following")
-        if self.follow and self.parameters.lossy:
-            raise InvalidInput("parameters.medium", "with attenuation", "one without attenuation while following")
-        FrameChoice(self.frame, self.wavelength, self.average)
-        return self
-
-    @property
-    def kind(self) -> Literal["reconstruction", "live", "what-if"]:
-        """Job kind that follows from the request: reconstruction, live or what-if."""
-        return "live" if self.follow else "reconstruction" if self.through is None else "what-if"
 
 
 class SoundSpeedRequest(JobRequestBase):
@@ -148,18 +62,37 @@ class SoundSpeedRequest(JobRequestBase):
 
     kind: Literal["sound-speed"] = "sound-speed"
     scan_id: Identifier = Field(description="Identifier of the scan")
-    first: float = quantity_field("m/s", "Lowest speed tried", **SOUND_SPEED.limits)
-    last: float = quantity_field("m/s", "Highest speed tried", **SOUND_SPEED.limits)
+    first: float = quantity_field(
+        "m/s", "Lowest speed tried, of one speed", default=SEARCHED_SPEEDS.low, **SOUND_SPEED.limits
+    )
+    last: float = quantity_field(
+        "m/s", "Highest speed tried, of one speed", default=SEARCHED_SPEEDS.high, **SOUND_SPEED.limits
+    )
     steps: int = quantity_field("speeds", "How many are tried, evenly spaced", ge=3, le=200, default=21)
+    search: tuple[str, ...] | None = Field(
+        default=None,
+        description="Parameters of the medium to find: layer1.sound_speed (layer 1 is at the film), layer1.thickness, "
+        "time_zero; none: the speeds of all layers of parameters.medium, or without layers one speed, first to last",
+    )
+    span: float = quantity_field(
+        SEARCH_SPAN.unit, "Half-width of the range of each parameter of the medium", default=0.1, **SEARCH_SPAN.limits
+    )
     parameters: ReconstructionParameters = ReconstructionParameters()
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        check_search(self.search, len(self.parameters.medium or (None,)))
+        if self.is_of_medium and (self.first, self.last) != (SEARCHED_SPEEDS.low, SEARCHED_SPEEDS.high):
+            allowed = "none beside search or parameters.medium; span is their range"
+            raise InvalidInput("first", f"{self.first:g}, last {self.last:g}", allowed)
         if self.last <= self.first:
             raise InvalidInput("last", self.last, f"> first, {self.first:g} (m/s)")
-        if (layers := self.parameters.medium) is not None:
-            raise InvalidInput("parameters.medium", f"{len(layers)} layers", "none: the search is for one speed")
         return self
+
+    @property
+    def is_of_medium(self) -> bool:
+        """Whether parameters of a medium are sought, instead of one speed from ``first`` to ``last``."""
+        return self.search is not None or self.parameters.medium is not None
 
 
 class QualityRequest(JobRequestBase):
@@ -170,6 +103,8 @@ class QualityRequest(JobRequestBase):
     kind: Literal["quality"] = "quality"
     reconstruction_id: Identifier = Field(description="Identifier of the reconstruction that is judged")
     reference_id: Identifier = Field(description="Identifier of the reference reconstruction, with the same voxels")
+    index: int | None = index_field()
+    reference_index: int | None = index_field("Which volume of a series as the reference, from 0")
     diameter: float | None = quantity_field(
         "m", "Of the disc around the axis that counts; none: everything", default=None, **LENGTH.limits
     )
@@ -189,6 +124,7 @@ class WidthRequest(OfFrames):
     kind: Literal["width"] = "width"
     scan_id: Identifier = Field(description="Identifier of the scan that the reconstruction was made of")
     reconstruction_id: Identifier = Field(description="Identifier of the reconstruction, of a plane of sensors")
+    index: int | None = index_field("Which volume of a series, from 0; frame, wavelength and average follow from it")
     start: Place = Field(description="x, y, z of the start of a line across the object (m)")
     end: Place = Field(description="x, y, z of its end (m)")
 
@@ -198,6 +134,42 @@ class WidthRequest(OfFrames):
             raise InvalidInput("end", self.end, "another place than start")
         FrameChoice(self.frame, self.wavelength, self.average)
         return self
+
+
+class RegionsRequest(JobRequestBase):
+    """Request to measure regions in all volumes of a series, or in a volume, and their courses over time."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLES["regions"]]})
+
+    kind: Literal["regions"] = "regions"
+    reconstruction_id: Identifier = Field(description="Identifier of the series or reconstruction")
+    regions: tuple[dict[str, Any], ...] = Field(
+        min_length=1, max_length=50, description="Regions as in a file of regions: box, ellipsoid, polygon, … (m)"
+    )
+    background: dict[str, Any] | None = Field(default=None, description="Region for the contrast to noise")
+    fit: Literal["step", "exponential"] | None = Field(default=None, description="Change over time that is fitted")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        regions, background = self.built()
+        names = [region.name for region in (*regions, *([] if background is None else [background]))]
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise InvalidInput("regions", repeated[0], "another name for each region and the background")
+        return self
+
+    def built(self) -> tuple[list[RegionOfInterest], RegionOfInterest | None]:
+        """Return the regions and the background; raises :class:`InvalidInput` for one that is out of range."""
+        found = [_region(f"regions.{number}", each) for number, each in enumerate(self.regions)]
+        return found, None if self.background is None else _region("background", self.background)
+
+
+def _region(field: str, said: dict[str, Any]) -> RegionOfInterest:
+    from steradian.quality.region_files import region_from_json
+
+    try:
+        return region_from_json(said)
+    except InvalidInput as error:
+        raise InvalidInput(f"{field}.{error.field.removeprefix('region.')}", error.value, error.allowed) from error
 
 
 class ExportRequest(JobRequestBase):
@@ -212,6 +184,7 @@ class ExportRequest(JobRequestBase):
         description=f"{' and '.join(SCAN_FORMATS)} are for scans, all others are for reconstructions"
     )
     frame: int | None = Field(default=None, ge=0, description="Which frame goes into an .sgl file, which holds one")
+    index: int | None = index_field("Which volume of a series is exported, from 0; none: all in one file")
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -250,7 +223,9 @@ def check_described(description: dict[str, Any] | None) -> None:
         raise InvalidInput("description.positions", "a name", "numbers, or a file sent as companion_id")
 
 
-WorkRequest: TypeAlias = SoundSpeedRequest | QualityRequest | WidthRequest | ExportRequest | ImportRequest
+WorkRequest: TypeAlias = (
+    SoundSpeedRequest | QualityRequest | WidthRequest | RegionsRequest | FigureRequest | ExportRequest | ImportRequest
+)
 """What may be asked for as a job of its own; reconstructions are resources of their own."""
 
 

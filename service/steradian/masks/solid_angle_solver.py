@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import cos, pi
 from typing import Any
 
@@ -42,6 +43,7 @@ SAMPLES = 4
 """Cells of a slice that are looked at: its points differ a little in how they face the slices around."""
 
 
+@lru_cache(maxsize=64)
 def equalise_solid_angles(slices: Slices, rim: float) -> Slices:
     """Adjust the slices' angles until the cells within the rim cover equal solid angles.
 

@@ -14,12 +14,17 @@ _FINEST = 0.6
 """No ball is narrower than this times the distance that sound travels between two samples."""
 _PITCH = 1.5
 """Distance of balls over s: their sum is even to 0.1 %."""
-_EDGE = 12.0
+EDGE = 12.0
 """The balls' s widens the object as a diameter larger by this times s² (squares): a compromise of the half level
 (0) and the second moment (16)."""
 _SUBPIXELS = 5
-_FWHM = float(np.sqrt(8 * np.log(2)))
+FWHM = float(np.sqrt(8 * np.log(2)))
 """Full width at half maximum of a Gaussian over its s."""
+
+
+def ball_size(diameter: float, step: float) -> float:
+    """Return the s in metres of the balls of an object of a diameter; ``step``: metres between two samples."""
+    return max(diameter / _FINE, _FINEST * step)
 
 
 def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
@@ -39,7 +44,7 @@ def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_lengt
         Distance in m that sound travels between two samples: balls are hardly narrower.
     """
     along = np.asarray(direction, np.float64) / np.linalg.norm(direction)
-    s = max(diameter / _FINE, _FINEST * step)
+    s = ball_size(diameter, step)
     basis = np.linalg.svd(along[None])[2][1:]
     grid, share = _covered(diameter, s, 2)
     count = int(np.ceil(half_length / (_PITCH * s)))
@@ -50,14 +55,14 @@ def cylinder(diameter: float, place: ArrayLike, direction: ArrayLike, half_lengt
 
 def sphere(diameter: float, place: ArrayLike, step: float) -> Balls:
     """Return a phantom of a uniform sphere of initial pressure 1; parameters as of :func:`cylinder`."""
-    s = max(diameter / _FINE, _FINEST * step)
+    s = ball_size(diameter, step)
     grid, share = _covered(diameter, s, 3)
     return _balls(np.asarray(place, np.float64) + grid, s, share)
 
 
 def gaussian_cylinder(fwhm: float, place: ArrayLike, direction: ArrayLike, half_length: float, step: float) -> Balls:
     """Return a phantom of a straight cylinder with Gaussian profile of peak 1; parameters as of :func:`cylinder`."""
-    s = max(fwhm / _FWHM, _FINEST * step)
+    s = max(fwhm / FWHM, _FINEST * step)
     along = np.asarray(direction, np.float64) / np.linalg.norm(direction)
     count = int(np.ceil(half_length / (_PITCH * s)))
     centres = np.asarray(place, np.float64) + np.arange(-count, count + 1)[:, None] * _PITCH * s * along
@@ -68,7 +73,7 @@ def gaussian_cylinder(fwhm: float, place: ArrayLike, direction: ArrayLike, half_
 
 def gaussian_sphere(fwhm: float, place: ArrayLike, step: float) -> Balls:
     """Return a phantom of one Gaussian ball of peak 1; parameters as of :func:`cylinder`."""
-    return Balls(np.asarray([place], np.float64), np.array([max(fwhm / _FWHM, _FINEST * step)]), np.ones(1))
+    return Balls(np.asarray([place], np.float64), np.array([max(fwhm / FWHM, _FINEST * step)]), np.ones(1))
 
 
 def _balls(centres: Array, s: float, amplitudes: Array) -> Balls:
@@ -79,7 +84,7 @@ def _balls(centres: Array, s: float, amplitudes: Array) -> Balls:
 def _covered(diameter: float, s: float, axes: int) -> tuple[Array, Array]:
     """Return grid points (K, axes) in m and the fraction of each point's cell that lies in the disc or sphere."""
     pitch = _PITCH * s
-    radius = 0.5 * np.sqrt(max(diameter**2 - _EDGE * s**2, 0.0))
+    radius = 0.5 * np.sqrt(max(diameter**2 - EDGE * s**2, 0.0))
     if radius < pitch / 2:
         return np.zeros((1, axes)), np.ones(1)
     count = int(np.ceil(radius / pitch)) + 1

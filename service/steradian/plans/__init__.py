@@ -1,6 +1,7 @@
 """Scan plans: visit order, timing and cost preview."""
 
 from steradian.core.choices import VisitOrder
+from steradian.plans.excitation import ExcitationPreview, preview_excitation
 from steradian.plans.fringe import Fringe
 from steradian.plans.plan import ScanPlan
 from steradian.plans.preview import PlanCost, PlanIssue, preview
@@ -10,6 +11,7 @@ from steradian.plans.tuning_map import TuningMap
 from steradian.plans.visit_order import path_length, visit_order
 
 __all__ = [
+    "ExcitationPreview",
     "Fringe",
     "Link",
     "Motion",
@@ -23,6 +25,7 @@ __all__ = [
     "VisitOrder",
     "path_length",
     "preview",
+    "preview_excitation",
     "progressive",
     "visit_order",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, Self
 
 import numpy as np
@@ -20,6 +21,7 @@ from steradian.plans.fringe import Fringe
 from steradian.plans.motion_timing import MotionTiming
 from steradian.plans.progressive_order import progressive
 from steradian.plans.scanner_model import Link, Motion, ScannerLimits, Tuning
+from steradian.plans.stages import MOST_STAGES, FocusStage, StoppingRule, check_stages, check_stopping
 from steradian.plans.visit_order import visit_order
 from steradian.plans.wavelength_bands import TunedOrder, hold_wavelength, order_by_bands
 
@@ -27,7 +29,17 @@ EXCITATION = (200e-9, 3e-6)
 """Excitation wavelengths of light that anybody excites with, in m."""
 
 
-_LATER = ("wavelength_uncertainty", "max_sensitivity_loss", "fringe", "gate", "gate_rate", "beams")
+_LATER = (
+    "wavelength_uncertainty",
+    "max_sensitivity_loss",
+    "fringe",
+    "gate",
+    "gate_rate",
+    "beams",
+    "stages",
+    "stage_ends",
+    "stopping",
+)
 """Fields that plans were without: one that has them as they are by default is named as it was."""
 
 
@@ -70,6 +82,15 @@ class ScanPlan(DisplayableValue):
         description="Unit that waits for an edge at the scanner's gate input: a heart beat, a breath, a stimulus",
     )
     gate_rate: float = quantity_field("Hz", "Expected edges a second, for the preview", gt=0, le=10_000, default=1.0)
+    stages: tuple[FocusStage, ...] = Field(
+        default=(),
+        max_length=MOST_STAGES,
+        description="Further stages, whose points follow from the image of the points before; none: the mask is all",
+    )
+    stage_ends: tuple[int, ...] = Field(
+        default=(), max_length=MOST_STAGES, description="Points of the mask at the end of each stage but the last"
+    )
+    stopping: StoppingRule | None = Field(default=None, description="Rule that ends the scan early; null: none")
     scanner: ScannerLimits = ScannerLimits()
     motion: Motion = Motion()
     tuning: Tuning = Tuning()
@@ -92,6 +113,12 @@ class ScanPlan(DisplayableValue):
                 raise InvalidInput(f"excitation[{place}]", f"{value:g}", "200e-9 to 3e-6 (m), each once")
         if self.beams:
             self._check_beams()
+        surveyed = self.mask.count if self.stages else max(self.stage_ends, default=0)
+        check_stopping(self.stopping, self.order, self.frame_count, surveyed)
+        check_stages(self.stages, is_line=self.mask.is_line, beams=self.beam_count)
+        bounds = (0, *self.stage_ends, self.mask.count)
+        if (np.diff(bounds) <= 0).any():
+            raise InvalidInput("stage_ends", self.stage_ends, f"rising, from 1 to {self.mask.count - 1}")
         if self.order in (VisitOrder.WAVELENGTH, VisitOrder.BANDS) and self.wavelengths is None:
             raise InvalidInput("order", self.order, "another order, or give wavelengths (m) for the points")
         return self
@@ -137,6 +164,11 @@ class ScanPlan(DisplayableValue):
         return self.frame_count * self.mask.count
 
     @property
+    def most_points(self) -> int:
+        """Largest number of points of the mask after all stages."""
+        return self.mask.count + sum(stage.points for stage in self.stages)
+
+    @property
     def beam_count(self) -> int:
         """Number of interrogation beams B."""
         return max(1, len(self.beams))
@@ -170,21 +202,33 @@ class ScanPlan(DisplayableValue):
         """Order of interrogation together with the bias wavelengths."""
         if len(self.beams) > 1:
             return self._tuned_together()
-        points, optima = self.mask.film_positions, self.wavelengths
-        return self._tuned(points, optima)
+        bounds = (0, *self.stage_ends, self.mask.count)
+        parts = [self._tuned_stage(slice(*each)) for each in pairwise(bounds)]
+        visit = np.concatenate([first + part.visit for first, part in zip(bounds, parts, strict=False)])
+        return TunedOrder(visit, np.concatenate([part.bias for part in parts]))
+
+    def _tuned_stage(self, part: slice) -> TunedOrder:
+        """Return the order of one stage's points by themselves."""
+        optima = None if self.wavelengths is None else self.wavelengths[part]
+        return self._tuned(self.mask.film_positions[part], optima, self._mask_of(part))
+
+    def _mask_of(self, part: slice) -> Mask:
+        if not self.stage_ends:
+            return self.mask
+        return self.mask.replace(positions=self.mask.positions[part], weights=self.mask.weights[part], outline=None)
 
     def _tuned_together(self) -> TunedOrder:
         """Return the order for several beams, each place at the mean of its beams' optimum wavelengths."""
         count = self.beam_count
         optima = None if self.wavelengths is None else self.wavelengths.reshape(-1, count).mean(axis=1)
-        found = self._tuned(self.beam_positions, optima)
+        found = self._tuned(self.beam_positions, optima, self.mask)
         return TunedOrder((found.visit[:, None] * count + np.arange(count)).ravel(), np.repeat(found.bias, count))
 
-    def _tuned(self, points: NDArray[np.float64], optima: NDArray[np.float64] | None) -> TunedOrder:
+    def _tuned(self, points: NDArray[np.float64], optima: NDArray[np.float64] | None, mask: Mask) -> TunedOrder:
         if self.order is VisitOrder.BANDS and optima is not None:
             return order_by_bands(points, optima, self.fringe, self.max_sensitivity_loss, self.pace)
         step = self.tuning.tolerance
-        visit = visit_order(points, self.order, mask=self.mask, wavelengths=optima, wavelength_step=step)
+        visit = visit_order(points, self.order, mask=mask, wavelengths=optima, wavelength_step=step)
         bias = np.zeros(len(visit))
         if optima is not None:
             reach = (
@@ -207,10 +251,12 @@ class ScanPlan(DisplayableValue):
 
     @cached_property
     def pass_ends(self) -> tuple[int, ...]:
-        """Number of points measured at the end of each pass; one pass unless the order is progressive."""
+        """Number of points measured at the end of each stage and, in progressive order, of each pass."""
+        bounds = (0, *self.stage_ends, self.mask.count)
         if self.order is not VisitOrder.PROGRESSIVE:
-            return (self.mask.count,)
-        return progressive(self.mask.film_positions, self.mask).ends
+            return bounds[1:]
+        masks = [(first, self._mask_of(slice(first, end))) for first, end in pairwise(bounds)]
+        return tuple(first + end for first, mask in masks for end in progressive(mask.film_positions, mask).ends)
 
     def truncated_mask(self, points: int, weighting: Literal["analytic", "voronoi", "uniform"] = "analytic") -> Mask:
         """Return the mask of the first ``points`` visited points, with new weights.

@@ -37,7 +37,10 @@ class PlanCost:
     laser_seconds
         ``seconds["laser"]``.
     total_seconds
-        Time of the scan: the parts overlap, and a point waits for the next pulse of a laser that runs freely.
+        Time of the scan: the parts overlap, and a point waits for the next pulse of a laser that runs freely. Of a plan
+        with further stages at most, as far apart as its own points are.
+    least_seconds
+        Time where the stopping rule ends the scan as early as it may; ``total_seconds`` without one.
     limiting
         The part that decides ``total_seconds``.
     travel
@@ -72,6 +75,7 @@ class PlanCost:
     sensitivity_loss: dict[str, float] = field(default_factory=dict)
     beams: int = 1
     displacement: dict[str, float] = field(default_factory=dict)
+    least_seconds: float | None = None
 
     @property
     def has_errors(self) -> bool:
@@ -104,30 +108,34 @@ def preview(
     :class:`~steradian.plans.motion_timing.MotionTiming` has the time of each point. Tuning the excitation laser
     between frames, and the way back to the first point, are not counted.
     """
-    alines, period, frames = plan.aline_count, 1 / plan.pulse_rate, plan.frame_count
+    least, most = (plan.most_points,) * 2 if plan.stopping is None else plan.stopping.bounds(plan.most_points)
+    share = most / plan.mask.count
+    alines, period, frames = plan.frame_count * most, 1 / plan.pulse_rate, plan.frame_count
     points, shots = plan.path, alines // plan.beam_count
     bias = None if plan.bias is None else plan.bias[plan.visit[:: plan.beam_count]]
     retuning = np.zeros(len(points)) if bias is None else plan.pace.retune_times(bias)
-    loop = frames * _frame_seconds(plan, (plan.pace.periods(points, bias) + plan.averages - 1) * period)
+    loop = share * frames * _frame_seconds(plan, (plan.pace.periods(points, bias) + plan.averages - 1) * period)
     size = alines * plan.samples * BYTES_PER_SAMPLE
     file_size = size + alines * BYTES_PER_ALINE
     seconds: dict[Part, float] = {
         "laser": shots * plan.averages * period,
-        "mover": frames * float(plan.pace.move_times(points).sum()),
-        "tuning": frames * float(retuning.sum()),
+        "mover": share * frames * float(plan.pace.move_times(points).sum()),
+        "tuning": share * frames * float(retuning.sum()),
         "link": plan.link.seconds_of(alines, plan.samples),
         "disk": file_size / disk_rate,
     }
     if plan.gate != "none":
         seconds["gate"] = (frames if plan.gate == "frame" else shots) / plan.gate_rate
-    way = frames * path_length(points, np.arange(len(points)))
+    way = share * frames * path_length(points, np.arange(len(points)))
+    total = max(loop, seconds["link"], seconds["disk"])
     return PlanCost(
         seconds=seconds,
         laser_seconds=seconds["laser"],
-        total_seconds=max(loop, seconds["link"], seconds["disk"]),
+        total_seconds=total,
+        least_seconds=total * least / most,
         limiting=_bottleneck(seconds, loop),
         travel=way,
-        retunings=frames * int((retuning > 0).sum()),
+        retunings=round(share * frames * int((retuning > 0).sum())),
         bytes=size,
         findings=validate_plan(
             plan, alines_per_second=alines / loop, bytes_=file_size, free=free_bytes, resolution=resolution

@@ -30,9 +30,9 @@ class Width:
         Distance between the two crossings of half the peak's height above ``base``, as the image shows it: the object
         widened by the point spread, or narrowed by the limited view.
     repeatability
-        Standard deviation of ``fwhm`` under the noise beside the peak. It is no accuracy: it contains neither the point
-        spread nor the limited view. ``None`` where fewer than 8 samples beside the peak tell the noise, or most of them
-        are equal, as in non-negative images.
+        Standard deviation of ``fwhm`` under the noise beside the peak; it contains neither the point spread nor the
+        limited view. ``None`` where fewer than 8 samples beside the peak tell the noise, or most of them are equal, as
+        in non-negative images.
     base
         Level that the height is counted from.
     height

@@ -16,16 +16,22 @@ from steradian.drawing.notebook import WIDTH, html_plot, resolve_axes
 from steradian.imaging import Volume
 from steradian.masks import Mask
 from steradian.plans import ScanPlan
+from steradian.plans.stages import StageRecord
+from steradian.quality import PulseNoise
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.reconstructions.scan_plan_reader import StoredPlan, read_stored_plan
 from steradian.scans.file.read import list_frames, read_scan
+from steradian.scans.file.stages import read_stages
 from steradian.scans.frames import Frame, FrameChoice
 from steradian.scans.opening import open_recording
+from steradian.scans.pulse_noise import pulse_noise_of
 from steradian.scans.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from steradian.reconstructions.series.series import Series
 
 
 class Scan:
@@ -74,6 +80,11 @@ class Scan:
         return int(self._said.summary["stored"])
 
     @property
+    def stages(self) -> tuple[StageRecord, ...]:
+        """Records of the stages, first the survey; empty for a scan of one stage."""
+        return read_stages(self.path)
+
+    @property
     def frames(self) -> tuple[Frame, ...]:
         """Frames of the scan (repetitions or wavelengths), with excitation wavelength and A-line counts."""
         return list_frames(self.path)
@@ -96,6 +107,16 @@ class Scan:
         """
         return open_recording(self.path, frame) if isinstance(frame, FrameChoice) else read_scan(self.path, frame)
 
+    def pulse_noise(self, frame: int | FrameChoice | None = None) -> PulseNoise:
+        """Measure the signal-to-noise ratio of one laser pulse in a frame, for :func:`steradian.design_scan`.
+
+        Raises
+        ------
+        InvalidInput
+            When no A-line stands out of the noise, or as :meth:`recording`.
+        """
+        return pulse_noise_of(self.recording(frame))
+
     def reconstruct(self, *, frame: int | FrameChoice | None = None, **parameters: Any) -> Volume:
         """Reconstruct one frame, or the mean of several frames.
 
@@ -114,6 +135,28 @@ class Scan:
             several.
         """
         return reconstruct_in_memory(self.recording(frame), ReconstructionParameters.create(**parameters))
+
+    def series(self, *, wavelength: float | None = None, average: bool = False, **parameters: Any) -> Series:
+        """Reconstruct all frames into a series of volumes on the same voxels.
+
+        Parameters
+        ----------
+        wavelength
+            Excitation wavelength in m to which the series is limited; None: all.
+        average
+            The mean of the frames at each wavelength, instead of each frame.
+        parameters
+            As of :meth:`reconstruct`.
+
+        Raises
+        ------
+        InvalidInput
+            When a parameter is unknown, out of range or does not fit the scan, or no frame has the wavelength.
+        """
+        from steradian.reconstructions.series.reconstruct import series_in_memory
+
+        chosen = ReconstructionParameters.create(**parameters)
+        return series_in_memory(self.path, chosen, wavelength=wavelength, average=average)
 
     def plot(self, axes: Axes | None = None, *, frame: int | None = None) -> Axes:
         """Plot the A-lines of a frame as an image, sorted by distance from the middle.

@@ -1,8 +1,9 @@
 """Per-shot normalisation: energy, sensitivity, time zero and quality flags.
 
-A-lines are put on one grid of times, divided by their pulse energy (and, where asked, by what a wavelength beside the
-best one left of the film's sensitivity), and those whose quality flags say that they mean something else are left out;
-the weights of the others make up for them. Bad A-lines are left out or mended where that is asked.
+A-lines are put on one grid of times, divided by their pulse energy (and, where asked, by the share of the film's
+sensitivity that a wavelength beside the best one left; the reconstruction weights them by it), and those whose quality
+flags say that they mean something else are left out; the weights of the others make up for them. Bad A-lines are left
+out or mended where that is asked.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class ShotTreatment(Value):
     normalise_energy: bool = Field(default=True, description="Divide each A-line by its pulse energy")
     correct_sensitivity: bool = Field(
         default=False,
-        description="Divide each A-line by the share of the film's sensitivity that its wavelength beside the best one"
-        " left, by the plan's wavelengths and fringe",
+        description="Correct each A-line for the share of the film's sensitivity that its wavelength beside the best"
+        " one left, by the plan's wavelengths and fringe; its weight falls with that share, as its noise does not",
     )
     leave_out: tuple[Flag, ...] = Field(
         default=("saturated", "mistuned"),
@@ -86,7 +87,7 @@ class ShotVariation:
     time_zero_s
         Earliest and latest time zero of the A-lines used.
     sensitivity
-        Least and greatest share of the film's sensitivity by which A-lines were divided; ``None``: by none.
+        Least and greatest share of the film's sensitivity that A-lines were corrected for; ``None``: for none.
     bad_lines
         Bad A-lines and what was done about them; ``None``: none was looked for.
     """
@@ -108,7 +109,8 @@ def normalise_shots(
     """Normalise the A-lines of a recording; return the new recording and the variation between A-lines.
 
     A recording without :attr:`~steradian.scans.recording.Recording.shots` comes back as it is but for bad A-lines, and
-    one that this returned comes back as it is. Of several frames the mean of each point's A-lines is returned.
+    one that this returned comes back as it is. Of several frames the mean of each point's A-lines is returned, weighted
+    by the inverse variance of their noise.
 
     Raises
     ------
@@ -136,16 +138,18 @@ def normalise_shots(
         return recording, found
     found.energy = float(shots.energy.min()), float(shots.energy.max())
     found.time_zero_s = float(shots.time_zero.min()), float(shots.time_zero.max())
-    if treatment.correct_sensitivity and shots.sensitivity is not None:
-        found.sensitivity = float(shots.sensitivity.min()), float(shots.sensitivity.max())
-    scale = np.asarray(recording.scale, np.float32) / treatment.divisors(shots)
+    sensitivity = shots.sensitivity if treatment.correct_sensitivity else None
+    if sensitivity is not None:
+        found.sensitivity = float(sensitivity.min()), float(sensitivity.max())
+    divisors = treatment.divisors(shots)
+    scale = np.asarray(recording.scale, np.float32) / divisors
     traces = recording.traces
     if treatment.time_zero == "each" and np.ptp(shots.time_zero):
         delays, samples = common_grid(shots.time_zero, recording.sampling_interval, traces.shape[1])
         traces = align(traces.astype(np.float32), delays, samples)
     earliest = found.time_zero_s[0]
-    even = replace(recording, traces=traces, scale=scale, time_zero=earliest, shots=None)
-    return even.averaged(), found
+    even = replace(recording, traces=traces, scale=scale, time_zero=earliest, shots=None, sensitivity=sensitivity)
+    return even.averaged(divisors.astype(np.float64) ** 2), found
 
 
 def normalise_new_shots(new: AlineBatch, whole: Recording, treatment: ShotTreatment) -> AlineBatch:

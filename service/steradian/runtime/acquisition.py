@@ -11,8 +11,9 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy.exc import DBAPIError
@@ -23,6 +24,8 @@ from steradian.core.exceptions import DiskFull, FaultLatched, ScanFailed, ScanIn
 from steradian.core.logging_config import bind_request_id, configure_logging
 from steradian.core.settings import Settings
 from steradian.core.signal_safe_event import SignalSafeEvent
+from steradian.plans import ScanPlan
+from steradian.reconstructions.stages.planner import ChildStagePlanner
 from steradian.runtime.archive.scan_uploader import ScanUploader
 from steradian.runtime.heartbeat import Heartbeat
 from steradian.runtime.scanner_address import ScannerConnection
@@ -36,6 +39,7 @@ from steradian.scans.acquisition.run import ScanSummary, resume_scan, run_scan
 from steradian.scans.acquisition.session import DEFAULT
 from steradian.scans.acquisition.session_control import SessionOutcome
 from steradian.scans.file.create import check_free_space, scan_file_bytes
+from steradian.scans.file.stages import read_stages
 from steradian.scans.summary import count_alines, scan_summary
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, scan_name
 from steradian.storage.blobs.object_store import S3BlobStore, arrays_of
@@ -47,12 +51,13 @@ from steradian.storage.db.change_detector import ChangeDetector
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories.plans import PlanRepository
+from steradian.storage.repositories.scan_stages import ScanStageRepository, has_further_stages
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path
 
 _S = ScanState
-_LAST = {SessionOutcome.STOPPED: _S.PARTIAL, SessionOutcome.ABORTED: _S.ABORTED}
+_LAST = {SessionOutcome.STOPPED: _S.PARTIAL, SessionOutcome.ENOUGH: _S.PARTIAL, SessionOutcome.ABORTED: _S.ABORTED}
 RETRY_INTERVAL = 5.0
 """Seconds after which scans are read again although the database has not changed: an error may be over."""
 _log = logging.getLogger(__name__)
@@ -154,10 +159,21 @@ class Acquisition:
         If the local file is lost, the stored copy counts. Errors are logged and retried later.
         """
         try:
+            self._note_stages(row)
             figures = scan_summary(self._arrays, self._data.scan_file(row.id), row.id)
             self._scans.transition(row.id, _S.PARTIAL, why=row.reason or "kept as it is", summary=figures)
         except (SteradianError, OSError) as error:
             _log.warning("scan %s cannot be ended yet: %s", row.id, error)
+
+    def _note_stages(self, row: ScanRow) -> None:
+        """Store the stages that the scan file has, if a process was killed before it could."""
+        from steradian.reconstructions.scan_plan_reader import read_stored_plan  # with h5py
+
+        path = self._data.scan_file(row.id)
+        if row.stages is not None and path.exists():
+            ScanStageRepository(self._scans.database, self._scans.clock).set_made(
+                row.id, read_stages(path), read_stored_plan(path).plan
+            )
 
     def _begin_scan(self, row: ScanRow) -> None:
         if row.desired_state is not DesiredScanState.RUNNING:
@@ -211,7 +227,7 @@ class Acquisition:
                 watch.flush()
             finally:
                 watch.close()
-            self._finish(row.id, summary.end)
+            self._finish(row.id, summary.end, watch.enough)
             self._scanner.report("connected", "idle")
         except FaultLatched as error:
             how = f" (POST /api/v1/scanners/{self._scanner.id}/clear-fault) and resume the scan"
@@ -230,29 +246,45 @@ class Acquisition:
 
     def _measure(self, row: ScanRow, watch: DatabaseControl) -> ScanSummary:
         plan, path = self._plans.load(row.plan_id), self._data.scan_file(row.id)
+        with self._stage_planner(plan) as planner:
+            return self._measure_plan(row, plan, path, watch, planner)
+
+    def _stage_planner(self, plan: ScanPlan) -> AbstractContextManager[ChildStagePlanner | None]:
+        """Return a planner of stages in a process of its own, if the plan has further stages or a stopping rule."""
+        return ChildStagePlanner() if plan.stages or plan.stopping is not None else nullcontext()
+
+    def _measure_plan(
+        self, row: ScanRow, plan: ScanPlan, path: Path, watch: DatabaseControl, planner: ChildStagePlanner | None
+    ) -> ScanSummary:
+        how: dict[str, Any] = {"control": watch, "recovery": self._recovery, "planner": planner}
         if row.completes is not None and not path.exists():
             create_from_partial(self._arrays.open(scan_name(row.completes)), path, row.id)
         if path.exists():
-            summary = resume_scan(path, self._port.url(), plan=plan, control=watch, recovery=self._recovery)
+            summary = resume_scan(path, self._port.url(), plan=plan, **how)
             if summary.findings:
                 _log.info("scan %s is resumed: %s", row.id, "; ".join(map(str, summary.findings)))
             return summary
-        return run_scan(plan, self._port.url(), path, scan_id=row.id, control=watch, recovery=self._recovery)
+        return run_scan(plan, self._port.url(), path, scan_id=row.id, **how)
 
-    def _finish(self, identifier: str, end: SessionOutcome) -> None:
-        """Change a scan that ended without an error to its terminal state: complete, partial or aborted."""
+    def _finish(self, identifier: str, end: SessionOutcome, enough: str = "") -> None:
+        """Change a scan that ended without an error to its terminal state: complete, partial or aborted.
+
+        With ``enough``, the reason of its stopping rule, it is partial.
+        """
         figures = self._figures(identifier)
-        whole = bool(figures) and figures["stored"] == figures["points"]
+        self._note_stages(self._scans.get(identifier))
+        row = self._scans.get(identifier)
+        whole = bool(figures) and figures["stored"] == figures["points"] and not has_further_stages(row)
         last = _S.COMPLETE if end is SessionOutcome.COMPLETE or whole else _LAST[end]
         if last is not _S.COMPLETE and self._stopping.is_set():
             self._scans.transition(identifier, _S.INTERRUPTED, why="the service ended", summary=figures)
             return
-        row = self._scans.get(identifier)
         is_empty = figures.get("stored") == 0 or not self._data.scan_file(identifier).exists()
         if last is _S.PARTIAL and is_empty:
             last = _S.ABORTED  # there is nothing to keep
         press = self._emergency.standing
-        why = "every A-line is stored" if last is _S.COMPLETE else press.why if press else row.reason or "requested"
+        early = press.why if press else enough or row.reason or "requested"
+        why = "every A-line is stored" if last is _S.COMPLETE else early
         for following in shortest_path(row.state, last):
             self._scans.transition(identifier, following, why=why, summary=figures)
         _log.info("scan %s holds %s", identifier, figures)

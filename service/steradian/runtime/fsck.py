@@ -13,6 +13,7 @@ from steradian.core.exceptions import DamagedFile, InvalidInput
 from steradian.core.settings import Settings
 from steradian.reconstructions.scan_plan_reader import read_stored_plan
 from steradian.storage.blobs.interface import BlobStore, FolderBlobStore, result_name, scan_name
+from steradian.storage.data_dir.job_directory import SERIES, VOLUME
 from steradian.storage.data_dir.layout import DataDirectory
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.db.tables import JobRow, ScanRow
@@ -116,7 +117,8 @@ def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iter
     for path in data.job_folders():
         job = data.job(path.name)
         if path.name not in rows:
-            what = "volume.h5, which `steradian.open` reads" if job.volume.is_file() else "files"
+            found = [name for name in (VOLUME, SERIES) if (path / name).is_file()]
+            what = f"{found[0]}, which `steradian.open` reads" if found else "files"
             yield Inconsistency("unknown-result", path.name, f"no row in the database; jobs/{path.name} holds {what}")
         elif not is_terminal(rows[path.name].state) and job.report.is_file():
             state = rows[path.name].state
@@ -125,7 +127,9 @@ def _results(settings: Settings, data: DataDirectory, arrays: BlobStore) -> Iter
     for identifier, row in rows.items():
         if row.state is not ReconstructionState.SUCCEEDED:
             continue
-        wanted = ["volume.h5"] if row.resource == "reconstruction" else (row.result or {}).get("files", [])
+        result = row.result or {}
+        volume = SERIES if result.get("frames") else VOLUME
+        wanted = [volume] if row.resource == "reconstruction" else result.get("files", [])
         if gone := [name for name in wanted if arrays.stat(result_name(identifier, name)) is None]:
             yield Inconsistency("missing-result", identifier, f"it has succeeded; {', '.join(gone)} is gone")
 

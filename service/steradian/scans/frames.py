@@ -117,7 +117,12 @@ def distinct_wavelengths(frames: Sequence[Frame]) -> list[float]:
 
 def lights_of(frames: Sequence[Frame]) -> str:
     """Return the distinct excitation wavelengths of frames as text."""
-    return ", ".join(f"{1e9 * each:g} nm" if each else "not stated" for each in distinct_wavelengths(frames))
+    return ", ".join(map(light_name, distinct_wavelengths(frames)))
+
+
+def light_name(excitation: float) -> str:
+    """Return an excitation wavelength in m as text in nm; 0: not stated."""
+    return f"{1e9 * excitation:g} nm" if excitation else "not stated"
 
 
 def _notes(among: Sequence[Frame], count: int) -> tuple[str, ...]:

@@ -52,6 +52,16 @@ def open_recording(path: Path, frame: int | FrameChoice = FIRST) -> Recording:
     return replace(recording, notes=recording.notes + notes)
 
 
+def count_frames(path: Path) -> int:
+    """Return the number of frames in a file of any supported format; raises as :func:`open_recording`."""
+    if not path.is_file():
+        raise NotFound("file", str(path))
+    if is_scan_file(path):
+        return len(list_frames(path))
+    with open_recording_source(path) as source:
+        return len(_frames_of(source))
+
+
 def _frames_of(source: RecordingSource) -> list[Frame]:
     """Return the frames of a file in another format, distributed evenly over its excitation wavelengths."""
     count, lights = source.table.frames, source.excitation or (0.0,)

@@ -99,6 +99,10 @@ class Recording:
         (M,) number of each A-line in the scan file's array of A-lines, frame after frame; ``None``: no scan file.
     inspected
         Whether bad A-lines have been looked for and treated as was asked.
+    sensitivity
+        (M,) relative sensitivities by which the A-lines, ``scale`` included, were divided; ``None``: by none.
+    times
+        (M,) time of each A-line's shot in s since the first one; ``None``: not known, or a mean of frames.
     """
 
     traces: NDArray[np.number[Any]]
@@ -124,6 +128,8 @@ class Recording:
     notes: tuple[str, ...] = ()
     rows: NDArray[np.int64] | None = None
     inspected: bool = False
+    sensitivity: NDArray[np.float64] | None = None
+    times: NDArray[np.float64] | None = None
 
     def select(self, wanted: NDArray[np.bool_]) -> Recording:
         """Return the recording of the A-lines in ``wanted`` (M,), with weights scaled to the same total."""
@@ -139,22 +145,29 @@ class Recording:
             shots=None if self.shots is None else self.shots.select(wanted),
             points=None if self.points is None else self.points[wanted],
             rows=None if self.rows is None else self.rows[wanted],
+            sensitivity=None if self.sensitivity is None else self.sensitivity[wanted],
+            times=None if self.times is None else self.times[wanted],
         )
 
-    def averaged(self) -> Recording:
-        """Return the recording with the mean of the A-lines of each point; unchanged without ``points``.
+    def averaged(self, precision: FloatArray | None = None) -> Recording:
+        """Return the recording with the weighted mean of the A-lines of each point; unchanged without ``points``.
 
-        Their times must be equal, and what else differs from shot to shot must have been evened out.
+        Their times must be equal, and what else differs from shot to shot must have been evened out. ``precision`` is
+        the inverse of each A-line's noise variance, (M,); None: equal weights.
         """
         if self.points is None:
             return self
         order = np.argsort(self.points, kind="stable")
         _, first, counts = np.unique(self.points[order], return_index=True, return_counts=True)
         scale = np.broadcast_to(np.asarray(self.scale, np.float32), len(order))
-        traces = self.traces[order] * scale[order, None]
-        mean = np.add.reduceat(traces, first, axis=0) / counts[:, None].astype(np.float32)
+        share = np.ones(len(order)) if precision is None else precision[order].astype(np.float64)
+        share = (share / np.repeat(np.add.reduceat(share, first), counts)).astype(np.float32)
+        mean = np.add.reduceat(self.traces[order] * (scale[order] * share)[:, None], first, axis=0)
         rows, weights = order[first], self.weights
         if weights is not None:
             weights = weights[rows] * (weights.sum() / weights[rows].sum())
+        sensitivity = self.sensitivity
+        if sensitivity is not None:
+            sensitivity = np.sqrt(np.add.reduceat(sensitivity[order] ** 2, first) / counts)
         merged = replace(self, traces=mean, scale=1.0, positions=self.positions[rows], weights=weights)
-        return replace(merged, shots=None, points=None, rows=None)
+        return replace(merged, shots=None, points=None, rows=None, sensitivity=sensitivity, times=None)

@@ -19,7 +19,7 @@ GRID = '{"arrangement":"grid","aperture":0.011,"count":3,"interval":1e-3'
 HUGE = "1" + 400 * "0"
 NOUNS = {"mask": "masks", "plan": "plans", "scan": "scans", "reconstruction": "reconstructions", "batch": "batches"}
 NOUNS |= {"job": "jobs", "upload": "uploads", "scanner": "scanners"}
-NOBODY = dict.fromkeys([*(f"{noun}_id" for noun in NOUNS), "name", "path"], "none")
+NOBODY = dict.fromkeys([*(f"{noun}_id" for noun in NOUNS), "name", "path", "number"], "none")
 """Identifiers of nothing, for the addresses of the table of scopes."""
 
 
@@ -226,6 +226,7 @@ def booleans_for_numbers():
         ("/plans", "samples", mask | {"samples": True}),
         ("/plans/preview", "motion/settle", mask | {"motion": {"settle": False}}),
         ("/designs/preview", "pulse_rate", {"arrangement": equi, "pulse_rate": True}),
+        ("/designs/budget", "duration", {"duration": True, "depth": 0.002, "vessel": 1e-4, "noise": 20}),
         ("/designs/point-spread", "point/2", {"arrangement": equi, "point": [0, 0, True]}),
         ("/reconstructions", "parameters/modes", reconstruction | {"parameters": {"modes": True}}),
         ("/reconstructions", "priority", reconstruction | {"priority": True}),

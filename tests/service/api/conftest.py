@@ -17,6 +17,8 @@ from support.alines import Aline
 from support.apis import ApiProcess
 
 MAX_BODY, MAX_POINTS = 20_000, 5_000
+PLAIN = False
+"""What a client verifies where there is no TLS: to read the machine's certificates takes longer than most requests."""
 
 
 def api_of(folder, **settings):
@@ -59,7 +61,7 @@ def scanner_is_free_for_the_next_module():
     """Undo what generated requests did: the next module would be refused its scans."""
     yield
     for server in _shared:
-        with httpx.Client(base_url=f"{server.url}/api/v1", timeout=250) as client:
+        with httpx.Client(base_url=f"{server.url}/api/v1", verify=PLAIN, timeout=250) as client:
             free_scanner(client)
 
 
@@ -92,6 +94,10 @@ def make_scan(http, plan_id, key=None):
 EQUI = {"arrangement": "equi-steradian", "aperture": 13.56e-3, "depth": 3.6e-3, "count": 60}
 
 
+def make_plan(http, mask_id):
+    return http.post("/plans", json={"mask_id": mask_id, "samples": 256}).json()
+
+
 @pytest.fixture
 def mask(http):
     return http.post("/masks", json=EQUI).json()
@@ -99,7 +105,7 @@ def mask(http):
 
 @pytest.fixture
 def plan(http, mask):
-    return http.post("/plans", json={"mask_id": mask["id"], "samples": 256}).json()
+    return make_plan(http, mask["id"])
 
 
 @pytest.fixture
@@ -107,14 +113,13 @@ def scan(http, plan):
     return make_scan(http, plan["id"]).json()
 
 
-@pytest.fixture
-def scan_with_alines(server, http, plan):
-    """A scan that ended partial with five of its A-lines in a real file, and a reconstruction of it in the queue."""
-    made = make_scan(http, plan["id"]).json()
+def make_scan_with_alines(server, http, plan_id):
+    """Make a scan that ended partial with five of its A-lines in a real file, and queue a reconstruction of it."""
+    made = make_scan(http, plan_id).json()
     scans = ScanRepository(server.database)
     for state in (ScanState.ARMING, ScanState.RUNNING):
         scans.transition(made["id"], state, why="test")
-    path, whole = server.data.scan_file(made["id"]), PlanRepository(server.database).load(plan["id"])
+    path, whole = server.data.scan_file(made["id"]), PlanRepository(server.database).load(plan_id)
     create_scan_file(path, whole, scan_id=made["id"])
     with ScanFileWriter(path) as store:
         store.append(Aline(point, np.full(whole.samples, point + 1, np.int16), point + 1, 0.5) for point in range(5))
@@ -123,3 +128,8 @@ def scan_with_alines(server, http, plan):
         scans.transition(made["id"], state, why="test", summary={"points": 69, "stored": 5, "fired": 5})
     job = http.post("/reconstructions", json={"scan_id": made["id"], "parameters": {"modes": 32}}).json()
     return {"scan": http.get(f"/scans/{made['id']}").json(), "reconstruction": job, "visit": whole.visit}
+
+
+@pytest.fixture
+def scan_with_alines(server, http, plan):
+    return make_scan_with_alines(server, http, plan["id"])

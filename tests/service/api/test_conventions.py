@@ -15,6 +15,8 @@ from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.reconstructions.volumes.file import write_volume
 from steradian.storage.repositories.scans import ScanRepository
 
+from .conftest import EQUI, PLAIN, make_plan, make_scan_with_alines
+
 DOCUMENT = json.loads((Path(__file__).parents[3] / "docs" / "openapi.json").read_text())
 V1 = "/api/v1"
 TAG, RANGE, ACCEPT, PREFER = "tag", "range", "accept", "prefer"
@@ -47,6 +49,7 @@ READS = {
     f"{V1}/reconstructions/{{reconstruction_id}}/mip": {TAG, ACCEPT, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/volume": {TAG, ACCEPT, PREFER},
     f"{V1}/reconstructions/{{reconstruction_id}}/volume.ome.zarr/{{path}}": {TAG, PREFER},
+    f"{V1}/reconstructions/{{reconstruction_id}}/measurements": {TAG, ACCEPT},
     f"{V1}/reconstructions/{{reconstruction_id}}/quality": set(),
     f"{V1}/reconstructions/{{reconstruction_id}}/revision": {TAG},
     f"{V1}/batches": set(),
@@ -72,10 +75,12 @@ def declared(operation):
     return {parameter["name"] for parameter in operation.get("parameters", ())}
 
 
-@pytest.fixture
-def names(server, http, scan_with_alines, mask, plan):
-    """One of each thing, every file of theirs written."""
-    scan_id = scan_with_alines["scan"]["id"]
+@pytest.fixture(scope="module")
+def names(server, http):
+    """One of each thing, every file of theirs written; no test changes any of them."""
+    mask = http.post("/masks", json=EQUI).json()
+    plan = make_plan(http, mask["id"])
+    scan_id = make_scan_with_alines(server, http, plan["id"])["scan"]["id"]
     made = http.post("/reconstructions", json={"scan_id": scan_id, "parameters": {"modes": 4}}).json()["id"]
     folder = server.data.job(made)
     folder.root.mkdir(parents=True)
@@ -93,6 +98,7 @@ def names(server, http, scan_with_alines, mask, plan):
     found |= {
         "reconstruction_id": made,
         "job_id": made,
+        "number": 2,
         "batch_id": batch,
         "name": folder.volume.name,
         "path": "zarr.json",
@@ -111,13 +117,16 @@ def test_convention_table_matches_openapi_document():
         assert ("Prefer" in sent) is (PREFER in READS[path]), path
         assert (len(operation["responses"]["200"]["content"]) > 1) is (ACCEPT in READS[path]), path
     operations = [one for path in DOCUMENT["paths"].values() for method, one in path.items() if method != "get"]
-    assert {one["operationId"] for one in operations if "If-Match" in declared(one)} == set(CHANGES)
+    assert {one["operationId"] for one in operations if "If-Match" in declared(one)} == {
+        *CHANGES,
+        "reconstruction_measurements_set",  # of a volume: see test_measurements
+    }
     assert {one["operationId"] for one in operations if "Prefer" in declared(one)} == set(WAITS)
 
 
 @pytest.mark.parametrize("path", READS)
 def test_get_route_follows_declared_http_conventions(server, names, path):
-    with httpx.Client(base_url=server.url, timeout=250) as client:
+    with httpx.Client(base_url=server.url, verify=PLAIN, timeout=250) as client:
         address, known = path.format(**names), READS[path]
         check_head(client, address)
         if path.endswith("/events"):
@@ -267,7 +276,7 @@ def test_create_with_prefer_wait_returns_preference_applied(http, names, plan, n
 
 def test_unsupported_method_returns_405_with_allow_header(server, names):
     """The Allow header of a refusal names every method of the address."""
-    with httpx.Client(base_url=server.url, timeout=250) as client:
+    with httpx.Client(base_url=server.url, verify=PLAIN, timeout=250) as client:
         for path, operations in DOCUMENT["paths"].items():
             methods = {method.upper() for method in operations} | ({"HEAD"} if "get" in operations else set())
             refused = client.request("TRACE", path.format(**names))

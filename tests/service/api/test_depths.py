@@ -2,7 +2,7 @@
 
 import pytest
 
-from steradian.api.use_cases.admission import _slices
+from steradian.api.use_cases.image_size import count_slices
 from steradian.core.exceptions import InvalidInput
 from steradian.reconstructions.parameters import ReconstructionParameters
 
@@ -11,8 +11,8 @@ def test_layer_without_speed_is_refused_by_its_field_where_the_plan_states_none(
     layers = ReconstructionParameters.create(medium=[{"sound_speed": 1480, "thickness": 1e-3}, {}])
     plan = {"samples": 100, "sampling_interval": 1e-8}
     with pytest.raises(InvalidInput, match=r"^parameters.medium.1.sound_speed is missing; .*the recording states none"):
-        _slices(plan, layers)
-    assert _slices(plan | {"sound_speed": 2960}, layers) == 133  # 67.6 above the boundary, 64.9 below
+        count_slices(plan, layers)
+    assert count_slices(plan | {"sound_speed": 2960}, layers) == 133  # 67.6 above the boundary, 64.9 below
 
 
 def test_reconstruction_of_more_depth_than_a_volume_may_have_is_refused_by_its_range(http, scan_with_alines):

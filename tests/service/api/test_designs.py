@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from steradian import design_scan
 from steradian.masks import equi_steradian_mask
 from steradian.masks.metrics import evaluate_mask
 from steradian.masks.point_spread import point_spread
@@ -77,3 +78,54 @@ def test_design_preview_invalid_field_returns_422_with_pointer(http, change, poi
     answer = http.post("/designs/preview", json={"arrangement": MASK} | change)
     assert answer.status_code == 422
     assert [finding["pointer"] for finding in answer.json()["errors"]] == [pointer]
+
+
+BUDGET = {"arrangement": "grid", "duration": 20, "pulse_rate": 50, "aperture": 5e-3, "depth": 1.5e-3, "vessel": 1.5e-4}
+
+
+@pytest.mark.long
+def test_a_budget_is_the_librarys(http):
+    told = http.post("/designs/budget", json=BUDGET | {"noise": 20, "averages": [2, 10]}).json()
+    (dense,) = [split for split in told["splits"] if split["averages"] == 2]
+    own = design_scan(
+        time=20, noise=20.0, pulse_rate=50, aperture=5e-3, depth=1.5e-3, vessel=1.5e-4, modes=83, averages=[2, 10],
+        arrangements=("grid",), methods=("direct",),
+    )  # fmt: skip
+    assert (told["pulses"], told["modes"], len(told["splits"])) == (1000, 83, 2)
+    assert dense["contrast_db"] == pytest.approx(own.splits[-1].expected.contrast_db)
+    assert dense["width"] == pytest.approx(own.splits[-1].expected.width)
+    assert [split["proposed"] for split in told["splits"]] == [split is own.chosen for split in own.splits]
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({}, "#/noise"),
+        ({"noise": 20, "scan_id": "s1"}, "#/noise"),
+        ({"noise": 20, "arrangement": "spiral"}, "#/arrangement"),
+        ({"noise": 20, "averages": []}, "#/averages"),
+        ({"noise": 20, "averages": [900]}, "#/averages"),
+        ({"noise": 20, "duration": 0.5}, "#/duration"),
+        ({"noise": 20, "method": "iterative"}, "#/averages"),
+        ({"noise": 20, "method": "iterative", "averages": [2, 3, 4]}, "#/averages"),
+        ({"noise": 20, "duration": 200, "sampling_interval": 1e-10}, "#/sampling_interval"),
+        ({"noise": 20, "vessel": 2e-3, "depth": 9e-4}, "#/vessel"),
+        ({"noise": 20, "offset": [0.02, 0]}, "#/offset"),
+    ],
+)
+def test_a_budgets_invalid_field_returns_422_with_pointer(http, change, pointer):
+    answer = http.post("/designs/budget", json=BUDGET | change)
+    assert answer.status_code == 422
+    assert [finding["pointer"] for finding in answer.json()["errors"]] == [pointer]
+
+
+def test_a_budget_from_a_scan_without_noise_names_the_scan(http, scan_with_alines):
+    answer = http.post("/designs/budget", json=BUDGET | {"scan_id": scan_with_alines["scan"]["id"]})
+    assert answer.status_code == 422
+    (finding,) = answer.json()["errors"]
+    assert finding["pointer"] == "#/scan_id"
+    assert "without noise" in finding["detail"]
+
+
+def test_a_budget_from_an_unknown_scan_is_not_found(http):
+    assert http.post("/designs/budget", json=BUDGET | {"scan_id": "s000000000000000000000000"}).status_code == 404

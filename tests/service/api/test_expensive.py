@@ -16,7 +16,8 @@ import pytest
 from steradian.api.background.process_pool import ComputationLimitExceeded, ProcessPool
 from steradian.api.errors.catalog import PROBLEM_TYPES
 from steradian.api.services import ServiceContainer
-from support.processes import children_of
+from support.processes import are_gone, children_of, processor_seconds, runs
+from support.waiting import until
 
 from .conftest import api_of
 
@@ -149,6 +150,31 @@ def test_an_order_that_is_searched_for_is_found_beside_the_api(server):
     assert "llvmlite" not in loaded, "the API's own process has compiled code for the search, so it searched"
 
 
+@pytest.mark.long
+def test_a_budget_ends_with_the_connection_of_its_caller(server):
+    """The process that computes is stopped meanwhile, so that it neither finishes nor reaches its processor time."""
+    asked = {"arrangement": "grid", "duration": 900, "aperture": 13.56e-3, "depth": 2.5e-3, "vessel": 1.5e-4}
+    body = json.dumps(asked | {"noise": 10}).encode()
+    head = "POST /api/v1/designs/budget HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+    pool = lambda: [pid for pid in children_of(server.process.pid) if runs(pid, "core.child_process")]  # noqa: E731
+    before = {pid: processor_seconds(pid) for pid in pool()}
+    host, port = server.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=250) as connection:
+        connection.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        pid = until(
+            lambda: next((each for each in pool() if processor_seconds(each) > before.get(each, 0) + 0.1), None)
+        )
+        os.kill(pid, signal.SIGSTOP)
+    try:
+        until(lambda: are_gone([pid]))
+    finally:
+        if not are_gone([pid]):
+            os.kill(pid, signal.SIGKILL)
+    small = {"duration": 20, "aperture": 5e-3, "averages": [16], "noise": 20}
+    answer = httpx.post(f"{server.url}/api/v1/designs/budget", json=asked | small, timeout=300)
+    assert answer.status_code == 200, "the next caller waits for nobody"
+
+
 async def double(pool, value):
     return await pool.submit(np.multiply, value, 2)
 
@@ -199,6 +225,26 @@ def test_process_pool_close_cancels_running_computation():
         pool.close()
         with pytest.raises(ComputationLimitExceeded):
             await asyncio.wait_for(long, 60)
+
+    asyncio.run(run())
+
+
+def test_a_cancelled_call_ends_its_process_and_no_other():
+    async def run():
+        pool = ProcessPool()
+        try:
+            other = await pool.submit(os.getpid)
+            long = asyncio.create_task(pool.submit(time.sleep, 1000))
+            await asyncio.to_thread(until, lambda: pool._busy)
+            (child,) = pool._busy
+            long.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await long
+            await asyncio.to_thread(child._process.wait, 250)
+            assert child._process.pid == other, "the idle process took the call"
+            assert await pool.submit(os.getpid) != other
+        finally:
+            pool.close()
 
     asyncio.run(run())
 

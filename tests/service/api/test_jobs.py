@@ -164,7 +164,7 @@ def test_a_waiting_reconstruction_is_moved_only_if_it_is_as_the_caller_saw_it(ht
 
 
 CASES = [
-    ({}, "#/kind", "sound-speed, quality, width, export, import"),
+    ({}, "#/kind", "sound-speed, quality, width, regions, figure, export, import"),
     ({"kind": "dance"}, "#/kind", "'export'"),
     ({"kind": "export", "format": "nrrd"}, "#/reconstruction_id", "not both"),
     ({"kind": "export", "reconstruction_id": "r1", "scan_id": "s1", "format": "nrrd"}, "#/reconstruction_id", "both"),

@@ -22,7 +22,7 @@ OPERATIONS = {
         health_read metrics_read readiness_read
     """,
     "designs": """
-        design_preview point_spread_preview
+        budget_preview design_preview point_spread_preview
     """,
     "jobs": """
         job_attempts_read job_change job_create job_delete job_desired_state_set job_file_read job_log_read job_read
@@ -35,7 +35,8 @@ OPERATIONS = {
         plan_create plan_delete plan_preview plan_read plans_list
     """,
     "reconstructions": """
-        reconstruction_change reconstruction_create reconstruction_delete reconstruction_mip_read
+        reconstruction_change reconstruction_create reconstruction_delete
+        reconstruction_measurements_read reconstruction_measurements_set reconstruction_mip_read
         reconstruction_quality_create reconstruction_quality_list reconstruction_read reconstruction_revision_read
         reconstruction_volume_read reconstruction_zarr_read reconstructions_list
     """,
@@ -45,7 +46,7 @@ OPERATIONS = {
     """,
     "scans": """
         scan_alines_read scan_change scan_coverage_read scan_create scan_delete scan_desired_state_set
-        scan_file_read scan_latest_aline_read scan_read scan_shots_read scan_signals_read scans_list
+        scan_file_read scan_latest_aline_read scan_read scan_shots_read scan_signals_read scan_stage_set scans_list
     """,
     "service": """
         root_read session_create session_delete session_read storage_read

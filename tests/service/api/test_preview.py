@@ -5,8 +5,9 @@ import io
 import matplotlib.image
 import pytest
 
-from steradian.masks import equi_steradian_mask
+from steradian.masks import equi_steradian_mask, grid_mask
 from steradian.masks.metrics import evaluate_mask
+from steradian.plans import ScanPlan, preview_excitation
 
 from .conftest import EQUI
 
@@ -86,3 +87,19 @@ def test_multi_beam_plan_stores_mask_of_measured_points(http, mask):
     assert http.post("/plans", json=wanted).status_code == 200
     wrong = http.post("/plans", json=wanted | {"beams": [[1e-3, 0]]})
     assert (wrong.status_code, wrong.json()["errors"][0]["pointer"]) == (422, "#/beams/0")
+
+
+def test_preview_of_several_wavelengths_has_the_expected_error_of_oxygen_saturation(http):
+    mask = http.post("/masks", json={"arrangement": "equi-steradian", "aperture": 0.01, "depth": 0.004, "count": 40})
+    asked = {"mask_id": mask.json()["id"], "samples": 64, "frames": 4, "excitation": [750e-9, 800e-9, 850e-9]}
+    told = http.post("/plans/preview", json=asked).json()["oxygenation"]
+    found = preview_excitation(
+        ScanPlan.create(mask=grid_mask(0.01, 5, 1e-3), samples=64, frames=4, excitation=asked["excitation"]),
+        depth=0.004,
+    )
+    assert told["depth"] == 0.004
+    assert told["noise"] == pytest.approx(0.03 / 2), "of four frames"
+    assert told["saturation_error"] == pytest.approx(found.saturation_error)
+    once = http.post("/plans/preview", json=asked | {"frames": 1}).json()["oxygenation"]
+    assert once["saturation_error"] == pytest.approx(2 * told["saturation_error"], rel=0.01)
+    assert http.post("/plans/preview", json=asked | {"excitation": []}).json()["oxygenation"] is None

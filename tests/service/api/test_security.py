@@ -28,6 +28,7 @@ NONE = dict.fromkeys(
         "upload_id",
         "name",
         "path",
+        "number",
     ),
     "none",
 )

@@ -16,7 +16,7 @@ from steradian.security.stop_tickets import LIFETIME, LONGEST, StopTickets, shar
 from steradian.storage.db.database import Database, metadata_url
 from support.waiting import until
 
-from .conftest import api_of
+from .conftest import PLAIN, api_of
 from .test_no_connection import take_all
 from .test_security import NONE
 
@@ -38,8 +38,18 @@ def guarded(database, tmp_path_factory):
 
 @pytest.fixture
 def client(guarded):
-    with httpx.Client(base_url=guarded.url, timeout=250) as client:
+    with httpx.Client(base_url=guarded.url, verify=PLAIN, timeout=250) as client:
         yield client
+
+
+@pytest.fixture(scope="module")
+def useless(guarded):
+    """The stop ticket of a session whose key has been revoked since; no test changes anything with it."""
+    with httpx.Client(base_url=guarded.url, verify=PLAIN, timeout=250) as client:
+        key = guarded.keys.create("bench", [Scope.READ])
+        ticket = client.post(SESSION, headers={"Authorization": f"Bearer {key}"}).json()["stop_ticket"]
+    guarded.keys.revoke(key.split("_")[1])
+    return ticket
 
 
 @pytest.fixture
@@ -71,13 +81,13 @@ def test_stop_ticket_lets_a_page_ask_whether_it_can_stop(client, revoked):
 
 
 @pytest.mark.parametrize(("method", "path"), sorted(SCOPES, key=str))
-def test_stop_ticket_on_any_other_route_is_refused(client, revoked, method, path):
+def test_stop_ticket_on_any_other_route_is_refused(client, useless, method, path):
     if (method, path.replace("{scanner_id}", "scanner-0")) in {("GET", EVERY), ("POST", EVERY), ("POST", ONE)}:
         return
     here = path.format(**NONE | {"scanner_id": "scanner-0"})
-    answer = client.request(method, here, headers={"X-Stop-Ticket": revoked[0]})
+    answer = client.request(method, here, headers={"X-Stop-Ticket": useless})
     assert (answer.status_code, answer.json()["code"]) == (401, "unauthorized")
-    for way in ({"Authorization": f"Bearer {revoked[0]}"}, {"Cookie": f"steradian_session={revoked[0]}"}):
+    for way in ({"Authorization": f"Bearer {useless}"}, {"Cookie": f"steradian_session={useless}"}):
         assert client.request(method, here, headers=way).status_code == 401
 
 

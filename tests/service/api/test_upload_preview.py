@@ -54,6 +54,22 @@ def test_a_description_and_a_companion_have_the_last_word(http, recording):
     assert np.ptp(told["positions"], axis=0) == pytest.approx(np.ptp(PLACES, axis=0))
 
 
+@pytest.mark.long
+def test_kwave_p_without_mask_lacks_positions_that_a_grid_gives(http):
+    held = io.BytesIO()
+    lines = np.random.default_rng(1).normal(size=(9, 32))
+    lines[:, :4] = 0
+    np.savez(held, p=lines.T, dt=2e-8, c0=1500)
+    upload = sent(http, held.getvalue())
+    (lacking,) = look(http, upload).json()["missing"]
+    assert lacking["field"] == "positions"
+    for each in ("beside p", "mask, with its pitch dx", "grid (interval, count)", "description"):
+        assert each in lacking["allowed"]
+    told = look(http, upload, description={"grid": {"count": [3, 3], "interval": [1e-3, 1e-3]}}).json()
+    assert (told["missing"], told["points"], told["samples"]) == ([], 9, 32)
+    assert np.ptp(told["positions"], axis=0) == pytest.approx(np.ptp(PLACES, axis=0))
+
+
 def test_a_scan_file_of_our_own_lacks_nothing(http, scan_with_alines):
     scan = scan_with_alines["scan"]["id"]
     upload = sent(http, http.get(f"/scans/{scan}/file").content)

@@ -8,6 +8,7 @@ import pytest
 
 import steradian
 from fabry_perot.simulator.phantoms import Balls, pressure
+from steradian.scans.opening import open_recording
 from support.commands import run_here as run
 from support.recordings import DEPTH, INTERVAL, SOUND_SPEED, ball
 
@@ -48,6 +49,20 @@ def test_a_scan_is_exported_as_ipasc_and_imported_again(walk):
     assert "ipasc" in run("import", "ipasc.hdf5", "back.h5", cwd=walk)
     with h5py.File(walk / "scan.h5") as old, h5py.File(walk / "back.h5") as new:
         np.testing.assert_array_equal(old["alines/samples"], new["alines/samples"])
+
+
+@pytest.mark.long
+def test_import_of_kwave_p_without_mask_says_what_places_the_sensors_and_takes_a_grid(tmp_path):
+    x = 0.2e-3 * (np.arange(12) - 6)
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), -1).reshape(-1, 2)
+    lines = pressure(BALL, places, 2e-8 * np.arange(128), 1500.0)
+    np.savez(tmp_path / "recording.npz", p=lines.T, dt=2e-8, c0=1500)
+    told = " ".join(run("import", "recording.npz", "scan.h5", cwd=tmp_path, code=2).split())
+    assert "beside p k-Wave's sensor mask as mask, with its pitch dx, or positions" in told
+    assert "grid (interval, count)" in told
+    grid = '{"grid": {"count": [12, 12], "interval": [2e-4, 2e-4]}}'
+    run("import", "recording.npz", "scan.h5", "--description", grid, cwd=tmp_path)
+    np.testing.assert_allclose(open_recording(tmp_path / "scan.h5").positions, places, atol=1e-9)
 
 
 @pytest.mark.parametrize(

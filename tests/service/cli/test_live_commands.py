@@ -65,7 +65,8 @@ def test_subset_comparison_command_prints_and_writes_quality(tmp_path):
     report = json.loads((tmp_path / "out" / "what-if.json").read_text())
     assert report["quality"]["mip_z_correlation"] > 0.85
     assert f"{report['used']} of 4096" in output
-    assert f"{report['quality']['mip_z_correlation']:.4g}" in output
+    assert f"{report['quality']['mip_z_correlation']:.3f}, the same along z" in output
+    assert "sharpness" not in output
     refused = run_here("what-if", YARN, "out", "--mask", "mask.json", "--points", "exact", cwd=tmp_path, code=2)
     assert "points not measured" in refused
 

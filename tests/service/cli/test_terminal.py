@@ -16,9 +16,10 @@ import pytest
 pexpect = pytest.importorskip("pexpect")
 
 from fabry_perot.simulator import launch  # noqa: E402
-from steradian.masks import grid_mask  # noqa: E402
+from steradian.masks import equi_steradian_mask, grid_mask  # noqa: E402
 from steradian.plans import ScanPlan  # noqa: E402
 from steradian.plans.files import write_json  # noqa: E402
+from steradian.scans.file.stages import read_stages  # noqa: E402
 
 POINTS = 2116
 ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
@@ -215,8 +216,9 @@ def test_scan_run_after_sighup_ends_as_after_ctrl_c(plan, terminal, tmp_path, wa
 
 
 def own():
-    """Make the terminal that of the new session, which hears of its end."""
+    """Make the terminal that of the new session, which hears of its end, though it be ``nohup`` that runs the tests."""
     hears()
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
@@ -266,3 +268,36 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+def scan_that_asks(terminal, tmp_path):
+    """A scan whose survey of 24 points is measured, and which waits for a point of interest."""
+    mask = equi_steradian_mask(13.56e-3, 3.6e-3, 60)
+    write_json(ScanPlan.create(mask=mask, samples=384), tmp_path / "plan.json")
+    scan = terminal("scan", "run", "plan.json", "--survey", "24", "--focus", "ask", "--simulator-speed", "50")
+    scan.expect("laser off; choose: numbers such as 1")
+    return scan
+
+
+@pytest.mark.long
+def test_a_person_chooses_the_point_of_interest_at_the_terminal(terminal, tmp_path):
+    scan = scan_that_asks(terminal, tmp_path)
+    scan.sendline("here")
+    scan.expect("choice is here; allowed: numbers such as 1 or 1,2")
+    scan.sendline("2mm,-1.5mm,2.5mm")
+    scan.expect("53 of 53 A-lines")
+    scan.expect(pexpect.EOF)
+    scan.close()
+    assert scan.exitstatus == 0
+    chosen = read_stages(tmp_path / "scan.h5")[1]
+    assert (chosen.decided_by, chosen.points_of_interest) == ("terminal", ((2e-3, -1.5e-3, 2.5e-3),))
+
+
+@pytest.mark.long
+def test_ctrl_c_ends_a_scan_that_waits_for_a_choice(terminal, tmp_path):
+    scan = scan_that_asks(terminal, tmp_path)
+    scan.sendcontrol("c")
+    scan.expect("24 of 24 stored in scan.h5")
+    scan.expect(pexpect.EOF)
+    scan.close()
+    assert scan.exitstatus == 130

@@ -7,6 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from support import warmed
 from support.echo import EchoQueue
 from support.services import Service
 from support.waiting import until
@@ -27,9 +28,7 @@ class Killed(Service, EchoQueue):
         """Start ``steradian worker`` with other settings than the service's; returns its process."""
         command, settings = [*self.command[:-1], "worker"], self.settings.model_copy(update=changes)
         with self.log.open("ab") as log:
-            worker = subprocess.Popen(
-                command, env=settings.environment(), stdout=log, stderr=log, stdin=subprocess.DEVNULL
-            )
+            worker = warmed.start(command, env=settings.environment(), stdout=log, stderr=log, stdin=subprocess.DEVNULL)
         self.workers.append(worker)
         return worker
 
@@ -62,6 +61,18 @@ def service(request, tmp_path):
     service = Killed(tmp_path, workers=2, **more)
     yield service
     service.close()
+
+
+@pytest.fixture(scope="module", params=["embedded", "postgres"])
+def running(request, tmp_path_factory):
+    """A running service with two workers that loses processes one after another, in both modes."""
+    more = {"database_url": request.getfixturevalue("postgres").database()} if request.param == "postgres" else {}
+    service = Killed(tmp_path_factory.mktemp("running"), workers=2, **more)
+    try:
+        service.start()
+        yield service
+    finally:
+        service.close()
 
 
 @pytest.fixture(scope="module")

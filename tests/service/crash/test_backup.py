@@ -1,13 +1,13 @@
 """A backup of a service that works, restored elsewhere: everything that was answered before is there and goes on."""
 
 import hashlib
-import subprocess
 import sys
 
 import h5py
 import pytest
 
 from steradian.scans.file.verify import verify_scan_file
+from support import warmed
 from support.services import Service
 from support.waiting import until
 
@@ -27,7 +27,7 @@ def databases(request):
 
 
 def steradian(settings, *words):
-    done = subprocess.run([*STERADIAN, *map(str, words)], env=settings.environment(), capture_output=True, text=True)
+    done = warmed.run([*STERADIAN, *map(str, words)], env=settings.environment())
     assert done.returncode == 0, done.stdout + done.stderr
 
 

@@ -20,11 +20,11 @@ LIMIT = 30.0
 JOBS = 8
 
 
-def load(service, seconds=0.5):
-    """Queue ordinary jobs and one that kills its own process."""
-    names = [service.submit(f"job-{number}", "succeed", answer=number, seconds=seconds) for number in range(JOBS)]
-    names.insert(2, service.submit("poison", "die"))
-    service.until(lambda: service.starts("job-0"), 40)
+def load(service, lot="job", seconds=0.5):
+    """Queue ordinary jobs and one that kills its own process; return their names, which begin with the lot's."""
+    names = [service.submit(f"{lot}-{number}", "succeed", answer=number, seconds=seconds) for number in range(JOBS)]
+    names.insert(2, service.submit(f"{lot}-poison", "die"))
+    service.until(lambda: service.starts(names[0]), 40)
     return names
 
 
@@ -36,13 +36,14 @@ def settle(service, names, killed, title, capsys):
     for name, job in jobs.items():
         ends = [entry["state"] for entry in job.history if is_terminal(R(entry["state"]))]
         assert ends == [job.state], f"{name} ended {ends}"
-        assert job.state is (R.FAILED if name == "poison" else R.SUCCEEDED), (name, job.error)
+        assert job.state is (R.FAILED if name.endswith("poison") else R.SUCCEEDED), (name, job.error)
     log = EventLog(service.queue.ledger.database)
-    ours = [event for event in log.after(0, 10_000) if event.kind == "job"]
+    ours = [event for event in log.after(0, 10_000) if event.kind == "job" and event.resource_id in jobs]
     events = Counter(event.resource_id for event in ours if is_terminal(R(event.data["state"])))
     assert events == Counter(names), "one event for each end"
-    assert (jobs["poison"].attempt, len(service.starts("poison"))) == (3, 3)
-    assert "SIGKILL" in (service.folder / "jobs" / "poison" / "log.txt").read_text()
+    poison = names[2]
+    assert (jobs[poison].attempt, len(service.starts(poison))) == (3, 3)
+    assert "SIGKILL" in (service.folder / "jobs" / poison / "log.txt").read_text()
     states, starts = Counter(str(job.state) for job in jobs.values()), sum(len(service.starts(n)) for n in names)
     mode = "postgres" if service.settings.database_url else "embedded"
     with capsys.disabled():
@@ -51,30 +52,37 @@ def settle(service, names, killed, title, capsys):
     assert took < LIMIT
 
 
-def test_a_killed_worker(service, capsys):
-    service.start()
-    names = load(service)
+def test_a_killed_worker(running, capsys):
+    names = load(running, "worker")
     killed = time.monotonic()
-    service.kill(service.pid_of("worker-0"))
-    settle(service, names, killed, "worker, kill -9", capsys)
+    running.kill(running.pid_of("worker-0"))
+    settle(running, names, killed, "worker, kill -9", capsys)
 
 
-def test_a_killed_child(service, capsys):
-    service.start()
-    names = load(service, seconds=1.0)
+def test_a_killed_child(running, capsys):
+    names = load(running, "child", seconds=1.0)
     killed = time.monotonic()
-    service.kill(service.starts("job-0")[-1])
-    settle(service, names, killed, "job's child, kill -9", capsys)
-    assert service.queue.status("job-0").attempts[0]["outcome"] in {"died", "succeeded"}
+    running.kill(running.starts(names[0])[-1])
+    settle(running, names, killed, "job's child, kill -9", capsys)
+    assert running.queue.status(names[0]).attempts[0]["outcome"] in {"died", "succeeded"}
 
 
-def test_a_killed_api(service, capsys):
-    service.start()
-    names = load(service)
+def test_a_killed_api(running, capsys):
+    names = load(running, "api")
     killed = time.monotonic()
-    service.kill(service.pid_of("api"))
-    settle(service, names, killed, "API, kill -9", capsys)
-    service.until(lambda: service.answers, 20)
+    running.kill(running.pid_of("api"))
+    settle(running, names, killed, "API, kill -9", capsys)
+    running.until(lambda: running.answers, 20)
+
+
+def test_two_services_on_one_data_directory(running, capsys):
+    names = load(running, "second")
+    killed = time.monotonic()
+    command = [sys.executable, str(Path(__file__).with_name("service_main.py")), "serve"]
+    second = subprocess.run(command, env=running.settings.environment(), capture_output=True, text=True, timeout=30)
+    assert second.returncode != 0
+    assert "in use by process" in second.stderr
+    settle(running, names, killed, "second service: refused", capsys)
 
 
 def test_a_killed_supervisor_and_a_scan_that_ran(service, capsys):
@@ -131,17 +139,6 @@ def test_a_killed_host(distributed, capsys):
     other.wait()
     service.kill(service.pid_of("other-0"))
     settle(service, names, killed, "host of a worker", capsys)
-
-
-def test_two_services_on_one_data_directory(service, capsys):
-    service.start()
-    names = load(service)
-    killed = time.monotonic()
-    command = [sys.executable, str(Path(__file__).with_name("service_main.py")), "serve"]
-    second = subprocess.run(command, env=service.settings.environment(), capture_output=True, text=True, timeout=30)
-    assert second.returncode != 0
-    assert "in use by process" in second.stderr
-    settle(service, names, killed, "second service: refused", capsys)
 
 
 def workers_of(service, names):

@@ -10,14 +10,21 @@ import pytest
 
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging import (
+    AcquisitionGeometry,
+    Compute,
     ElasticFilm,
+    ImageGrid,
     InverseFilter,
+    Nufft,
     direct_spectrum,
     kaiser_bessel,
     spectrum_of,
 )
 from steradian.imaging.engines import ProgressMonitor, run_forward, run_inverse
+from steradian.imaging.engines.numba.engine import NumbaEngine
 from steradian.imaging.operators import ForwardOperator
+from steradian.imaging.parametric.models import parametric_inversion
+from steradian.imaging.transform_tables import moved
 from support.flat import flat_operator, flat_plan
 from support.reference_engine import ReferenceEngine
 
@@ -78,6 +85,21 @@ def test_both_engines_make_the_same_a_lines_and_their_transpose(setting: str, cu
         (run_inverse(engine, traces), run_inverse(array, traces)),
     ):
         assert np.linalg.norm(engine.host(found) - expected) <= 1e-12 * np.linalg.norm(expected)
+
+
+def test_inversion_s_transpose_and_derivatives_by_positions_are_the_processor_s(cuda: Make) -> None:
+    exact = Compute(dtype="float64")
+    geometry = AcquisitionGeometry(ANYWHERE, 12, dt=8e-9, sound_speed=1500.0, t0=3.3e-8, aperture=SIDE)
+    transform = parametric_inversion(geometry, ImageGrid(modes=(5, 6)), Nufft(tolerance=1e-2), compute=exact)
+    tables = transform.engine(transform.parameters(), "none").engine.tables
+    both = NumbaEngine(tables, threads=1), cuda(tables)
+    image, traces = RNG.standard_normal(transform.volume_shape), RNG.standard_normal(transform.trace_shape)
+    for derivative in (None, 0, 1):
+        sensors = moved(tables, 0.9 * ANYWHERE, derivative)
+        host, device = (engine.with_sensors(sensors) for engine in both)
+        for product, values in ((run_forward, image), (run_inverse, traces)):
+            expected = product(host, values.copy())
+            assert np.linalg.norm(device.host(product(device, values)) - expected) <= 1e-12 * np.linalg.norm(expected)
 
 
 def _model(positions: np.ndarray, options: dict[str, Any]) -> ForwardOperator:

@@ -11,7 +11,7 @@ import pytest
 from steradian.imaging import Iterative, ReconstructionPlan, Volume
 from steradian.imaging.engines.array_namespace import like, to_numpy
 from steradian.imaging.iterative.fista import Fista
-from steradian.imaging.iterative.ista import IterativeSoftThresholding
+from steradian.imaging.iterative.ista import IterativeThresholding
 from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.signal.bandwidth import sinc_upsample
 from support.flat import flat_operator, flat_plan
@@ -60,7 +60,7 @@ def test_the_image_is_the_one_found_in_memory(regularisation: Any) -> None:
     for inside in (lambda thing: thing, Elsewhere):
         given: Any = measured.copy() if inside is not Elsewhere else Remote(measured.copy())
         rest = inside(model), given, options, 0.0, None, None
-        solution = IterativeSoftThresholding(inside(plan), *rest) if regularisation == "thresholding" else Fista(*rest)
+        solution = IterativeThresholding(inside(plan), *rest) if regularisation == "thresholding" else Fista(*rest)
         found.append(solution.run())
     here, there = found
     assert isinstance(there, Remote)

@@ -55,6 +55,28 @@ def test_from_few_sensors_the_volume_s_correlation_rises_by_a_tenth_and_the_proj
     assert found.info.products == 1 + 2 * 6 + 2 * (found.info.iterations - 1)
 
 
+@pytest.mark.parametrize("kind", ["thresholding", "none"])
+def test_noise_of_single_sensors_is_not_explained_at_the_film_and_at_the_end_of_the_record(kind: Any) -> None:
+    """With a depth range that is asked for it is. What remains is what the interpolation over depths leaves."""
+    rng, mask = np.random.default_rng(2), equi_steradian_mask(SIDE, DEPTH, 60)
+    ball = Balls(np.array([[0.2e-3, -0.3e-3, DEPTH]]), np.array([0.12e-3]), np.array([1.0]))
+    traces = pressure(ball, mask.positions, np.arange(130) * 16e-9, SPEED)
+    traces += rng.standard_normal(traces.shape) * np.abs(traces).max() * 10**-0.75
+    about = {"sampling_interval": 16e-9, "sound_speed": SPEED, "aperture": SIDE, "modes": 32}
+    options, half = Iterative(kind, iterations=8), np.sqrt(np.prod(np.ptp(mask.positions, axis=0)) / 60) / 2
+    found, whole = (
+        flat_fit(traces, mask.positions, options=options, depth_range=depths, **about)
+        for depths in (None, (0.0, 129 * 16e-9 * SPEED))
+    )
+    ends = (found.axes.z < half) | (found.axes.z > found.axes.z[-1] - half)
+    assert found.axes.z[0] == 0
+    truth = initial_pressure(ball, found.axes.x, found.axes.y, found.axes.z)
+    assert correlation(found.values, truth) > correlation(whole.values, truth)
+    left, before = (np.abs(image.values[..., ends]).max() for image in (found, whole))
+    assert left < 0.5 * before
+    assert any("half the sensors' mean spacing" in note for note in found.info.notes)
+
+
 def ball_on_a_line() -> tuple[np.ndarray, np.ndarray]:
     where = np.linspace(-2e-3, 2e-3, 40)
     ct = np.arange(200) * 40e-9 * SPEED

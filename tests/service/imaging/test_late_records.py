@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -247,7 +248,8 @@ def test_iterative_image_of_late_record_models_shallower_sources() -> None:
     usual = flat_fit(near, PLANE, time_zero=3e-6, options=options, **COMMON)
     whole = flat_fit(near, PLANE, time_zero=3e-6, options=options, depth_range=(0.0, 299 * STEP), **COMMON)
     np.testing.assert_allclose(peak(whole), (0.0, 0.0, 3.9e-3), atol=2.01 * STEP)
-    np.testing.assert_allclose(usual.values, whole.values[..., 150:], atol=1e-3 * whole.values.max())
+    end = ceil(np.sqrt(np.prod(np.ptp(PLANE, axis=0)) / len(PLANE)) / 2 / STEP)  # where one sensor alone hears it
+    np.testing.assert_allclose(usual.values[..., :-end], whole.values[..., 150:-end], atol=1e-3 * whole.values.max())
     assert usual.values.max() < 0.2 * whole.values.max()
 
 

@@ -136,6 +136,18 @@ def test_product_through_layers_takes_no_more_memory_than_stated() -> None:
     assert 0.4 * operator.memory_bytes < max(peaks) <= operator.memory_bytes + 2**20
 
 
+def test_products_with_kept_factors_equal_those_whose_factors_are_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = model(THREE, modes=20)
+    monkeypatch.setattr("steradian.imaging.engines.numba.layered._KEPT_BYTES", 0)
+    anew = model(THREE, modes=20)
+    random = np.random.default_rng(0)
+    given, traces = (random.standard_normal(shape) for shape in (kept.volume_shape, kept.trace_shape))
+    for _ in range(2):
+        np.testing.assert_array_equal(kept.forward(given), anew.forward(given))
+        np.testing.assert_array_equal(kept.backward(traces), anew.backward(traces))
+    assert kept.memory_bytes > anew.memory_bytes
+
+
 def test_product_through_layers_names_the_layer_and_is_cancelled() -> None:
     operator, stages = model(FASTER_BELOW, modes=16), set()
     operator.forward(np.zeros(operator.volume_shape), progress=lambda stage, done, total: stages.add(stage))

@@ -6,8 +6,9 @@ import pytest
 
 from steradian.core.exceptions import Conflict
 from steradian.jobs import request_versions as forms
+from steradian.jobs.reconstruction_request import ReconstructionRequest
 from steradian.jobs.registry import JOB_TYPES
-from steradian.jobs.requests import EXAMPLES, ReconstructionRequest, to_job_request
+from steradian.jobs.requests import EXAMPLES, to_job_request
 
 
 def test_job_of_stores_the_form_of_its_request_and_current_reads_it():

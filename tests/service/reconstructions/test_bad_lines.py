@@ -9,13 +9,14 @@ import pytest
 from steradian.core.exceptions import Cancelled, InvalidInput
 from steradian.imaging.geometry import polygons as outlines
 from steradian.imaging.geometry.sensor_areas import sensed_region
-from steradian.jobs.requests import ReconstructionRequest
+from steradian.jobs.reconstruction_request import ReconstructionRequest
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 from steradian.quality.signals import inspect_signals
 from steradian.reconstructions.live.follow import reconstruct_live
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.run import Report, reconstruct_and_write, reconstruct_in_memory
+from steradian.reconstructions.pipeline.report import Report
+from steradian.reconstructions.pipeline.run import reconstruct_and_write, reconstruct_in_memory
 from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
 from steradian.scans.recording import Recording, ShotMetadata
 from support.commands import run_here

@@ -50,7 +50,7 @@ class Fresh:
                 told = process.joinpath("cmdline").read_bytes() + process.joinpath("environ").read_bytes()
             except OSError:  # it has ended, or is another user's
                 continue
-            if b"steradian.reconstructions.warmup" in told and os.fsencode(self.kernels) in told:
+            if b"-m\0steradian.reconstructions.warmup" in told and os.fsencode(self.kernels) in told:
                 found.add(process.name)
         return found
 
@@ -97,13 +97,15 @@ def test_each_half_comes_to_its_end_alone(fresh):
 def test_concurrent_warmup_compiles_once_and_ends_with_its_parent(fresh):
     with subprocess.Popen([sys.executable, "-c", ASKING]) as asking:
         try:
-            until(lambda: len(fresh.compiling()) == 2)  # a half each
+            until(lambda: len(fresh.compiling()) == 2)  # a half each; the first has begun when it starts the second
             both = [int(process) for process in fresh.compiling()]
             for process in both:
                 os.kill(process, signal.SIGSTOP)
             try:
+                kept = fresh.kept()
                 with subprocess.Popen(WARMUP_COMMAND, stdin=subprocess.PIPE) as another:
                     assert another.wait(200) == 0
+                assert fresh.kept() == kept, "it leaves that to them"
             finally:
                 for process in both:
                     os.kill(process, signal.SIGCONT)

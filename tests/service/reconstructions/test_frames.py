@@ -59,32 +59,32 @@ def scan(tmp_path_factory, measured):
     return path
 
 
-def mean_of(measured, frames):
-    """(points, samples) mean of energy-normalised A-lines, each point's own ones."""
+def fit_of(measured, frames):
+    """(points, samples) A-lines of energy 1 that fit each point's own ones best, which have equal noise."""
     traces, energies = measured
     there = np.ones((2 * REPEATS, POINTS), bool)
     there[ABSENT] = False
-    total = sum(np.where(there[f, :, None], traces[f] / energies[f, :, None], 0) for f in frames)
-    return total / there[frames].sum(axis=0)[:, None]
+    energies = np.where(there, energies, 0.0)
+    total = sum(energies[f, :, None] * traces[f] for f in frames)
+    return total / (energies[frames] ** 2).sum(axis=0)[:, None]
 
 
 @pytest.mark.parametrize(("wavelength", "frames"), [(LIGHTS[0], [0, 1, 2]), (LIGHTS[1], [3, 4, 5])])
-def test_average_of_a_wavelength_is_the_mean_of_its_repetitions_at_each_point(scan, measured, wavelength, frames):
+def test_average_of_a_wavelength_is_the_least_squares_mean_of_its_repetitions(scan, measured, wavelength, frames):
     recording = open_recording(scan, FrameChoice(wavelength=wavelength, average=True))
     even, _ = normalise_shots(recording, ShotTreatment())
     np.testing.assert_allclose(even.positions, MASK.positions, atol=1e-9)
     values = even.traces * np.asarray(even.scale)
-    np.testing.assert_allclose(values, mean_of(measured, frames), rtol=1e-5, atol=1e-2)
+    np.testing.assert_allclose(values, fit_of(measured, frames), rtol=1e-5, atol=1e-2)
     np.testing.assert_allclose(even.weights, MASK.weights, rtol=1e-6)
     assert recording.notes == ()
 
 
-def test_average_of_three_repetitions_has_the_noise_of_one_over_root_three(scan, clean):
-    spread = []
-    for choice in (FrameChoice(0), FrameChoice(wavelength=LIGHTS[0], average=True)):
-        even, _ = normalise_shots(open_recording(scan, choice), ShotTreatment())
-        spread.append(np.std(even.traces * np.broadcast_to(even.scale, POINTS)[:, None] - clean))
-    assert spread[0] / spread[1] == pytest.approx(np.sqrt(3), rel=0.03)
+def test_average_of_three_repetitions_has_the_noise_of_the_sum_of_squared_energies(scan, clean, measured):
+    even, _ = normalise_shots(open_recording(scan, FrameChoice(wavelength=LIGHTS[0], average=True)), ShotTreatment())
+    noise = even.traces * np.broadcast_to(even.scale, POINTS)[:, None] - clean
+    expected = NOISE / np.sqrt((measured[1][:REPEATS].astype(float) ** 2).sum(axis=0))
+    np.testing.assert_allclose(np.std(noise / expected[:, None]), 1.0, rtol=0.03)
 
 
 def test_average_leaves_out_a_flagged_repetition_of_a_point_and_no_other(tmp_path):
@@ -163,22 +163,23 @@ def test_library_asks_for_a_frame_of_several(scan):
     assert mean.values.max() == pytest.approx(one.values.max(), rel=0.02)
 
 
-def test_reconstruct_command_takes_a_wavelength_an_average_or_each(scan, tmp_path):
-    out = run_here("reconstruct", scan, "--modes", 24, "-o", "one", cwd=tmp_path)
-    assert "note: made of frame 0 of 6" in " ".join(out.split())
-    out = run_here("reconstruct", scan, "--modes", 24, "--each", "wavelength", "--average", "-o", "all", cwd=tmp_path)
-    assert "note" not in out
-    values = [steradian.open(tmp_path / "all" / light / "volume.h5").values.max() for light in ("750nm", "850nm")]
+def test_reconstruct_command_makes_a_series_of_all_frames_or_of_means(scan, tmp_path):
+    out = run_here("reconstruct", scan, "--modes", 24, "-o", "all", cwd=tmp_path)
+    assert "3 at 750 nm, 3 at 850 nm" in " ".join(out.split())
+    assert len(steradian.open(tmp_path / "all")) == 6
+    run_here("reconstruct", scan, "--modes", 24, "--average", "-o", "means", cwd=tmp_path)
+    values = [volume.values.max() for volume in steradian.open(tmp_path / "means")]
     assert values[1] / values[0] == pytest.approx(2, rel=0.01)
+    run_here("reconstruct", scan, "--modes", 24, "--frame", 1, "-o", "one", cwd=tmp_path)
+    assert (tmp_path / "one" / "volume.h5").is_file()
 
 
 @pytest.mark.long
 def test_reconstruct_command_takes_frames_of_a_file_that_is_not_imported(scan, tmp_path):
     """The file is imported beside the image first, with its pulse energies, which differ by half."""
     export_scan(scan, tmp_path / "lab.hdf5", format="ipasc")
-    words = ("--modes", 24, "--each", "wavelength", "--average", "-o", "all")
-    run_here("reconstruct", "lab.hdf5", *words, cwd=tmp_path)
-    values = [steradian.open(tmp_path / "all" / light / "volume.h5").values.max() for light in ("750nm", "850nm")]
+    run_here("reconstruct", "lab.hdf5", "--modes", 24, "--average", "-o", "all", cwd=tmp_path)
+    values = [volume.values.max() for volume in steradian.open(tmp_path / "all")]
     assert values[1] / values[0] == pytest.approx(2, rel=0.01)
 
 
@@ -186,8 +187,6 @@ def test_reconstruct_command_takes_frames_of_a_file_that_is_not_imported(scan, t
     ("words", "told"),
     [
         (["--wavelength", "800nm"], "wavelength is 800 nm; allowed: one that the scan was measured at: 750 nm, 850 nm"),
-        (["--each", "frame", "--average"], "average is true; allowed: not of each frame"),
-        (["--each", "frame", "--frame", "1"], "each is frame; allowed: without follow, frame and wavelength"),
         (["--follow", "--average"], "follow is true; allowed: without frame, wavelength and average"),
     ],
 )

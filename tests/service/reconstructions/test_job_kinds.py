@@ -234,6 +234,18 @@ def test_the_speed_of_sound_is_found_again(place):
     assert {"sound-speed.json", "sound-speed.png"} <= set(report["files"])
 
 
+@pytest.mark.long
+def test_sound_speed_job_of_a_medium_reports_each_parameter(place):
+    layers = [{"sound_speed": 1480, "thickness": 1e-3}, {"sound_speed": 1520}]
+    asked = {"search": ["layer2.sound_speed"], "span": 0.05, "parameters": {"modes": 16, "medium": layers}}
+    _, report = place.do("sound-speed", scan_id=place.scan, **asked)
+    (found,) = report["parameters"]
+    assert found["name"] == "layer2.sound_speed"
+    np.testing.assert_allclose([found["low"], found["high"]], [1444, 1596])
+    assert report["medium"]["layers"][1]["sound_speed"] == found["value"]
+    assert {"sound-speed.json", "sound-speed.png"} <= set(report["files"])
+
+
 def test_following_a_scan_that_is_over_is_its_full_reconstruction(place):
     one, _ = place.reconstruct()
     name, _ = place.do("live", scan_id=place.scan, follow=True, parameters={"modes": 16}, interval=0.2)
@@ -249,5 +261,5 @@ def test_unknown_job_parameter_is_refused(place, kind):
 
 
 def test_unknown_job_kind_is_refused_with_known_kinds(place):
-    with pytest.raises(InvalidInput, match="reconstruction, live, what-if"):
+    with pytest.raises(InvalidInput, match="reconstruction, unmixing, live, what-if"):
         place.do("dance")

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from steradian.core.exceptions import InvalidInput
 from steradian.imaging import Attenuation, Layer, Medium, Volume
+from steradian.jobs.reconstruction_request import ReconstructionRequest
 from steradian.jobs.request_versions import current
-from steradian.jobs.requests import ReconstructionRequest, SoundSpeedRequest, to_job_request
+from steradian.jobs.requests import SoundSpeedRequest, to_job_request
 from steradian.phantoms import Balls, layered_pressure
 from steradian.reconstructions.live.follow import reconstruct_live
 from steradian.reconstructions.parameters import ReconstructionParameters
@@ -90,6 +92,8 @@ def test_medium_is_in_report_and_volume_file(layered: Path, tmp_path: Path) -> N
     depths, gains = np.transpose(written["noise_gain"])
     assert depths[0] >= 1e-3
     assert gains.min() > 0
+    with Image.open(tmp_path / "noise-gain.png") as drawn:
+        assert drawn.width > drawn.height > 300
     again = read_parameters(tmp_path / "volume.h5")
     assert ReconstructionParameters.create(**written["parameters"]) == again
     assert again.medium is not None
@@ -159,7 +163,9 @@ def test_studies_of_one_speed_refuse_a_medium(layered: Path, tmp_path: Path) -> 
         ReconstructionRequest.create(scan_id="s1", follow=True, parameters=lossy)
     with pytest.raises(InvalidInput, match=r"medium is with attenuation"):
         reconstruct_live(layered, tmp_path, ReconstructionParameters.create(**lossy), is_over=lambda: True)
-    with pytest.raises(InvalidInput, match=r"parameters.medium is 2 layers"):
+    with pytest.raises(
+        InvalidInput, match=r"first is 1400, last 1500; allowed: none beside search or parameters.medium"
+    ):
         SoundSpeedRequest.create(scan_id="s1", first=1400, last=1500, parameters={"medium": LAYERS})
     with pytest.raises(InvalidInput, match=r"medium is 2 layers"):
         scan_sound_speed(layered, tmp_path, ReconstructionParameters.create(medium=LAYERS))

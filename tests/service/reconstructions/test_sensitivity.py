@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from fabry_perot.simulator.film import Film
-from steradian import ScanPlan, grid_mask
+from steradian import Acquisition, ImageGrid, Nufft, ScanPlan, grid_mask, reconstruct
+from steradian.imaging import Gridded
 from steradian.plans import preview
+from steradian.reconstructions.parameters import ReconstructionParameters, default_modes
+from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_new_shots, normalise_shots
 from steradian.scans.file.read import read_scan
 from steradian.scans.file.tail import ScanTail
@@ -56,6 +59,32 @@ def test_sensitivity_correction_restores_amplitudes_and_reports_range(scan):
     np.testing.assert_allclose(pressures(corrected), np.broadcast_to(0.5 * TRUE, (100, SAMPLES)), atol=20)
     assert told.sensitivity == pytest.approx((share.min(), share.max()), abs=5e-3), "optima are on whole picometres"
     assert 1 - told.sensitivity[0] == pytest.approx(preview(plan).sensitivity_loss["max"], abs=1e-6)
+
+
+def test_reconstruction_weights_alines_by_their_sensitivity_and_the_method_without_weights_divides_them(scan):
+    _, path, _ = scan
+    shots = ShotTreatment(correct_sensitivity=True)
+    recording, _ = normalise_shots(read_scan(path), shots)
+    about = {"dt": recording.sampling_interval, "sound_speed": recording.sound_speed, "aperture": recording.aperture}
+    grid = ImageGrid(default_modes(recording.grid, recording.aperture))
+    for method, name in ((Nufft(max_frequency="signal"), "nedner"), (Gridded(max_frequency="signal"), "interpolated")):
+        divided = name == "interpolated"
+        traces = pressures(recording) * (1.0 if divided else recording.sensitivity[:, None])
+        expected = reconstruct(
+            Acquisition(
+                traces.astype(np.float32),
+                recording.positions,
+                t0=recording.time_zero,
+                weights=None if divided else recording.weights,
+                sensitivity=None if divided else recording.sensitivity,
+                **about,
+            ),
+            grid,
+            method,
+        )
+        asked = ReconstructionParameters(method=name, shots=shots, highest_frequency="signal")
+        found = reconstruct_in_memory(read_scan(path), asked)
+        np.testing.assert_allclose(found.values, expected.values, atol=1e-4 * np.abs(expected.values).max())
 
 
 def test_a_running_scan_is_corrected_alike(scan):

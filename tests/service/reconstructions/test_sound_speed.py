@@ -12,13 +12,22 @@ from typer.testing import CliRunner
 
 from fabry_perot.simulator.phantoms import Balls, pressure, yarn
 from steradian.core.exceptions import Cancelled, InvalidInput
+from steradian.imaging import Layer, Medium
 from steradian.masks import equi_steradian_mask
-from steradian.reconstructions.studies import sound_speed_fit as speed_fit
-from steradian.reconstructions.studies.sound_speed_fit import SpeedFit
+from steradian.reconstructions.studies import medium_fit
+from steradian.reconstructions.studies.medium_fit import MediumFit
+from steradian.reconstructions.studies.medium_unknowns import MediumState, Unknown
 from steradian.reconstructions.studies.sound_speed_search import SoundSpeedCurve, find_sound_speed, scan_sound_speed
 from steradian_benchmarks.sound_speed import scene, search
 
 SIDE, DEPTH, INTERVAL, SAMPLES = 7.2e-3, 2.0e-3, 16e-9, 400
+
+
+SPEED = Unknown("layer1.sound_speed", 1380.0, 1620.0)
+
+
+def one_speed(time_zero: float = 0.0, speed: float = 1500.0) -> MediumState:
+    return MediumState(Medium([Layer(speed)]), time_zero)
 
 
 def recording(speed: float, seed: int) -> tuple[Any, np.ndarray]:
@@ -64,7 +73,7 @@ def test_sound_speed_maximum_at_range_end_is_flagged_as_edge() -> None:
 @pytest.mark.long
 def test_a_recording_gets_its_curve_as_json_and_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, few in (("ROUNDS", 1), ("SUPPORT_STEPS", 2), ("STEPS", 2)):
-        monkeypatch.setattr(speed_fit, name, few)
+        monkeypatch.setattr(medium_fit, name, few)
     p = np.random.default_rng(0).standard_normal((64, 16, 16)).astype(np.float32)
     file = tmp_path / "scan.npz"
     np.savez(file, p=p, dt=20e-9, dx=100e-6)
@@ -118,11 +127,12 @@ def test_speed_fit_of_a_record_with_a_wrong_begin_is_off_by_the_trade_stated(sid
     positions = side * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     traces = pressure(scene("points", side, seed), positions, np.arange(samples) * interval, 1500.0)
     right, wrong = (
-        SpeedFit(traces, positions, interval, side, (1380.0, 1620.0), None, zero, lambda: None).find(1500.0)
+        MediumFit(traces, positions, interval, side, one_speed(zero), [SPEED], None, lambda: None).find(one_speed(zero))
         for zero in (0.0, shift)
     )
-    assert right.speed == pytest.approx(1500.0, rel=0.002)
-    assert wrong.speed - right.speed == pytest.approx(right.speed_per_delay * shift, rel=0.25)
+    assert right.values[0] == pytest.approx(1500.0, rel=0.002)
+    assert right.speed_per_delay is not None
+    assert wrong.values[0] - right.values[0] == pytest.approx(right.speed_per_delay * shift, rel=0.25)
 
 
 @pytest.mark.long
@@ -131,8 +141,9 @@ def test_speed_fit_of_depths_at_whole_samples_has_the_same_slices_at_every_speed
     depth_times: tuple[float, float],
 ) -> None:
     mask, traces = recording(1500.0, 0)
-    fit = SpeedFit(traces, mask.positions, INTERVAL, SIDE, (1380.0, 1620.0), depth_times, 0.0, lambda: None)
-    assert len({fit.model(speed).volume_shape for speed in np.arange(1380.0, 1620.0, 17.3)}) == 1
+    fit = MediumFit(traces, mask.positions, INTERVAL, SIDE, one_speed(), [SPEED], depth_times, lambda: None)
+    states = [one_speed(speed=speed) for speed in np.arange(1380.0, 1620.0, 17.3)]
+    assert len({fit.model(state).volume_shape for state in states}) == 1
 
 
 def test_sound_speed_from_sensor_line_notes_sharpness_criterion() -> None:

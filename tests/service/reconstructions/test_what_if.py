@@ -52,7 +52,7 @@ def test_through_all_of_its_own_points_a_scan_is_the_full_image(balls: Path, tmp
     assert report.quality["volume_correlation"] == pytest.approx(1.0, abs=1e-6)
     assert report.quality["mip_z_correlation"] == pytest.approx(1.0, abs=1e-6)
     assert report.quality["volume_error"] < 1e-3
-    assert report.quality["mip_z_sharpness"] == pytest.approx(report.quality["mip_z_reference_sharpness"])
+    assert not any("sharpness" in name for name in report.quality)  # of few sensors the largest
     assert (report.used, report.merged, report.share) == (SIDE**2, 0, 1.0)
     assert report.displacement_m["largest"] < 1e-12
 

@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import select
 
 from steradian.core.exceptions import DamagedFile
-from steradian.jobs.job import JobRequest
+from steradian.jobs.job import JobRequest, Succeeded
 from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.runtime.fsck import repair
 from steradian.storage.db.tables import ScanRow
@@ -176,6 +176,22 @@ def test_the_check_names_rows_without_files_and_files_without_rows(kept):
         "first": "missing-result",
         "stranger": "unknown-result",
     }
+
+
+def test_check_misses_nothing_of_a_series_and_names_a_lost_one(kept):
+    database = kept.database()
+    ledger = JobLedger(database)
+    for name in ("whole", "lost"):
+        with database.write() as session:
+            ledger.add(session, JobRequest(name, "reconstruction", {"scan_id": kept.scan}))
+        row = ledger.start_attempt(name, "worker-0")
+        ledger.finish_attempt(name, row.fence, Succeeded({"frames": [{"numbers": [0]}, {"numbers": [1]}]}), "worker-0")
+        kept.data.job(name).root.mkdir()
+    database.close()
+    (kept.data.job("whole").root / "series.h5").write_bytes(b"values")
+    found = kept.found()
+    assert list(found) == ["lost"]
+    assert "series.h5 is gone" in found["lost"].text
 
 
 def test_service_with_unregistered_scan_starts_and_logs_it(kept, capfd):

@@ -1,7 +1,6 @@
 """Every kind of work through a real service over HTTP, and how work ends when somebody wants it to."""
 
 import json
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -12,7 +11,8 @@ import pytest
 from steradian.core.settings import Settings
 from steradian.jobs.queue.job_ledger import JobLedger
 from steradian.jobs.queue.queue_client import JobQueue
-from steradian.jobs.requests import ReconstructionRequest, to_job_request
+from steradian.jobs.reconstruction_request import ReconstructionRequest
+from steradian.jobs.requests import to_job_request
 from steradian.masks import equi_steradian_mask
 from steradian.plans import ScanPlan
 from steradian.runtime.supervisor import running_worker
@@ -20,6 +20,7 @@ from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import ReconstructionState, ScanState
+from support import warmed
 from support.alines import Aline
 from support.processes import children_of, resident, runs
 from support.services import WAIT, Service
@@ -228,7 +229,7 @@ def test_reconstructions_run_on_the_service_and_on_a_worker_started_elsewhere(tm
         print(f"\n  steradian serve on PostgreSQL answers after {time.monotonic() - begun:.1f} s")
     command = [sys.executable, "-m", "steradian", "worker", "--name", "elsewhere"]
     with (tmp_path / "worker.log").open("wb") as log:
-        worker = subprocess.Popen(command, env=service.settings.environment(), stdout=log, stderr=log)
+        worker = warmed.start(command, env=service.settings.environment(), stdout=log, stderr=log)
         try:
             scan = service.make("/scans", plan_id=service.plan())
             who, deadline = set(), time.monotonic() + 100

@@ -15,6 +15,7 @@ from steradian.core.exceptions import Cancelled, Conflict, DamagedFile, InvalidI
 from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
 from steradian.scans.file.writer import ScanFileWriter, create_scan_file
 from steradian.scans.importing import import_scan
+from steradian.scans.importing.inspect import inspect_recording
 from steradian.scans.opening import open_recording
 
 NO_OCTAVE = "needs Octave: apt-get install octave (or dnf, brew install octave)"
@@ -371,6 +372,18 @@ def test_sensors_on_no_plane_are_refused(tmp_path, scan):
     np.savez(tmp_path / "a.npz", traces=traces, positions=points, dt=foreign.DT, c=1480.0)
     with pytest.raises(InvalidInput, match="a plane or a line"):
         import_scan(tmp_path / "a.npz", scan)
+
+
+def test_preview_of_large_grid_shows_grid_of_even_pitch(tmp_path):
+    """Every k-th of 10,000 sensors, one after the other, would appear as stripes."""
+    x = np.arange(100) * 1e-4
+    places = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    lines = np.random.default_rng(1).normal(size=(len(places), 16)).astype(np.float32)
+    np.savez(tmp_path / "a.npz", traces=lines, positions=places, dt=2e-8, c=1480.0)
+    shown = np.array(inspect_recording(tmp_path / "a.npz").positions)
+    assert 2000 < len(shown) <= 4000
+    for axis in shown.T:
+        np.testing.assert_allclose(np.diff(np.unique(axis.round(7))), 2e-4)
 
 
 def test_the_summary_is_a_frozen_value(tmp_path, scan):

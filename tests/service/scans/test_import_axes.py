@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 sys.path.insert(0, str(Path(__file__).parent))
 import foreign
@@ -49,7 +50,49 @@ def test_npz_p_of_a_partial_mask_is_refused_and_positions_are_asked_for(tmp_path
     np.savez(tmp_path / "a.npz", p=p.T if turned else p, dt=DT, dx=PITCH, c0=SPEED)
     with pytest.raises(InvalidInput, match="positions is missing: the A-lines") as refused:
         import_scan(tmp_path / "a.npz", tmp_path / "scan.h5")
-    assert "positions" in refused.value.allowed
+    assert "mask" in refused.value.allowed
+
+
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_kwave_recording_without_mask_names_what_places_its_sensors(tmp_path, suffix):
+    source, name = tmp_path / f"a.{suffix}", "p" if suffix == "npz" else "the A-lines"
+    if suffix == "npz":
+        np.savez(source, p=sensed(bent_plane()), dt=DT, c0=SPEED)
+    else:
+        savemat(source, {"sensor_data": sensed(bent_plane()), "dt": DT, "c": SPEED})
+    with pytest.raises(InvalidInput, match="positions is missing") as refused:
+        import_scan(source, tmp_path / "scan.h5")
+    for each in (f"beside {name}", "mask, with its pitch dx", "positions or a grid (interval, count)", "description"):
+        assert each in refused.value.allowed
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("case", ["points", "file", "grid", "line", "matlab"])
+def test_kwave_recording_without_mask_is_placed_by_its_description(tmp_path, case, turned):
+    """Pressure at the imported positions, whichever axis time is."""
+    points = bent_plane() if case in {"points", "file"} else plane(20, 18)
+    points = points[:20] if case == "line" else points
+    if case == "line":
+        points = np.column_stack([(np.arange(20) - 10) * PITCH, np.zeros(20)])
+    lines = sensed(points).astype("f4")
+    array = lines.T if turned else lines
+    source = tmp_path / ("a.mat" if case == "matlab" else "a.npz")
+    if case == "matlab":
+        savemat(source, {"sensor_data": array, "dt": DT, "c": SPEED})
+    else:
+        np.savez(source, p=array, dt=DT, c0=SPEED)
+    np.savetxt(tmp_path / "sensors.csv", points, delimiter=",")
+    stated = {
+        "points": {"positions": points.tolist()},
+        "file": {"positions": "sensors.csv"},
+        "line": {"grid": {"interval": [PITCH]}},
+    }
+    grid = {"grid": {"count": [20, 18], "interval": [PITCH, PITCH]}}
+    recording, made = imported(tmp_path, source, **stated.get(case, grid))
+    assert made.points == len(points)
+    np.testing.assert_array_equal(recording.traces, lines)
+    found = recording.positions - recording.positions.mean(axis=0)
+    np.testing.assert_allclose(found, (points - points.mean(axis=0))[:, : found.shape[1]], atol=1e-9)
 
 
 @pytest.mark.parametrize("dtype", ["f4", "f8", "i2", "u2", ">f4"])
@@ -151,7 +194,6 @@ def test_axes_of_another_number_than_the_array_has_are_refused(tmp_path):
 def written(path, array):
     """Write an array into a file of the kind that the name says; in .h5 as h5py does, without MATLAB's marks."""
     import h5py
-    from scipy.io import savemat
 
     match path.suffix:
         case ".npy":
@@ -164,3 +206,25 @@ def written(path, array):
             with h5py.File(path, "w") as file:
                 file["sensor_data"] = array
     return path
+
+
+@pytest.mark.parametrize("case", ["python order", "MATLAB order", "time first", "cartesian"])
+def test_kwave_python_result_with_its_mask_needs_no_description(tmp_path, case):
+    """A ball off the middle of a plane of 20 × 14 sensors, in closed form: each A-line is that of its place."""
+    mask = np.zeros((6, 20, 14), bool)
+    mask[0] = True
+    places = (np.argwhere(mask) - np.array(mask.shape) // 2) * 0.2e-3
+
+    def lines(y, z):
+        way = np.sqrt((y - 0.3e-3) ** 2 + (z + 0.9e-3) ** 2 + 3e-3**2)[:, None] - np.arange(300) * 20e-9 * 1500
+        return (1e7 * way * np.exp(-((way / 1e-4) ** 2))).astype(np.float32)
+
+    p = lines(places[:, 1], places[:, 2])
+    if case == "MATLAB order":
+        p = p.reshape(20, 14, -1).transpose(1, 0, 2).reshape(280, -1)
+    sensors = places.T if case == "cartesian" else mask
+    np.savez(tmp_path / "a.npz", p=p.T if case == "time first" else p, dt=20e-9, dx=0.2e-3, c0=1500.0, mask=sensors)
+    assert import_scan(tmp_path / "a.npz", tmp_path / "scan.h5").points == 280
+    held = open_recording(tmp_path / "scan.h5")
+    np.testing.assert_allclose(held.traces * np.reshape(held.scale, (-1, 1)), lines(*held.positions.T), atol=1e-3)
+    assert held.aperture == pytest.approx(4e-3)

@@ -106,7 +106,7 @@ def test_an_import_that_is_stopped_when_its_file_is_whole_leaves_nothing_either(
     assert list((tmp_path / "new").iterdir()) == []
 
 
-COUNT = int(os.environ.get("STERADIAN_FUZZ_FILES", "150"))
+COUNT = int(os.environ.get("STERADIAN_FUZZ_FILES", "60"))
 
 
 @pytest.mark.long

@@ -106,3 +106,14 @@ def test_two_processes_worth_of_writers_lose_nothing(tmp_path, database):
         thread.join()
     with database.read() as session:
         assert session.scalar(text("SELECT done FROM counter")) == 100
+
+
+def test_connection_returned_after_close_is_closed(rows):
+    """A thread that ends late does not leave its connection to the server open."""
+    late = rows.engine.connect()
+    late.execute(text("SELECT 1"))
+    used = late.connection.dbapi_connection
+    rows.close()
+    assert not used.closed
+    late.close()
+    assert used.closed

@@ -16,6 +16,7 @@ from steradian.reconstructions.pipeline.run import reconstruct_scan
 from steradian.reconstructions.volumes.file import read_volume
 from steradian.storage.blobs.object_store import S3BlobStore
 from steradian.storage.db.database import Database, metadata_url
+from support import warmed
 from support.seaweed import SECRET
 from support.services import WAIT, Service
 from support.waiting import until
@@ -36,7 +37,7 @@ class Hosts:
         self.service.start()
         settings = Settings.create(data=self.there, **self.shared)
         with (self.there / "worker.log").open("ab") as log:
-            self.worker = subprocess.Popen(
+            self.worker = warmed.start(
                 [sys.executable, "-m", "steradian", "worker", "--name", "far"],
                 env=settings.environment(),
                 stdin=subprocess.DEVNULL,
@@ -63,13 +64,7 @@ class Hosts:
 
     def run(self, *words, code=0):
         """Run a command on the first host."""
-        done = subprocess.run(
-            [sys.executable, "-m", "steradian", *words],
-            env=self.service.settings.environment(),
-            capture_output=True,
-            text=True,
-            timeout=250,
-        )
+        done = warmed.run([sys.executable, "-m", "steradian", *words], env=self.service.settings.environment())
         assert done.returncode == code, done.stdout + done.stderr
         return done.stdout + done.stderr
 

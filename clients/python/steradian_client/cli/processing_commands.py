@@ -23,6 +23,7 @@ reconstruction = command_group("Turn scans into volumes.")
 batch, job = command_group("Many reconstructions of one scan."), command_group("Everything in the queue.")
 NOUNS: Final = {"reconstruction": reconstruction, "batch": batch, "job": job}
 Scan = Annotated[str, typer.Argument(metavar="SCAN")]
+Index = Annotated[int | None, typer.Option(min=0, help="Which volume of a series.")]
 Priority = Annotated[int | None, typer.Option(min=0, help="Smaller ones run first.")]
 
 _SHOWN = ("id", "kind", "state", "progress", "created")
@@ -42,12 +43,31 @@ def create_reconstruction(
     scan_id: Scan,
     parameters: Settings = None,
     priority: Priority = None,
+    frame: Annotated[int | None, typer.Option(min=0, help="One frame of several; default: all, as a series.")] = None,
+    average: Annotated[bool, typer.Option("--average", help="The mean of the frames at each wavelength.")] = False,
     wait: Wait = False,
     as_json: AsJson = False,
 ) -> None:
     """Queue a reconstruction of a scan."""
     those = client_of(context).reconstructions
-    show_when_done(those, those.create(scan_id, priority=priority, **settings(parameters)), wait, as_json)
+    made = those.create(scan_id, priority=priority, frame=frame, average=average or None, **settings(parameters))
+    show_when_done(those, made, wait, as_json)
+
+
+@reconstruction.command(
+    "unmix", help='Queue the unmixing of a series, for example: unmix SERIES fluence={"model":"fit"} --wait'
+)
+def unmix(
+    context: typer.Context,
+    series: Annotated[str, typer.Argument(metavar="SERIES")],
+    options: Settings = None,
+    priority: Priority = None,
+    wait: Wait = False,
+    as_json: AsJson = False,
+) -> None:
+    """Queue the unmixing of a series into maps of oxygen saturation and chromophores."""
+    those = client_of(context).reconstructions
+    show_when_done(those, those.unmix(series, priority=priority, **settings(options)), wait, as_json)
 
 
 @reconstruction.command("cancel", help="Cancel one that waits or runs.")
@@ -59,11 +79,11 @@ def cancel_reconstruction(
 
 
 @reconstruction.command("volume", help="Download the volume as a NumPy file, float32 [x, y, z].")
-def volume(context: typer.Context, identifier: ResourceId, target: Path) -> None:
+def volume(context: typer.Context, identifier: ResourceId, target: Path, index: Index = None) -> None:
     """Download the volume of a reconstruction."""
     with progress_reporter() as progress:
         client_of(context).reconstructions.download_volume(
-            identifier, target, progress=lambda done, total: progress("bytes", done, total)
+            identifier, target, index=index, progress=lambda done, total: progress("bytes", done, total)
         )
 
 
@@ -76,11 +96,13 @@ def mip(
 
 
 @reconstruction.command("export", help="Export it for other programs: hdf5, nifti, tiff, ome-zarr, vtkhdf, nrrd, png.")
-def export(context: typer.Context, identifier: ResourceId, format: str, folder: Path = Path()) -> None:
+def export(
+    context: typer.Context, identifier: ResourceId, format: str, folder: Path = Path(), index: Index = None
+) -> None:
     """Export a volume and download the files."""
     with progress_reporter() as progress:
         found = client_of(context).exports.export_and_download(
-            format, folder, reconstruction_id=identifier, progress=progress
+            format, folder, reconstruction_id=identifier, index=index, progress=progress
         )
     for path in found:
         print(path)

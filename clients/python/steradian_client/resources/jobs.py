@@ -21,7 +21,7 @@ class Jobs(AwaitableResource[Mode, Job]):
 
     @dual_method
     async def create(self, /, kind: str, *, idempotency_key: str | None = None, **asked: Any) -> Job:
-        """Queue a job of a kind: sound-speed, quality, width, export or import, with its parameters."""
+        """Queue a job: sound-speed, quality, width, regions, figure, export or import, with its parameters."""
         return await self._session.request_model(
             Job, routes.CREATE_JOB, json={"kind": kind, **asked}, key=idempotency_key
         )

@@ -7,7 +7,7 @@ from typing import Any
 
 from steradian_client import routes
 from steradian_client.downloads import download
-from steradian_client.models import Mask, MaskPreview, Points, PointSpread
+from steradian_client.models import Mask, MaskPreview, Points, PointSpread, PulseBudget
 from steradian_client.resources.base import CrudResource
 from steradian_client.sync_async import Mode, dual_method
 
@@ -35,6 +35,15 @@ class Masks(CrudResource[Mode, Mask]):
         """Return the simulated image of a tiny ball at ``point`` (m), measured with a mask that is not stored."""
         asked = {"arrangement": {"arrangement": arrangement, **parameters}, "point": point}
         return await self._session.request_model(PointSpread, routes.PREVIEW_POINT_SPREAD, json=asked)
+
+    @dual_method
+    async def budget(self, /, *, duration: float, depth: float, vessel: float, **parameters: Any) -> PulseBudget:
+        """Return points × averages for a scan of ``duration`` (s) of a vessel of given depth and diameter (m).
+
+        ``noise`` (dB, of one pulse) or ``scan_id`` is needed; other parameters as in the HTTP API.
+        """
+        asked = {"duration": duration, "depth": depth, "vessel": vessel, **parameters}
+        return await self._session.request_model(PulseBudget, routes.PREVIEW_BUDGET, json=asked)
 
     @dual_method
     async def equi_steradian(self, *, aperture: float, depth: float, count: int) -> Mask:

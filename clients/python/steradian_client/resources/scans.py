@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,6 +86,35 @@ class Scans(AwaitableResource[Mode, Scan]):
     async def abort(self, scan_id: str, reason: str | None = None) -> Scan:
         """Abort a scan permanently."""
         return await self._wish(scan_id, "aborted", reason)
+
+    @dual_method
+    async def decide_stage(
+        self,
+        scan_id: str,
+        number: int,
+        *,
+        points_of_interest: Sequence[Sequence[float]] | None = None,
+        proposals: Sequence[int] | None = None,
+        lease: Lease | int | None = None,
+    ) -> Scan:
+        """Choose the points of interest of a scan's stage that is not made yet.
+
+        Parameters
+        ----------
+        number
+            Number of the stage, from 2.
+        points_of_interest
+            (P, 3) x, y and depth in metres; or else
+        proposals
+            Numbers of proposals in the scan's ``stages``, from 1.
+        lease
+            The scanner's, while somebody holds it.
+        """
+        body = drop_none(points_of_interest=points_of_interest, proposals=proposals)
+        where = {"id": scan_id, "number": str(number)}
+        return await self._session.request_model(
+            Scan, routes.DECIDE_SCAN_STAGE, where, json=body, headers=lease_header(lease)
+        )
 
     @dual_method
     async def coverage(self, scan_id: str) -> Coverage:

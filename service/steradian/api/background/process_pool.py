@@ -22,8 +22,8 @@ from typing import ParamSpec, TypeVar
 from steradian.core.child_process import CallProcess, ChildExited
 from steradian.core.exceptions import SteradianError
 
-POOL_SIZE = 3
-"""Things worked out at a time, two pictures at most among them; the rest waits in line."""
+POOL_SIZE = 4
+"""Calls executed at a time, at most two pictures and one design among them; further calls wait in line."""
 IDLE = 60.0
 """Seconds after which a child without work is ended, and its memory free."""
 CPU_SECONDS = 120
@@ -63,6 +63,8 @@ class ProcessPool:
     async def submit(self, function: Callable[_P, _T], *args: _P.args, **options: _P.kwargs) -> _T:
         """Execute a function in a pool process and return its result, or raise its exception.
 
+        When the task that waits for it is cancelled, the pool process is killed.
+
         Raises
         ------
         ComputationLimitExceeded
@@ -72,7 +74,12 @@ class ProcessPool:
             raise ComputationLimitExceeded("the service ends")
         run = contextvars.copy_context().run  # so that log lines have the request identifier
         call = partial(function, *args, **options)
-        return await asyncio.get_running_loop().run_in_executor(self._hands, run, self._call, call)
+        state = _CallState()
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._hands, run, self._call, call, state)
+        except asyncio.CancelledError:
+            self._cancel(state)
+            raise
 
     def reap_idle(self) -> None:
         """Terminate the subprocesses that have been idle for :data:`IDLE` seconds."""
@@ -93,8 +100,14 @@ class ProcessPool:
         for child in idle:
             child.end()
 
-    def _call(self, function: Callable[[], _T]) -> _T:
-        child = self._take()
+    def _cancel(self, state: _CallState) -> None:
+        with self._guard:
+            state.is_cancelled = True
+            if state.child is not None:
+                state.child.kill()  # the thread that waits for its answer does the rest
+
+    def _call(self, function: Callable[[], _T], state: _CallState) -> _T:
+        child = self._take(state)
         patience = threading.Timer(MAX_SECONDS, child.kill)
         patience.start()
         is_well = True
@@ -108,21 +121,25 @@ class ProcessPool:
             raise ComputationLimitExceeded(limits) from error
         finally:
             patience.cancel()
-            self._put_back(child, is_well=is_well)
+            self._put_back(child, state, is_well=is_well)
 
-    def _take(self) -> _PoolProcess:
+    def _take(self, state: _CallState) -> _PoolProcess:
         with self._guard:
             if self._over:
                 raise ComputationLimitExceeded("the service ends")
+            if state.is_cancelled:
+                raise ComputationLimitExceeded("it was cancelled")
             child = self._idle.pop() if self._idle else _PoolProcess()
             self._busy.add(child)
+            state.child = child
             return child
 
-    def _put_back(self, child: _PoolProcess, *, is_well: bool) -> None:
+    def _put_back(self, child: _PoolProcess, state: _CallState, *, is_well: bool) -> None:
         child.since = time.monotonic()
         with self._guard:
             self._busy.remove(child)
-            if is_well and not self._over:
+            state.child = None
+            if is_well and not self._over and not state.is_cancelled:
                 self._idle.append(child)
                 return
         child.end()
@@ -132,6 +149,13 @@ class _PoolProcess(CallProcess):
     """Process of the pool, with the time since which it is idle."""
 
     since = 0.0
+
+
+class _CallState:
+    """State of one call: the process that executes it, and whether the task that waits for it was cancelled."""
+
+    child: _PoolProcess | None = None
+    is_cancelled = False
 
 
 def _run_limited(seconds: int, function: Callable[[], _T]) -> _T:

@@ -34,7 +34,7 @@ class Finding(BaseModel):
 def field_error(error: InvalidInput, request: Request) -> Finding:
     """Convert :class:`InvalidInput` to a field error; fields named like headers are headers."""
     named: Literal["header", "query"] | None = "header" if error.field[:1].isupper() else None
-    named = "query" if error.field in request.query_params else named
+    named = "query" if error.field in request.query_params or request.method in ("GET", "HEAD") else named
     if named:
         return Finding(place=named, pointer=error.field, allowed=error.allowed, detail=str(error))
     return Finding(place="body", pointer=_pointer(error.field), allowed=error.allowed, detail=str(error))

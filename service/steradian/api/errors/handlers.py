@@ -215,7 +215,7 @@ async def _not_modified(_request: Request, error: Exception) -> Response:
 
 async def _handle_disconnect(request: Request, error: Exception) -> Response:
     """Handle a client that disconnected during its request; the response is discarded."""
-    _log.info("request %s: the client left before it had sent everything", request_id_of(request.scope))
+    _log.info("request %s: the client left before the response", request_id_of(request.scope))
     return Response(status_code=400)
 
 

@@ -55,6 +55,10 @@ Slab: TypeAlias = Annotated[
 Level: TypeAlias = Annotated[
     int | None, Query(ge=0, le=16, description="How many times halved along each axis; 0 is full resolution")
 ]
+Index: TypeAlias = Annotated[
+    int | None,
+    Query(ge=0, le=2**31, description="Which volume of a series, from 0: its place in the report's frames"),
+]
 MaxSize: TypeAlias = Annotated[
     int | None,
     Query(
@@ -77,10 +81,10 @@ WindowText: TypeAlias = Annotated[
 ]
 
 
-SLAB_STOP = float(np.finfo(np.float32).max / 2)
+MAX_WINDOW_END = float(np.finfo(np.float32).max / 2)
 """Largest magnitude of a window's ends, whose differences from values are float32 numbers."""
-SLAB_START = float(255 / np.finfo(np.float32).max)
-"""Distance of the ends, below which what is multiplied is none."""
+MIN_WINDOW_WIDTH = float(255 / np.finfo(np.float32).max)
+"""Least distance of the ends, with which the scale to 255 steps is a finite float32 number."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +109,9 @@ class Window:
             least = greatest = math.nan
         if not (math.isfinite(least) and math.isfinite(greatest) and least < greatest):
             raise InvalidInput("window", text, "LEAST,GREATEST: two finite numbers, the second one greater")
-        if max(-least, greatest) > SLAB_STOP or greatest - least < SLAB_START:
-            allowed = f"ends from {-SLAB_STOP:.2g} to {SLAB_STOP:.2g} and at least {SLAB_START:.2g} apart (float32)"
+        if max(-least, greatest) > MAX_WINDOW_END or greatest - least < MIN_WINDOW_WIDTH:
+            ends = f"{-MAX_WINDOW_END:.2g} to {MAX_WINDOW_END:.2g}"
+            allowed = f"ends from {ends} and at least {MIN_WINDOW_WIDTH:.2g} apart (float32)"
             raise InvalidInput("window", text, allowed)
         return cls(least, greatest)
 
@@ -144,9 +149,9 @@ def pyramid_level_for(shape: tuple[int, ...], max_size: int | None) -> int:
 
 
 def max_pool(image: NDArray[Any], times: int) -> NDArray[Any]:
-    """Downsample a projection by max pooling of ``times`` × ``times`` pixels, fewer at the far edges."""
+    """Downsample a projection by max pooling of ``times`` × ``times`` pixels, without NaN; fewer at the far edges."""
     for axis, side in enumerate(image.shape):
-        image = np.maximum.reduceat(image, np.arange(0, side, times), axis=axis)
+        image = np.fmax.reduceat(image, np.arange(0, side, times), axis=axis)
     return image
 
 

@@ -16,7 +16,7 @@ from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.reconstructions.volumes.grid import in_coarser
 from steradian.reconstructions.volumes.reader import VolumeReader, stored_volume
 from steradian.storage.blobs.interface import BlobStore, result_name
-from steradian.storage.data_dir.job_directory import PROJECTIONS, VOLUME
+from steradian.storage.data_dir.job_directory import PROJECTIONS, SERIES, VOLUME
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class ProjectionQuery:
     max_size: int | None
     dtype: str | None
     window: str | None
+    index: int | None = None
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class VolumeQuery:
     max_size: int | None
     dtype: str | None
     window: str | None
+    index: int | None = None
 
 
 def projection_response(
@@ -53,7 +55,7 @@ def projection_response(
     InvalidInput
         When the query is invalid for this volume.
     """
-    etag, stored = _stored(arrays, identifier, kind)
+    etag, stored = _stored(arrays, identifier, kind, wish.index)
     conditions.tag(etag, vary="Accept")
     lattice, along = stored.lattice, "z" if wish.axis == "depth" else wish.axis
     if wish.axis == "depth":
@@ -88,7 +90,7 @@ def volume_response(
     InvalidInput
         When the query is invalid for this volume, or the part is too large.
     """
-    etag, stored = _stored(arrays, identifier, kind)
+    etag, stored = _stored(arrays, identifier, kind, wish.index)
     conditions.tag(etag, vary="Accept")
     whole = ArraySlice.parse(wish.slice, stored.lattice.shape)
     if wish.level is not None and wish.level > stored.levels:
@@ -102,17 +104,18 @@ def volume_response(
     source = converted(stored.level(level), wish.dtype, window)
     headers = axis_headers(lattice.slice(selection.index), level, window) | {"ETag": etag, "Vary": "Accept"}
     if kind == NPY:
-        headers["Content-Disposition"] = f'attachment; filename="{identifier}.npy"'
+        of = "" if wish.index is None else f"-{wish.index}"
+        headers["Content-Disposition"] = f'attachment; filename="{identifier}{of}.npy"'
     more = axis_json(lattice.slice(selection.index), level, window)
     return array_response(source, selection, kind, limit=limit, headers=headers, more=more)
 
 
-def _stored(arrays: BlobStore, identifier: str, kind: str) -> tuple[str, VolumeReader]:
+def _stored(arrays: BlobStore, identifier: str, kind: str, index: int | None) -> tuple[str, VolumeReader]:
     """Open a volume, or the projections of the newest live revision, and return its ETag and reader."""
-    for name in (VOLUME, PROJECTIONS, VOLUME):  # these are removed when that is whole
+    for name in (VOLUME, SERIES, PROJECTIONS, VOLUME):  # projections are removed when the volume is whole
         with suppress(FileNotFoundError, NotFound):
             path = arrays.open(result_name(identifier, name))
-            return etag_of_file(path, kind=kind), stored_volume(path, etag_of_file(path))
+            return etag_of_file(path, kind=kind), stored_volume(path, etag_of_file(path), index)
     raise NotFound("volume of", identifier)
 
 

@@ -58,9 +58,9 @@ CONFLICT_CODES: Final = frozenset(
         *("job_change", "job_create", "job_delete", "job_desired_state_set", "job_file_read"),
         *("mask_delete", "plan_delete", "upload_append", "upload_delete"),
         *("reconstruction_change", "reconstruction_create", "reconstruction_delete"),
-        *("reconstruction_mip_read", "reconstruction_quality_create"),
+        *("reconstruction_measurements_set", "reconstruction_mip_read", "reconstruction_quality_create"),
         *("reconstruction_revision_read", "reconstruction_volume_read", "reconstruction_zarr_read"),
-        *("scan_create", "scan_delete", "scan_desired_state_set", "scan_file_read"),
+        *("scan_create", "scan_delete", "scan_desired_state_set", "scan_file_read", "scan_stage_set"),
         "scan_latest_aline_read",
     }
 )

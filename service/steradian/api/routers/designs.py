@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from steradian.api.http.array_response import JSON
+from steradian.api.http.client_disconnect import while_connected
 from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import ServicesDep
 from steradian.api.routers.masks import check_point_limit
@@ -68,6 +69,9 @@ class DesignView(BaseModel):
     )
     visible_share: float | None = Field(description="Share of all orientations of edges that are visible there")
     visit: list[int] = Field(description="(M,) points in the order of interrogation")
+    stages: list[int] = Field(
+        description="Points of the mask, then the most of each further stage; one number for a scan of one stage"
+    )
     plan: PreviewView = Field(description="Cost of the measurement")
 
 
@@ -91,10 +95,14 @@ async def preview_design(services: ServicesDep, wanted: DesignRequest) -> Respon
 
 
 @router.post("/point-spread", summary="Simulated image of a small ball", response_model=PointSpreadView)
-async def preview_point_spread(services: ServicesDep, wanted: PointSpreadRequest) -> Response:
-    """Simulate the point spread of an unsaved mask: A-lines of a small ball and their reconstruction."""
+async def preview_point_spread(request: Request, services: ServicesDep, wanted: PointSpreadRequest) -> Response:
+    """Simulate the point spread of an unsaved mask: A-lines of a small ball and their reconstruction.
+
+    The computation ends when the client disconnects.
+    """
     check_point_limit(wanted.arrangement, min(MOST_POINTS, services.settings.max_mask_points))
-    return Response(await services.process_pool.submit(_spread, wanted), media_type=JSON)
+    body = await while_connected(request, services.process_pool.submit(_spread, wanted))
+    return Response(body, media_type=JSON)
 
 
 def _look(wanted: DesignRequest) -> bytes:
@@ -102,7 +110,7 @@ def _look(wanted: DesignRequest) -> bytes:
     from steradian.masks.metrics import evaluate_mask
 
     plan = wanted.plan(_mask(wanted.arrangement))
-    mask = plan.mask  # with several beams another
+    mask = plan.mask  # with several beams another, and in stages the survey
     seen = evaluate_mask(mask, wanted.point)
     place, angles = seen.point_of_interest, seen.solid_angles
     return (
@@ -114,6 +122,7 @@ def _look(wanted: DesignRequest) -> bytes:
             solid_angles=None if angles is None else angles.tolist(),
             visible_share=None if place is None else visible_fraction(mask, place),
             visit=plan.visit.tolist(),
+            stages=[mask.count, *(stage.points for stage in plan.stages)],
             plan=PreviewView.model_validate(plan_cost_document(plan)),
         )
         .model_dump_json()

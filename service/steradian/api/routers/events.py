@@ -14,6 +14,7 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.types import Receive, Scope, Send
 
+from steradian.api.http.client_disconnect import wait_for_disconnect
 from steradian.api.http.urls import link
 from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import CurrentPrincipal, ServicesDep
@@ -81,7 +82,7 @@ class EventStream(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send the event stream until it ends or the client disconnects."""
         await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
-        telling, leaving = asyncio.create_task(self._tell(send)), asyncio.create_task(_left(receive))
+        telling, leaving = asyncio.create_task(self._tell(send)), asyncio.create_task(wait_for_disconnect(receive))
         try:
             await asyncio.wait({telling, leaving}, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -96,11 +97,6 @@ class EventStream(Response):
             async for frame in frames:
                 await send({"type": "http.response.body", "body": frame, "more_body": True})
         await send({"type": "http.response.body", "body": b""})
-
-
-async def _left(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass
 
 
 @router.get(

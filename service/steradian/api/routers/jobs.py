@@ -1,4 +1,4 @@
-"""``/jobs``: all jobs of the queue, and submission of sound-speed, quality, width, export and import jobs."""
+"""``/jobs``: all jobs of the queue, and submission of sound-speed, quality, width, export, figure and import jobs."""
 
 from __future__ import annotations
 

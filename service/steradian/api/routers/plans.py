@@ -21,6 +21,7 @@ from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import FloatArray, Value
 from steradian.masks import Mask, multi_beam_mask
 from steradian.plans import Fringe, Link, Motion, ScannerLimits, ScanPlan, Tuning, TuningMap, VisitOrder
+from steradian.plans.stages import FEWEST_POINTS, FocusRule, FocusStage, StoppingRule
 from steradian.storage.repositories import filters
 from steradian.storage.repositories.masks import mask_row_values as mask_columns
 from steradian.storage.repositories.plans import to_columns
@@ -34,6 +35,19 @@ OPTIMISED_ORDERS = frozenset({VisitOrder.SHORTEST, VisitOrder.WAVELENGTH, VisitO
 def _mirror_field(name: str) -> Any:
     """Return the field definition of :class:`ScanPlan` (limits, default, unit) for the same field of a request."""
     return ScanPlan.model_fields[name]
+
+
+class SurveyRequest(FocusRule):
+    """Survey of a plan in stages: its points, and the rule for the points of interest of the focus."""
+
+    points: int = Field(default=200, ge=16, le=1_000_000, description="Points of the survey, out of the mask's number")
+
+    def apply(self, plan: ScanPlan) -> ScanPlan:
+        """Return the plan in stages with no more points than ``plan``; raises :class:`InvalidInput`."""
+        from steradian.plans.next_stage import plan_in_stages
+
+        rule = self.model_dump(exclude={"points"}) | {"points": FEWEST_POINTS}
+        return plan_in_stages(plan, self.points, focus=FocusStage.create(**rule), stopping=plan.stopping)
 
 
 class PlanParameters(Value):
@@ -58,6 +72,10 @@ class PlanParameters(Value):
     )
     frames: int = _mirror_field("frames")
     excitation: tuple[float, ...] = _mirror_field("excitation")
+    survey: SurveyRequest | None = Field(
+        default=None, description="Measure in stages: first a survey of the aperture, then a focus; null: one stage"
+    )
+    stopping: StoppingRule | None = _mirror_field("stopping")
     gate: Literal["none", "frame", "point"] = _mirror_field("gate")
     gate_rate: float = _mirror_field("gate_rate")
     scanner: ScannerLimits = ScannerLimits()
@@ -67,9 +85,8 @@ class PlanParameters(Value):
 
     def plan(self, mask: Mask) -> ScanPlan:
         """Create the scan plan of a mask with these parameters; raises :class:`InvalidInput`."""
-        fields = {
-            name: getattr(self, name) for name in PlanParameters.model_fields if name not in ("tuning_map", "places")
-        }
+        own = ("tuning_map", "places", "survey", "stopping")
+        fields = {name: getattr(self, name) for name in PlanParameters.model_fields if name not in own}
         if self.beams:
             if self.wavelengths is not None:
                 raise InvalidInput(
@@ -80,7 +97,8 @@ class PlanParameters(Value):
             if self.wavelengths is not None:
                 raise InvalidInput("wavelengths", f"{self.wavelengths.size} of them", "none beside tuning_map")
             fields |= self.tuning_map.as_plan_fields(mask)
-        return ScanPlan.create(mask=mask, **fields)
+        plan = ScanPlan.create(mask=mask, stopping=self.stopping, **fields)
+        return plan if self.survey is None else self.survey.apply(plan)
 
 
 class PlanRequest(PlanParameters):
@@ -107,7 +125,8 @@ class PlanRequest(PlanParameters):
 async def create_plan(services: ServicesDep, response: Response, wanted: PlanRequest) -> PlanView:
     """Store a plan; the same body always gives the same id.
 
-    With several ``beams`` the plan's mask is another one, which is kept, too: the points that the beams measure.
+    With several ``beams`` the plan's mask is another one, which is kept, too: the points that the beams measure. With a
+    ``survey`` it is the mask of the survey.
     """
     columns, covered = await _compute_rows(services, wanted)
     if covered is not None:
@@ -167,7 +186,7 @@ async def _compute_rows(
 
     Long computations run in the process pool.
     """
-    if wanted.order in OPTIMISED_ORDERS or wanted.beams:
+    if wanted.order in OPTIMISED_ORDERS or wanted.beams or wanted.survey is not None:
         mask = await run_in_threadpool(services.masks.load, wanted.mask_id)
         return await services.process_pool.submit(_build, mask, wanted)
     return await run_in_threadpool(lambda: _build(services.masks.load(wanted.mask_id), wanted))
@@ -175,7 +194,7 @@ async def _compute_rows(
 
 def _build(mask: Mask, wanted: PlanRequest) -> tuple[dict[str, Any], dict[str, Any] | None]:
     plan = wanted.plan(mask)
-    return to_columns(plan), mask_columns(plan.mask) if plan.beams else None
+    return to_columns(plan), mask_columns(plan.mask) if plan.beams or plan.stages else None
 
 
 def _picture(mask: Mask, wanted: PlanRequest) -> bytes:

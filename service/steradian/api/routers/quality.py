@@ -16,7 +16,8 @@ from steradian.api.routers.jobs import submitted_job_response
 from steradian.api.schemas.jobs import JobView
 from steradian.api.schemas.resources import BASE, Listing
 from steradian.core.validation import Value
-from steradian.jobs.requests import Identifier, QualityRequest
+from steradian.jobs.request_base import Identifier
+from steradian.jobs.requests import QualityRequest
 from steradian.storage.repositories import filters
 from steradian.storage.state_machines import ReconstructionState
 
@@ -30,6 +31,8 @@ class Reference(Value):
     model_config = ConfigDict(json_schema_extra={"examples": [{"reference_id": "r01jz0000000000000000000001"}]})
 
     reference_id: Identifier = Field(description="Identifier of a reconstruction of the same voxels")
+    index: int | None = QualityRequest.model_fields["index"]  # type: ignore[assignment]
+    reference_index: int | None = QualityRequest.model_fields["reference_index"]  # type: ignore[assignment]
     diameter: float | None = QualityRequest.model_fields["diameter"]  # type: ignore[assignment]
     threshold: float = QualityRequest.model_fields["threshold"]  # type: ignore[assignment]
 
@@ -38,6 +41,8 @@ class QualityView(BaseModel):
     """Result of comparing a reconstruction with a reference reconstruction."""
 
     reference_id: str
+    index: int | None = Field(default=None, description="Which volume of a series was judged")
+    reference_index: int | None = Field(default=None, description="Which volume of a series was the reference")
     diameter: float | None = Field(description="Of the disc that counted (m)")
     threshold: float
     state: ReconstructionState
@@ -79,6 +84,8 @@ def list_reconstruction_quality(services: ServicesDep, reconstruction_id: RECONS
         items=[
             QualityView(
                 **{name: row.payload[name] for name in ("reference_id", "diameter", "threshold")},
+                index=row.payload.get("index"),
+                reference_index=row.payload.get("reference_index"),
                 state=row.state,
                 figures=_figures(row.result),
                 links={

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
@@ -14,7 +15,7 @@ from steradian.api.errors.handlers import NotReady
 from steradian.api.http.array_response import JSON, NPY, PICTURE, PNG, RAW, negotiate
 from steradian.api.http.conditional import ReadPreconditionsDep, etag_of_file
 from steradian.api.http.file_response import open_or_404
-from steradian.api.http.volume_params import VOXELS, DataType, Level, MaxSize, Part, Slab, WindowText
+from steradian.api.http.volume_params import VOXELS, DataType, Index, Level, MaxSize, Part, Slab, WindowText
 from steradian.api.http.volume_response import ProjectionQuery, VolumeQuery, projection_response, volume_response
 from steradian.api.middleware.authentication import V1, AuthorizedRoute
 from steradian.api.params.dependencies import ServicesDep, Wait
@@ -28,7 +29,7 @@ from steradian.jobs.registry import LIVE_KIND
 from steradian.reconstructions.volumes.reader import stored_volume
 from steradian.reconstructions.volumes.zarr_view import get_node
 from steradian.storage.blobs.interface import result_name
-from steradian.storage.data_dir.job_directory import REVISION, VOLUME
+from steradian.storage.data_dir.job_directory import REVISION, SERIES, VOLUME
 from steradian.storage.state_machines import ReconstructionState
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)
@@ -71,19 +72,22 @@ async def read_reconstruction_mip(
     max_size: MaxSize = None,
     dtype: DataType = None,
     window: WindowText = None,
+    index: Index = None,
 ) -> Response:
     """Return a maximum-intensity projection; of the newest revision while the reconstruction is live.
 
-    The PNG picture has scales in millimetres. Numbers cover all depths, but along z of a live reconstruction only those
+    The PNG picture has scales in millimetres; that of a series shows all its volumes, along z only.
+    Numbers cover all depths, but along z of a live reconstruction only those
     below the near field, as its picture does. Each number is the maximum of the voxels that it covers.
     """
     kind = negotiate(request, (PNG, NPY, RAW, JSON))
     if not await run_in_threadpool(is_live, services, reconstruction_id):
         await require_succeeded(services, reconstruction_id, wait)
     if kind != PNG:
-        wish = ProjectionQuery(axis, slab, max_size, dtype, window)
+        wish = ProjectionQuery(axis, slab, max_size, dtype, window, index)
         return await run_in_threadpool(projection_response, services.arrays, reconstruction_id, kind, conditions, wish)
-    for name, given in {"slab": slab, "max_size": max_size, "dtype": dtype, "window": window}.items():
+    only_numbers = {"slab": slab, "max_size": max_size, "dtype": dtype, "window": window, "index": index}
+    for name, given in only_numbers.items():
         if given is not None:
             raise InvalidInput(name, given, f"nothing for a picture; numbers come with Accept: {RAW}, {NPY} or {JSON}")
 
@@ -141,6 +145,7 @@ async def read_reconstruction_volume(
     max_size: MaxSize = None,
     dtype: DataType = None,
     window: WindowText = None,
+    index: Index = None,
 ) -> Response:
     """Download the values, float32 [x, y, z], as npy, raw bytes or JSON; headers contain shape, type and axes."""
     kind = negotiate(request, (NPY, RAW, JSON))
@@ -148,8 +153,7 @@ async def read_reconstruction_volume(
     limit = services.settings.max_volume_bytes
 
     def read() -> Response:
-        open_or_404(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
-        wish = VolumeQuery(slice, level, max_size, dtype, window)
+        wish = VolumeQuery(slice, level, max_size, dtype, window, index)
         return volume_response(services.arrays, reconstruction_id, kind, conditions, wish, limit)
 
     return await run_in_threadpool(read)
@@ -170,19 +174,32 @@ async def read_reconstruction_zarr(
     wait: Wait,
     conditions: ReadPreconditionsDep,
 ) -> Response:
-    """Return zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32)."""
+    """Return zarr.json of the group, LEVEL/zarr.json, or a chunk LEVEL/c/Z/Y/X (version 0.5; axes z, y, x; float32).
+
+    Of a series INDEX comes before: volume.ome.zarr/2 is the address of the third volume.
+    """
     await require_succeeded(services, reconstruction_id, wait)
 
     def read() -> Response:
-        file = open_or_404(services.arrays, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
+        file, index, node = _stored_node(services, reconstruction_id, path)
         etag = etag_of_file(file)
         conditions.tag(etag)
-        found = get_node(stored_volume(file, etag), path)
+        found = get_node(stored_volume(file, etag, index), node)
         if found is None:
             raise NotFound(f"member of the hierarchy of {reconstruction_id}", path)
         return Response(found, media_type=RAW, headers={"ETag": etag})
 
     return await run_in_threadpool(read)
+
+
+def _stored_node(services: ServiceContainer, identifier: str, path: str) -> tuple[Path, int | None, str]:
+    """Return the file of a volume, its index in a series, and the path of a node in its hierarchy."""
+    if services.arrays.stat(result_name(identifier, SERIES)) is None:
+        return open_or_404(services.arrays, result_name(identifier, VOLUME), "volume of", identifier), None, path
+    index, _, node = path.partition("/")
+    if not (index.isascii() and index.isdecimal() and len(index) < 10):
+        raise NotFound(f"member of the hierarchy of {identifier}", path)
+    return open_or_404(services.arrays, result_name(identifier, SERIES), "series of", identifier), int(index), node
 
 
 async def require_succeeded(services: ServiceContainer, identifier: str, wait: Wait) -> None:

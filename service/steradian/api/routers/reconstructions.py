@@ -29,7 +29,7 @@ from steradian.api.use_cases.submission import submit_reconstruction
 from steradian.core.validation import Value
 from steradian.jobs.job import LOWEST_PRIORITY, JobStatus
 from steradian.jobs.queue.job_ledger import to_status
-from steradian.jobs.requests import ReconstructionRequest
+from steradian.jobs.reconstruction_request import ReconstructionRequest
 from steradian.storage.repositories import filters
 
 router = APIRouter(prefix=f"{V1}/reconstructions", tags=["reconstructions"], route_class=AuthorizedRoute)

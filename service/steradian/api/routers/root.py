@@ -39,6 +39,7 @@ _FORMATS = {
     "volume": [NPY, RAW, JSON],
     "mip": ["image/png", NPY, RAW, JSON],
     "picture": ["image/png"],
+    "measurements": [JSON, CSV],
     "export": list(SUFFIXES),
 }
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request, Response
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
@@ -22,13 +24,16 @@ from steradian.api.params.filters import Labels, MaskIdFilter, PlanIdFilter, Sca
 from steradian.api.params.path import SCAN_ID
 from steradian.api.routers.scanners import Lease
 from steradian.api.schemas.resources import Listing, ScanView
-from steradian.api.schemas.scans import Name, ScanRequest, Text
+from steradian.api.schemas.scans import Name, ScanRequest, StageDecision, Text
+from steradian.api.use_cases.scan_stages import decide_stage
 from steradian.api.use_cases.scan_submission import require_lease, submit_scan
 from steradian.core.validation import Value
+from steradian.plans.stages import MOST_STAGES
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.repositories import filters
 from steradian.storage.state_machines import SETTLED_SCAN_STATES, DesiredScanState
 
+StageNumber = Annotated[int, Path(ge=2, le=MOST_STAGES + 1, description="Number of the stage, from 2")]
 router = APIRouter(prefix=f"{V1}/scans", tags=["scans"], route_class=AuthorizedRoute)
 
 
@@ -144,6 +149,23 @@ def set_scan_desired_state(
     view = ScanView.of(row)
     conditions.tag(resource_etag(row.id, row.revision, view))
     return view
+
+
+@router.put("/{scan_id}/stages/{number}", summary="Choose the points of interest of a stage")
+def set_scan_stage(
+    services: ServicesDep,
+    who: CurrentPrincipal,
+    scan_id: SCAN_ID,
+    number: StageNumber,
+    wanted: StageDecision,
+    lease: Lease = None,
+) -> ScanView:
+    """Choose the points of interest of a stage that is not made yet; repeating it has no effect.
+
+    It requires the scanner's lease, if one is held: the scan goes on with these points, within what the plan agreed to.
+    A stage that is decided already is a conflict, unless the scan is interrupted.
+    """
+    return ScanView.of(decide_stage(services, who, scan_id, number, wanted, lease))
 
 
 def is_settled(row: ScanRow) -> bool:

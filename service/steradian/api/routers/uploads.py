@@ -23,7 +23,8 @@ from steradian.api.params.path import UPLOAD_ID
 from steradian.api.services import ServiceContainer
 from steradian.core.exceptions import InvalidInput, NotFound
 from steradian.core.validation import Value
-from steradian.jobs.requests import Identifier, check_described
+from steradian.jobs.request_base import Identifier
+from steradian.jobs.requests import check_described
 from steradian.storage.blobs.interface import upload_name
 from steradian.storage.db.timestamps_and_ids import new_id
 from steradian.storage.repositories import deletion

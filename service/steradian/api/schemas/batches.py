@@ -15,7 +15,8 @@ from steradian.api.schemas.reports import ReportView
 from steradian.core.exceptions import InvalidInput
 from steradian.core.validation import Value
 from steradian.jobs.job import DEFAULT_PRIORITY, LOWEST_PRIORITY, JobStatus
-from steradian.jobs.requests import Identifier, ReconstructionRequest, Required, Through
+from steradian.jobs.reconstruction_request import ReconstructionRequest, Through
+from steradian.jobs.request_base import Identifier, Required
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.storage.db.tables import BatchRow
 from steradian.storage.state_machines import BatchState

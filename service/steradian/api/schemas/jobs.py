@@ -71,13 +71,20 @@ class JobView(JobBase):
 class ReconstructionView(JobBase):
     """Reconstruction: its request and progress."""
 
-    kind: str = Field(description="reconstruction, live (follows its scan) or what-if", examples=["reconstruction"])
+    kind: str = Field(
+        description="reconstruction, live (follows its scan), what-if or unmixing (maps of a series)",
+        examples=["reconstruction"],
+    )
     scan_id: str
     batch_id: str | None = Field(description="The batch it belongs to")
     mask_id: str | None = Field(description="Mask of a what-if's subset")
-    frame: int | None = Field(description="Which frame of the scan, if it has several")
+    reconstruction_id: str | None = Field(default=None, description="Series that was unmixed")
+    unmixing: dict[str, Any] | None = Field(default=None, description="Requested options of an unmixing")
+    frame: int | None = Field(description="Which frame of the scan, if it has several; null: all, as a series")
     wavelength: float | None = Field(default=None, description="Excitation wavelength chosen, in m")
-    average: bool = Field(default=False, description="Whether it is the mean of several frames")
+    average: bool = Field(default=False, description="Whether it is made of means of frames")
+    align: bool = Field(default=False, description="Whether shifts between the volumes of a series are undone")
+    motion: bool = Field(default=False, description="Whether motion within each frame is undone")
     simulated: bool = Field(description="Whether the scan came from a simulated scanner")
     parameters: dict[str, Any] = Field(description="Requested parameters; after success, the effective ones")
     report: ReportView | None = Field(description="Figures and provenance, when it has succeeded")
@@ -87,19 +94,26 @@ class ReconstructionView(JobBase):
     def of(cls, job: JobStatus, queue: QueueEstimate | None = None) -> Self:
         """Return the view of a job that writes a volume, with its queue position."""
         here, job_at = link(f"/reconstructions/{job.id}"), link(f"/jobs/{job.id}")
-        parts = {name: f"{here}/{name}" for name in ("volume", "quality")} | {"ome_zarr": f"{here}/volume.ome.zarr"}
+        parts = {name: f"{here}/{name}" for name in ("volume", "quality")}
+        if not (is_series := bool(job.result.get("frames"))):  # each of its volumes has an address by its index
+            parts["ome_zarr"] = f"{here}/volume.ome.zarr"
         if job.kind == LIVE_KIND:
             parts["revision"] = f"{here}/revision"
-        mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in ("x", "y", "z", "depth")}
+        axes = ("z",) if is_series else ("x", "y", "z", "depth")
+        mips = {f"mip_{axis}": f"{here}/mip?axis={axis}" for axis in axes}
         return cls(
             **_common(job, queue),
             kind=job.kind,
             scan_id=job.payload["scan_id"],
             batch_id=job.batch_id,
             mask_id=(job.payload.get("through") or {}).get("mask_id"),
+            reconstruction_id=job.payload.get("reconstruction_id"),
+            unmixing=job.payload.get("unmixing"),
             frame=job.payload.get("frame"),
             wavelength=job.payload.get("wavelength"),
             average=job.payload.get("average", False),
+            align=job.payload.get("align", False),
+            motion=job.payload.get("motion", False),
             simulated=job.simulated,
             parameters=job.result.get("parameters") or job.payload.get("parameters", {}),
             report=ReportView.model_validate(job.result) if job.result else None,

@@ -8,32 +8,10 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any, Literal, TypeAlias
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-)
+from pydantic import BaseModel, Field
 
-
-class ReportBase(BaseModel):
-    """Base class of stored reports, which another version may have written; invalid fields become null."""
-
-    model_config = ConfigDict(extra="allow")
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _or_default(cls, value: Any, check: ValidatorFunctionWrapHandler, about: ValidationInfo) -> Any:
-        try:
-            return check(value)
-        except ValidationError:
-            field = cls.model_fields[about.field_name or ""]
-            if field.is_required():
-                raise
-            return field.get_default(call_default_factory=True)
+from steradian.api.schemas.report_base import ReportBase
+from steradian.api.schemas.series import FrameView, OxygenationView, RegionsView, UnmixingView
 
 
 class HistoryView(ReportBase):
@@ -85,6 +63,9 @@ class PreviewView(ReportBase):
     )
     laser_seconds: float | None = Field(default=None, description="s")
     total_seconds: float | None = Field(default=None, description="Time of the scan (s); the parts overlap")
+    least_seconds: float | None = Field(
+        default=None, description="Time (s) where the stopping rule ends the scan as early as it may"
+    )
     limiting: Literal["laser", "mover", "tuning", "gate", "link", "disk"] | None = Field(
         default=None, description="The part that decides the time"
     )
@@ -104,6 +85,7 @@ class PreviewView(ReportBase):
         examples=[{"median": 1e-4, "largest": 7e-4}],
     )
     bytes: int | None = Field(default=None, description="Size of the A-lines' samples")
+    oxygenation: OxygenationView | None = Field(default=None, description="Of several excitation wavelengths")
     findings: list[RemarkView] | None = None
 
 
@@ -177,6 +159,10 @@ class ReportView(ReportBase):
     scale_ends: dict[str, float] | None = Field(default=None, description="Value at the end of each picture's scale")
     seconds: dict[str, float] | None = Field(default=None, description="Wall time of each stage (s)")
     what_if: dict[str, Any] | None = Field(default=None, description="Correlation with the image of all points")
+    frames: list[FrameView] | None = Field(
+        default=None, description="Volumes of a series, in the order of index; null: it is one volume"
+    )
+    unmixing: UnmixingView | None = Field(default=None, description="Of the maps of an unmixing")
     files: list[str] | None = Field(default=None, description="Names of the files it left")
 
 
@@ -184,7 +170,7 @@ class ObjectWidth(ReportBase):
     """Full width at half maximum along a line, with the object's corrected diameter."""
 
     fwhm: float | None = Field(default=None, description="As the image shows it (m)")
-    repeatability: float | None = Field(default=None, description="Of fwhm under the noise (m); no accuracy")
+    repeatability: float | None = Field(default=None, description="Of fwhm under the noise (m)")
     point_spread: float | None = Field(default=None, description="Width of the image of a thin object there (m)")
     corrected: float | None = Field(default=None, description="Diameter whose image is as wide as fwhm (m)")
     at_most: float | None = Field(default=None, description="Largest diameter, where it is as wide as a thin one (m)")
@@ -197,8 +183,24 @@ class ObjectWidth(ReportBase):
     right: float | None = Field(default=None, description="Where it falls to a half (m from start)")
 
 
+class FoundParameterView(ReportBase):
+    """Parameter of a medium that a search found."""
+
+    name: str | None = Field(default=None, examples=["layer1.sound_speed", "layer1.thickness", "time_zero"])
+    unit: str | None = Field(default=None, description="Of all values", examples=["m/s", "m", "s"])
+    start: float | None = Field(default=None, description="Where the search began")
+    value: float | None = Field(default=None, description="What was found")
+    standard_error: float | None = Field(default=None, description="Of value (68 %)")
+    low: float | None = Field(default=None, description="Begin of the range searched")
+    high: float | None = Field(default=None, description="End of the range searched")
+    at_edge: bool | None = Field(default=None, description="Whether the value is at an end of the range")
+    criterion: str | None = Field(default=None, examples=["misfit", "sharpness", "boundary echo"])
+    values: list[float] | None = Field(default=None, description="Values tried, the other parameters held")
+    criterion_values: list[float] | None = Field(default=None, description="Criterion there")
+
+
 class SoundSpeedView(ReportBase):
-    """Result of a sound-speed search: best speed, and sharpness of images by speed."""
+    """Result of a sound-speed search: best speed and sharpness by speed, or the parameters found of a medium."""
 
     sound_speeds: list[float] | None = Field(default=None, description="Speeds tried, rising (m/s)")
     sharpness: list[float] | None = Field(default=None, description="At each of them, normalised")
@@ -207,6 +209,12 @@ class SoundSpeedView(ReportBase):
     at_edge: bool | None = Field(
         default=None, description="Whether the best is the first or last: the range should be moved"
     )
+    parameters: list[FoundParameterView] | None = Field(
+        default=None, description="Parameters of the medium, in the order asked for; null: of one speed"
+    )
+    medium: dict[str, Any] | None = Field(default=None, description="Layers with the values found; null: of one speed")
+    time_zero: float | None = Field(default=None, description="Time of the first sample, with the value found (s)")
+    correlations: list[list[float]] | None = Field(default=None, description="Of the parameters' errors")
     notes: list[str] | None = Field(default=None, description="Decisions and assumptions about the scan")
 
 
@@ -225,7 +233,7 @@ class WidthView(ReportBase):
 
 
 class ExportView(ReportBase):
-    """Result of an export."""
+    """Result of an export or a figure."""
 
     bytes: int | None = Field(default=None, description="Size of the file")
 
@@ -250,13 +258,15 @@ class ImageView(ReportBase):
     modes: int | None = None
 
 
-Result: TypeAlias = SoundSpeedView | ComparisonView | ExportView | ImportView | ReportView | WidthView
+Result: TypeAlias = SoundSpeedView | ComparisonView | ExportView | ImportView | ReportView | WidthView | RegionsView
 """What a job found."""
 _RESULTS: dict[str, type[Result]] = {
     "sound-speed": SoundSpeedView,
     "quality": ComparisonView,
     "width": WidthView,
+    "regions": RegionsView,
     "export": ExportView,
+    "figure": ExportView,
     "import": ImportView,
 }
 

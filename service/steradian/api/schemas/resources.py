@@ -10,7 +10,9 @@ from pydantic import BaseModel, Field
 from steradian.api.http.urls import BASE as BASE
 from steradian.api.http.urls import link
 from steradian.api.schemas.reports import HistoryView, PreviewView, SummaryView
+from steradian.api.schemas.scans import StageView
 from steradian.plans import VisitOrder
+from steradian.plans.stages import FocusStage, StoppingRule
 from steradian.storage.db.tables import MaskRow, PlanRow, ScanRow
 from steradian.storage.state_machines import DesiredScanState, ScanState
 
@@ -133,6 +135,9 @@ class PlanView(BaseModel):
     gate_rate: float = Field(default=1.0, description="Expected edges a second (Hz)")
     max_sensitivity_loss: float = Field(default=0.0, description="Share a point may lose to save a retuning")
     wavelength_uncertainty: float = Field(default=0.0, description="Of the points' best wavelengths (m)")
+    stages: list[FocusStage] = Field(default_factory=list, description="Further stages, made while it is measured")
+    stage_ends: list[int] = Field(default_factory=list, description="Points at the end of each stage but the last")
+    stopping: StoppingRule | None = Field(default=None, description="Rule that ends the scan early")
     beams: list[list[float]] = Field(
         default_factory=list,
         description="(B, 2) where each beam is beside the first (m)",
@@ -162,6 +167,7 @@ class ScanView(BaseModel):
     desired_state: DesiredScanState
     reason: str | None = Field(description="Reason of the desired state")
     labels: dict[str, str] = Field(description="Texts of your own")
+    stages: list[StageView] | None = Field(default=None, description="Of a scan in stages; null: there is one")
     completes: str | None = Field(description="Scan whose A-lines it starts with")
     fence: int = Field(description="Number of the scanner lease under which it was asked for")
     progress: ProgressView
@@ -189,6 +195,7 @@ class ScanView(BaseModel):
             desired_state=row.desired_state,
             reason=row.reason,
             labels=row.labels,
+            stages=None if row.stages is None else [StageView.model_validate(stage) for stage in row.stages],
             completes=row.completes,
             fence=row.fence,
             progress=ProgressView(stage=row.stage, done=row.done or 0, total=row.total or 0),

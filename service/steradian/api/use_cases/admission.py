@@ -7,27 +7,32 @@ from typing import Any, NamedTuple
 
 from steradian.api.errors.handlers import NotReady
 from steradian.api.services import ServiceContainer
+from steradian.api.use_cases.image_size import expected_shape, least_memory
 from steradian.core.exceptions import Conflict, InvalidInput, NotFound
-from steradian.imaging.geometry.depth_extent import Extent
-from steradian.imaging.medium import Medium
+from steradian.jobs.figure_request import FigureRequest
+from steradian.jobs.reconstruction_request import ReconstructionRequest
 from steradian.jobs.requests import (
     ExportRequest,
     ImportRequest,
     QualityRequest,
-    ReconstructionRequest,
+    RegionsRequest,
     SoundSpeedRequest,
     WidthRequest,
     WorkRequest,
 )
-from steradian.reconstructions.medium_parameters import build_medium
-from steradian.reconstructions.parameters import LARGE, ReconstructionParameters, default_modes
+from steradian.reconstructions.parameters import LARGE, ReconstructionParameters
 from steradian.reconstructions.volumes.pyramid import file_size
 from steradian.scans.frames import Frame
 from steradian.storage.blobs.interface import result_name, scan_name, upload_name
 from steradian.storage.capacity.reserve import scan_bytes
-from steradian.storage.data_dir.job_directory import VOLUME
+from steradian.storage.data_dir.job_directory import SERIES, VOLUME
 from steradian.storage.db.tables import ScanRow
 from steradian.storage.state_machines import SETTLED_SCAN_STATES, ReconstructionState
+
+MOST_ROWS = 10_000
+"""Most rows of a table of regions, which the job's result has."""
+MOST_PANELS = 36
+"""Most volumes of a figure, as in steradian.reconstructions.volumes.panels."""
 
 
 class ResourceEstimate(NamedTuple):
@@ -61,16 +66,23 @@ def estimate_resources(services: ServiceContainer, scan: ScanRow, wanted: Recons
     The volume file contains the voxels, their coarser copies and three projections (float32); a live reconstruction
     holds the last image beside the one that it writes.
     """
-    *across, deep = _shape(services, scan, wanted.parameters)
-    disk = file_size((*across, deep)) * (2 if wanted.follow else 1)
-    return ResourceEstimate(disk, _least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
+    if wanted.unmixing is not None and wanted.reconstruction_id is not None:
+        size = volume_size(services, wanted.reconstruction_id, "reconstruction_id")
+        maps = len(wanted.unmixing.chromophores) + 3  # saturation, its error, haemoglobin
+        one = size // _volumes(services, wanted.reconstruction_id)
+        return ResourceEstimate(one * maps, one * (len(wanted.unmixing.chromophores) + maps) // 2)
+    *across, deep = expected_shape(services, scan, wanted.parameters)
+    disk = file_size((*across, deep)) * (2 if wanted.follow else max(1, len(wanted.series(_frames(services, scan)))))
+    return ResourceEstimate(disk, least_memory((*across, deep // wanted.parameters.upsampling), wanted.parameters))
 
 
 def check_references(services: ServiceContainer, scan: ScanRow, wanted: ReconstructionRequest) -> None:
-    """Reject a reconstruction whose volume is too large, or whose frames or what-if mask do not fit the scan."""
-    _check_size(services, scan, wanted.parameters)
-    lights = frames_of(services.plans.get(scan.plan_id).parameters)
-    wanted.frames.pick([Frame(number, light, 0) for number, light in enumerate(lights)])
+    """Reject a reconstruction whose volume is too large, or whose frames, mask or series do not fit the scan."""
+    if wanted.reconstruction_id is not None:
+        _check_unmixing(services, wanted)
+        return
+    count = max(1, len(wanted.series(_frames(services, scan))))
+    _check_size(services, scan, wanted.parameters, count)
     if wanted.through is not None:
         aperture, mask_id = services.masks.get(scan.mask_id).aperture, wanted.through.mask_id
         if abs(services.masks.get(mask_id).aperture - aperture) > 1e-6 * aperture:
@@ -96,7 +108,16 @@ def check_job(services: ServiceContainer, wanted: WorkRequest) -> ResourceEstima
             scan, found = _scan_with_data(services, scan_id), services.arrays.stat(scan_name(scan_id))
             return ResourceEstimate(scan_bytes(services.plans.get(scan.plan_id)) if found is None else found.size)
         case ExportRequest(reconstruction_id=str(reconstruction_id)):
-            return ResourceEstimate(volume_size(services, reconstruction_id, "reconstruction_id"))
+            size = volume_size(services, reconstruction_id, "reconstruction_id")
+            if wanted.index is None:
+                return ResourceEstimate(size)
+            _check_index(services, reconstruction_id, "index", wanted.index)
+            return ResourceEstimate(size // _volumes(services, reconstruction_id))
+        case RegionsRequest() | FigureRequest():  # which hold one volume at a time, or two
+            size = volume_size(services, wanted.reconstruction_id, "reconstruction_id")
+            _check_rows(services, wanted)
+            overlay = _check_overlay(services, wanted) if isinstance(wanted, FigureRequest) else 0
+            return ResourceEstimate(0, size // _volumes(services, wanted.reconstruction_id) + overlay)
         case ImportRequest():
             uploads = [wanted.upload_id] + ([] if wanted.companion_id is None else [wanted.companion_id])
             return ResourceEstimate(
@@ -127,8 +148,10 @@ def volume_size(services: ServiceContainer, reconstruction_id: str, field: str) 
         raise NotReady(f"{field} {reconstruction_id} is {job.state}; its volume can be used when it has succeeded")
     if job.state is not ReconstructionState.SUCCEEDED:
         raise Conflict(f"{field} {reconstruction_id} has {job.state} and left no volume")
-    size = _size(services, result_name(reconstruction_id, VOLUME), "volume of", reconstruction_id)
-    if size > 2 * services.settings.max_volume_bytes:
+    count = len(job.result.get("frames") or ())
+    name = SERIES if count else VOLUME
+    size = _size(services, result_name(reconstruction_id, name), "volume of", reconstruction_id)
+    if size // max(1, count) > 2 * services.settings.max_volume_bytes:
         raise InvalidInput(field, reconstruction_id, f"a volume of at most {services.settings.max_volume_bytes} bytes")
     return size
 
@@ -147,72 +170,80 @@ def _check_alines(services: ServiceContainer, scan: ScanRow) -> None:
         raise Conflict(f"scan {scan.id} is {scan.state} and holds no A-lines")
 
 
-def _check_size(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> None:
-    """Reject a volume that is too large; raises :class:`InvalidInput`."""
-    shape = _shape(services, scan, parameters)
+def _check_rows(services: ServiceContainer, wanted: RegionsRequest | FigureRequest) -> None:
+    """Reject a table or a page of too many volumes; raises :class:`InvalidInput`."""
+    count = _volumes(services, wanted.reconstruction_id)
+    if isinstance(wanted, RegionsRequest) and count * len(wanted.regions) > MOST_ROWS:
+        told = f"{len(wanted.regions)} in {count} volumes"
+        raise InvalidInput("regions", told, f"at most {MOST_ROWS} rows in one job")
+    if isinstance(wanted, FigureRequest):
+        rows, axes = len(wanted.indices or ()) or count, len(wanted.axes or (wanted.axis,))
+        if wanted.format != "gif" and rows * axes > MOST_PANELS:
+            given = "missing" if wanted.indices is None else f"{rows} volumes"
+            raise InvalidInput("indices", given, f"at most {MOST_PANELS // axes} of the {count} volumes in a figure")
+        if wrong := [index for index in wanted.indices or () if not 0 <= index < count]:
+            raise InvalidInput("indices", wrong[0], f"0 to {count - 1}")
+
+
+def _check_overlay(services: ServiceContainer, wanted: FigureRequest) -> int:
+    """Return the bytes of a figure's overlay, 0 without one; raises :class:`InvalidInput` unless it is drawable."""
+    if wanted.overlay is None:
+        return 0
+    identifier = wanted.overlay.reconstruction_id
+    size = volume_size(services, identifier, "overlay.reconstruction_id")
+    _check_index(services, identifier, "overlay.index", wanted.overlay.index)
+    shapes = [services.ledger.status(each).result.get("shape", []) for each in (wanted.reconstruction_id, identifier)]
+    if len(shapes[0]) != len(shapes[1]):
+        raise InvalidInput("overlay.reconstruction_id", identifier, f"an image of {len(shapes[0])} dimensions")
+    return size // _volumes(services, identifier)
+
+
+def _volumes(services: ServiceContainer, reconstruction_id: str) -> int:
+    """Return the number of volumes of a series; 1 of a single volume."""
+    return len(services.ledger.status(reconstruction_id).result.get("frames") or [0])
+
+
+def _frames(services: ServiceContainer, scan: ScanRow) -> list[Frame]:
+    lights = frames_of(services.plans.get(scan.plan_id).parameters)
+    return [Frame(number, light, 0) for number, light in enumerate(lights)]
+
+
+def _check_unmixing(services: ServiceContainer, wanted: ReconstructionRequest) -> None:
+    """Reject an unmixing unless it is of a series of the scan with enough wavelengths."""
+    identifier, options = wanted.reconstruction_id or "", wanted.unmixing
+    volume_size(services, identifier, "reconstruction_id")
+    job = services.ledger.reconstruction(identifier)
+    if job.scan_id != wanted.scan_id:
+        raise InvalidInput("scan_id", wanted.scan_id, f"that of the series, {job.scan_id}")
+    lights = {frame.get("excitation_m") for frame in job.result.get("frames") or ()} - {None, 0.0}
+    needed = len(options.chromophores) if options else 1
+    if options and options.fluence.model == "fit":
+        needed += 1  # what is left over tells the tissue
+    if len(lights) < needed:
+        told = f"{identifier}, {len(lights)} wavelengths"
+        raise InvalidInput("reconstruction_id", told, f"a series of at least {needed} stated wavelengths")
+
+
+def _check_size(
+    services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters, count: int = 1
+) -> None:
+    """Reject a volume that is too large, or ``count`` large ones unasked; raises :class:`InvalidInput`."""
+    shape = expected_shape(services, scan, parameters)
     size, limit = 4 * math.prod(shape), services.settings.max_volume_bytes
     if size > limit:
         field, value = "parameters.modes", str(shape[0] // parameters.upsampling)
         if shape[-1] > parameters.upsampling * services.plans.get(scan.plan_id).parameters["samples"]:
             field, value = "parameters.depth_range", str(parameters.depth_range)
         raise InvalidInput(field, value, f"a volume of at most {limit} bytes, not {size}")
-    if size > LARGE and parameters.modes is None:
+    if count * size > LARGE and parameters.modes is None:
         modes = shape[0] // parameters.upsampling
         voxel = 1e6 * services.masks.get(scan.mask_id).aperture / modes
         raise InvalidInput(
             "parameters.modes",
             "missing",
-            f"stated for a volume above 1 GB: {modes} (voxels of {voxel:.4g} µm) make {1e-9 * size:.3g} GB",
+            f"stated for a file above 1 GB: {modes} (voxels of {voxel:.4g} µm) make {1e-9 * count * size:.3g} GB"
+            + (f" of {count} volumes" if count > 1 else ""),
         )
-
-
-def _shape(services: ServiceContainer, scan: ScanRow, parameters: ReconstructionParameters) -> tuple[int, ...]:
-    """Return the voxels of an image along its lateral axes (one for a line of sensors, else two) and in depth."""
-    modes = parameters.modes or _default_modes(services, scan.mask_id)
-    across = 1 if services.masks.is_line(scan.mask_id) else 2
-    deep = _slices(services.plans.get(scan.plan_id).parameters, parameters)
-    return (*[modes * parameters.upsampling] * across, deep * parameters.upsampling)
-
-
-def _default_modes(services: ServiceContainer, mask_id: str) -> int:
-    return default_modes(services.masks.default_modes(mask_id), services.masks.get(mask_id).aperture)
-
-
-def _slices(plan: dict[str, Any], parameters: ReconstructionParameters) -> int:
-    """Return the number of depth slices of an image: one a sample, more for a delayed record or a depth range.
-
-    Only the scan file contains the time zero of the record; known here are the requested delay and depth range.
-    """
-    samples: int = plan["samples"]
-    interval, speed = plan.get("sampling_interval"), parameters.sound_speed or plan.get("sound_speed")
-    if not interval or (parameters.medium is None and not speed):
-        return samples
-    if parameters.medium is not None:
-        try:
-            medium = build_medium(parameters.medium, speed)
-        except InvalidInput as error:
-            raise InvalidInput(f"parameters.{error.field}", error.value, error.allowed) from error
-        return _layered_slices(samples, interval, medium, parameters)
-    if parameters.depth_range is None:
-        extent = Extent(samples, parameters.conditioning.delay / interval)
-        return max(samples, extent.end - extent.first)
-    first, last = parameters.depth_range
-    return samples if last is None else max(samples, math.ceil((last - (first or 0.0)) / (interval * speed)) + 1)
-
-
-def _layered_slices(samples: int, interval: float, medium: Medium, parameters: ReconstructionParameters) -> int:
-    """Return the number of depth slices of an image of layers, which are a sample of the slowest layer apart."""
-    extent = Extent(samples, parameters.conditioning.delay / interval)
-    first, last = parameters.depth_range or (None, None)
-    begin = medium.depth_at(extent.first * interval) if first is None else first
-    end = medium.depth_at(extent.end * interval) if last is None else last
-    return max(samples, math.ceil((end - begin) / (interval * medium.slowest)) + (last is not None))
-
-
-def _least_memory(shape: tuple[int, ...], parameters: ReconstructionParameters) -> int:
-    """Return the bytes of the image alone (float32), a lower bound of memory; 0 if its depth is not known yet."""
-    is_whole = parameters.depth_range is None and parameters.depth_step is None and parameters.highest_frequency is None
-    return 4 * math.prod(shape) if is_whole else 0
 
 
 def _scan_with_data(services: ServiceContainer, scan_id: str) -> ScanRow:
@@ -233,12 +264,27 @@ def _check_width(services: ServiceContainer, wanted: WidthRequest) -> None:
     if services.masks.is_line(scan.mask_id):
         raise InvalidInput("reconstruction_id", wanted.reconstruction_id, "one of a plane of sensors, not of a line")
     volume_size(services, wanted.reconstruction_id, "reconstruction_id")
+    _check_index(services, wanted.reconstruction_id, "index", wanted.index)
+
+
+def _check_index(services: ServiceContainer, reconstruction_id: str, field: str, index: int | None) -> None:
+    """Reject an index that the series does not have, or none of a series; raises :class:`InvalidInput`."""
+    count = _volumes(services, reconstruction_id)
+    is_series = bool(services.ledger.status(reconstruction_id).result.get("frames"))
+    if (index is None and is_series) or (index or 0) >= count:
+        value = "missing" if index is None else index
+        raise InvalidInput(field, value, f"0 to {count - 1}: which volume of {reconstruction_id}")
 
 
 def _check_pair(services: ServiceContainer, wanted: QualityRequest) -> None:
     shapes = []
+    indices = {
+        "reconstruction_id": ("index", wanted.index),
+        "reference_id": ("reference_index", wanted.reference_index),
+    }
     for field, identifier in (("reconstruction_id", wanted.reconstruction_id), ("reference_id", wanted.reference_id)):
         volume_size(services, identifier, field)
+        _check_index(services, identifier, *indices[field])
         shapes.append(list(services.ledger.status(identifier).result.get("shape", [])))
     if all(shapes) and shapes[0] != shapes[1]:
         raise InvalidInput("reference_id", f"{wanted.reference_id}, {shapes[1]} voxels", f"one of {shapes[0]} voxels")

@@ -12,6 +12,7 @@ from steradian.security.keys import Principal
 from steradian.storage.capacity.reserve import scan_bytes
 from steradian.storage.db.tables import PlanRow, ScannerRow, ScanRow
 from steradian.storage.repositories.idempotency import IdempotencyKey, StoredResponse
+from steradian.storage.repositories.scan_stages import has_further_stages
 from steradian.storage.repositories.scanner_lease_and_stop import EmergencyStopped
 from steradian.storage.state_machines import is_terminal
 
@@ -70,7 +71,7 @@ def _require_completable(services: ServiceContainer, scan_id: str, plan: PlanRow
     held = row.summary or {}
     if not held.get("stored"):
         raise Conflict(f"scan {scan_id} holds no A-line to begin with; scan its plan")
-    if held["stored"] == held.get("points"):
+    if held["stored"] == held.get("points") and not has_further_stages(row):
         raise Conflict(f"scan {scan_id} misses nothing")
     return row
 

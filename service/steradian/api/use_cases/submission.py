@@ -19,7 +19,9 @@ from steradian.api.use_cases.admission import (
     frames_of,
 )
 from steradian.jobs.queue.job_ledger import to_status
-from steradian.jobs.requests import JobRequestBase, ReconstructionRequest, WorkRequest, to_job_request
+from steradian.jobs.reconstruction_request import ReconstructionRequest
+from steradian.jobs.request_base import JobRequestBase
+from steradian.jobs.requests import WorkRequest, to_job_request
 from steradian.security.keys import Principal
 from steradian.storage.db.tables import BatchRow, JobRow, ScanRow
 from steradian.storage.db.timestamps_and_ids import new_id

@@ -1,7 +1,7 @@
 """Compute engines: implementations of the three transform steps and their adjoints.
 
-An engine makes an image of A-lines in three steps, and A-lines of an image in their transposes (of tables of the model,
-whose waves go both ways). What it hands from step to step is its own.
+An engine makes an image of A-lines in three steps, and A-lines of an image in their transposes (of
+transposable tables). What it hands from step to step is its own.
 
     traces ── lateral ──► modes over time ── to_depth ──► modes over depth ── to_image ──► image
     traces ◄── lateral_adjoint ── modes over time ◄── to_depth_adjoint ── modes over depth ◄── to_image_adjoint ── image
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging.transform_tables import TransformTables
+from steradian.imaging.transforms.lateral import LateralTransform
 from steradian.imaging.volume import RealArray
 
 
@@ -70,14 +71,20 @@ class Engine(Protocol):
     def to_image(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
         """Return the image [x, y, z] ([x, z] in 2-D) of modes over depth, which are overwritten."""
 
-    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> RealArray:
-        """Return the traces (M, N_t) of modes over time: the adjoint of :meth:`lateral`."""
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = ..., *, kept: bool = False) -> RealArray:
+        """Return the traces (M, N_t) of modes over time, which may be overwritten unless ``kept``.
+
+        The adjoint of :meth:`lateral`.
+        """
 
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = ...) -> Any:
         """Return the modes over time of modes over depth, which are overwritten."""
 
     def to_image_adjoint(self, image: Any, watch: ProgressMonitor = ...) -> Any:
         """Return the modes over depth of an image: the adjoint of :meth:`to_image`."""
+
+    def with_sensors(self, lateral: LateralTransform) -> Engine:
+        """Return an engine with other sensors, whose modes over time are interchangeable with this one's."""
 
 
 def run_inverse(engine: Engine, traces: Any, watch: ProgressMonitor = NO_MONITOR, *, scale: float = 1.0) -> RealArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import floor
+from math import ceil, floor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,30 +89,70 @@ def layered_geometries(
     step = dt * medium.slowest
     extent = Extent.of(samples, dt, acquisition.t0)
     first, last = layered_slices(medium, extent, grid.depth, step=step, interval=dt, latest=extent.end * dt)
-    flat, lateral = _unweighted(acquisition, grid, first * step)
-    film = resolve_geometry(flat, replace(grid, depth=None, lateral_padding=lateral))
-    film = replace(film, depth=(first, last))
-    found = []
+    film = _film_geometry(acquisition, grid, first * step, (first, last))
+    layers = [(path, layer_slices(path, step, first, last)) for path in medium.layer_paths()]
+    return film, [
+        _layer_geometry(film, extent, path, slices, step, slices[0] * step - path.top)
+        for path, slices in layers
+        if slices is not None
+    ]
+
+
+def timed_geometries(
+    acquisition: AcquisitionGeometry, grid: ImageGrid, slices: tuple[int, int]
+) -> tuple[ReconstructionGeometry, list[LayerGeometry]]:
+    """Return the geometries of :func:`layered_geometries` for slices at equal times of flight along the normal.
+
+    Slice k has the time of flight k·dt. The number of slices then does not depend on the medium, and the depth step is
+    the own c·dt of each layer. The depth axis of the whole volume has no meaning.
+
+    Parameters
+    ----------
+    acquisition, grid
+        As in :func:`layered_geometries`, without a depth range.
+    slices
+        First slice and one past the last.
+    """
+    medium, dt = acquisition.medium, acquisition.dt
+    extent = Extent.of(acquisition.samples, dt, acquisition.t0)
+    film = _film_geometry(acquisition, grid, medium.depth_at(slices[0] * dt), slices)
+    found, top = [], 0.0
     for path in medium.layer_paths():
-        slices = layer_slices(path, step, first, last)
-        if slices is None:
-            continue
-        low, high = slices
-        speed, begins, count, top = path.sound_speed, acquisition.t0, samples, 0
-        gap = 0.0
-        if path.overlying:
-            gap = low * step - path.top
-            earliest = gap / speed + sum((each.thickness or 0.0) / each.sound_speed for each in path.overlying)
-            begins, top = 0.0, low
-            count = max(_MARGIN, floor(extent.end - earliest / dt) + _MARGIN)
-        # as in one medium, no copy at L − z is heard
-        points = fast_multiple((high - top) + speed * (max(0.0, begins) + count * dt) / step)
-        geometry = replace(
-            film, sound_speed=speed, samples=count, time_zero=begins, record=points * step / (speed * dt),
-            depth_points=points, depth=(low - top, high - top),
-        )  # fmt: skip
-        found.append(LayerGeometry(geometry, path, gap, (low - first, high - first)))
+        step = path.sound_speed * dt
+        bottom = top + (path.bottom - path.top) / step
+        low = max(slices[0], ceil(top - 1e-6))
+        high = slices[1] if bottom >= slices[1] else ceil(bottom - 1e-6)
+        if low < high:
+            found.append(_layer_geometry(film, extent, path, (low, high), step, max(0.0, (low - top) * step)))
+        top = bottom
     return film, found
+
+
+def _film_geometry(
+    acquisition: AcquisitionGeometry, grid: ImageGrid, depth: float, slices: tuple[int, int]
+) -> ReconstructionGeometry:
+    flat, lateral = _unweighted(acquisition, grid, depth)
+    return replace(resolve_geometry(flat, replace(grid, depth=None, lateral_padding=lateral)), depth=slices)
+
+
+def _layer_geometry(
+    film: ReconstructionGeometry, extent: Extent, path: LayerPath, slices: tuple[int, int], step: float, gap: float
+) -> LayerGeometry:
+    """Return the part of a layer; ``gap`` is the distance of its first slice from its upper boundary, in m."""
+    low, high = slices
+    speed, dt, begins, count, top = path.sound_speed, film.sampling_interval, film.time_zero, film.samples, 0
+    if path.overlying:
+        earliest = gap / speed + sum((each.thickness or 0.0) / each.sound_speed for each in path.overlying)
+        begins, top = 0.0, low
+        count = max(_MARGIN, floor(extent.end - earliest / dt) + _MARGIN)
+    # as in one medium, no copy at L − z is heard
+    points = fast_multiple((high - top) + speed * (max(0.0, begins) + count * dt) / step)
+    geometry = replace(
+        film, sound_speed=speed, samples=count, time_zero=begins, record=points * step / (speed * dt),
+        depth_points=points, depth=(low - top, high - top),
+    )  # fmt: skip
+    first = film.depth[0]
+    return LayerGeometry(geometry, path, gap if path.overlying else 0.0, (low - first, high - first))
 
 
 def _unweighted(acquisition: AcquisitionGeometry, grid: ImageGrid, depth: float) -> tuple[AcquisitionGeometry, float]:

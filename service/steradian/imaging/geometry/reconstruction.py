@@ -14,6 +14,7 @@ from steradian.imaging import validation as checks
 from steradian.imaging.acquisition import AcquisitionGeometry
 from steradian.imaging.geometry.depth_extent import Extent
 from steradian.imaging.geometry.sensor_areas import sensor_areas
+from steradian.imaging.geometry.sensor_sensitivity import check_sensitivity, inverse_variance_weights
 from steradian.imaging.medium import LayerPath
 from steradian.imaging.options import ImageGrid
 from steradian.imaging.transforms.grid_sizes import fast_multiple, fast_record_length
@@ -32,7 +33,7 @@ class ReconstructionGeometry:
     positions
         Shape (M, d−1).
     weights
-        h_m, shape (M,); :attr:`sensed_area` is their sum.
+        h_m, shape (M,), those of A-lines as they were recorded where sensors differ in sensitivity.
     aperture, modes
         As asked for, one number a lateral axis.
     period, padded_modes
@@ -74,11 +75,6 @@ class ReconstructionGeometry:
     path: LayerPath | None = None
 
     @property
-    def sensed_area(self) -> float:
-        """Sum of the sensors' weights, Σ h_m in m² (m in 2-D): the area covered by the sensors."""
-        return float(self.weights.sum())
-
-    @property
     def depth_step(self) -> float:
         """Depth step Δz in metres: c·dt, times N_t/N_z."""
         return self.sound_speed * self.sampling_interval * self.record / self.depth_points
@@ -118,15 +114,20 @@ class ReconstructionGeometry:
 
 
 def _weights(
-    weights: ArrayLike | Literal["voronoi"] | None, x: NDArray[np.float64], period: tuple[float, ...]
+    weights: ArrayLike | Literal["voronoi"] | None,
+    sensitivity: ArrayLike | None,
+    x: NDArray[np.float64],
+    period: tuple[float, ...],
 ) -> NDArray[np.float64]:
     count = len(x)
     if weights is None or isinstance(weights, str):
         if weights not in (None, "voronoi"):
             raise InvalidInput("weights", weights, "an array, None or 'voronoi' (the areas of the sensors' cells)")
-        return sensor_areas(x, period)
-    h = checks.as_float64("weights", weights, f"one weight a sensor, shape ({count},)")
-    return checks.check_weights(h, x, period)
+        h = sensor_areas(x, period)
+    else:
+        given = checks.as_float64("weights", weights, f"one weight a sensor, shape ({count},)")
+        h = checks.check_weights(given, x, period)
+    return h if sensitivity is None else inverse_variance_weights(h, x, check_sensitivity(sensitivity, count))
 
 
 def depth_slice_range(
@@ -210,7 +211,7 @@ def resolve_geometry(
     points = _depth_points(highest, grid.depth_step, record, interval, speed)
     return ReconstructionGeometry(
         positions=x,
-        weights=_weights(weights, x, period),
+        weights=_weights(weights, acquisition.sensitivity, x, period),
         aperture=period,
         modes=number,
         period=tuple(X * p / n for X, p, n in zip(period, padded, number, strict=True)),

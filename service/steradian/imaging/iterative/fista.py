@@ -22,8 +22,8 @@ _SAFETY = 1.1  # of the largest singular value found by so many power steps
 class Fista(IterativeSolver):
     """FISTA solver (Beck and Teboulle 2009) with the restart of O'Donoghue and Candès (2015)."""
 
-    def run(self) -> RealArray:
-        """Run FISTA until a stopping rule applies and return the image."""
+    def run(self, start: RealArray | None = None) -> RealArray:
+        """Run FISTA from an image (None: zero) until a stopping rule applies and return the image."""
         back = self._adjoint(self._data)
         norm = float(np.linalg.norm(self._data)) or 1.0
         curvature = self._curvature(back)
@@ -38,10 +38,13 @@ class Fista(IterativeSolver):
         weight *= curvature if self._options.regularisation == "tikhonov" else float(np.abs(back).max())
         kind = back.dtype.type
         image, point, new = np.zeros_like(back), np.zeros_like(back), np.empty_like(back)
+        if start is not None:
+            image, _ = self._scaled(start)
+            point[...] = image
         momentum = 1.0
         for iteration in range(self._options.iterations):
             self._look()
-            if iteration:
+            if iteration or start is not None:
                 residual = self._forward(point)
                 residual -= self._data
                 back = self._adjoint(residual)
@@ -56,6 +59,8 @@ class Fista(IterativeSolver):
             back *= kind(-1 / curvature)
             back += point
             minimised(back, new, weight / curvature)
+            new[..., : self._support.start] = 0
+            new[..., self._support.stop :] = 0
             self.done = iteration + 1
             np.subtract(point, new, out=point)
             np.subtract(new, image, out=image)  # the step

@@ -16,6 +16,7 @@ The inverse is Tikhonov's, R = L·(MᵀM + λ²)⁻¹Mᵀ: it amplifies the more
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
 from typing import NamedTuple
 
@@ -50,25 +51,57 @@ def attenuation_matrix(medium: Medium, *, samples: int, interval: float, time_ze
     samples, interval, time_zero
         N_t, sampling interval and time of the first sample after the pulse in s. What is before it stays as it is.
     """
-    begins = round(time_zero / interval, 6)
-    times: Floats = (begins + np.arange(samples, dtype=np.float64)) * interval
-    length = 2 * samples
-    f = np.arange(length // 2 + 1) / (length * interval)
-    f[0] = f[1] / 2  # K(0) may not exist; the mean of sound is 0
-    omega = 2 * np.pi * f
-    spent = _times_in_layers(medium, times)
-    excess = np.array(
-        [each.sound_speed * (each.attenuation or LOSSLESS).excess(f) for each in medium.layers]
-    )  # c·K − ω of each layer
+    omega, excess = _excess(medium, samples, interval)
     amplitude = omega / (omega + excess[-1])
+    spent = _times_in_layers(medium, _times(samples, interval, time_zero))
+
+    def spectra(some: slice) -> NDArray[np.complex128]:
+        return np.asarray(amplitude * np.exp(1j * (spent[some] @ excess)))
+
+    return _matrix(samples, spectra)
+
+
+def attenuation_derivatives(
+    medium: Medium, *, samples: int, interval: float, time_zero: float
+) -> tuple[Floats, Floats]:
+    """Return the derivatives of :func:`attenuation_matrix` by sound speed and by time zero, for one layer."""
+    (layer,) = medium.layers
+    omega, (excess,) = _excess(medium, samples, interval)
+    amplitude = omega / (omega + excess)
+    (spent,) = _times_in_layers(medium, _times(samples, interval, time_zero)).T
+
+    def by_speed(some: slice) -> NDArray[np.complex128]:
+        path = spent[some, None] * excess
+        return np.asarray(amplitude * np.exp(1j * path) * (1j * path - excess / (omega + excess)) / layer.sound_speed)
+
+    def by_time(some: slice) -> NDArray[np.complex128]:
+        after = spent[some, None] > 0
+        return np.asarray(amplitude * np.exp(1j * spent[some, None] * excess) * (1j * excess * after))
+
+    return _matrix(samples, by_speed), _matrix(samples, by_time)
+
+
+def _times(samples: int, interval: float, time_zero: float) -> Floats:
+    begins = round(time_zero / interval, 9)
+    return np.asarray((begins + np.arange(samples, dtype=np.float64)) * interval)
+
+
+def _excess(medium: Medium, samples: int, interval: float) -> tuple[Floats, NDArray[np.complex128]]:
+    """Return ω (F,), and c·K − ω of each layer (L, F)."""
+    f = np.arange(samples + 1) / (2 * samples * interval)
+    f[0] = f[1] / 2  # K(0) may not exist; the mean of sound is 0
+    excess = np.array([each.sound_speed * (each.attenuation or LOSSLESS).excess(f) for each in medium.layers])
+    return 2 * np.pi * f, excess
+
+
+def _matrix(samples: int, spectra: Callable[[slice], NDArray[np.complex128]]) -> Floats:
+    """Return the matrix of which some columns τ have these spectra (τ, F), each about its own place."""
     found = np.empty((samples, samples))
     for first in range(0, samples, _BLOCK):
-        some = slice(first, first + _BLOCK)
-        # the column τ about its own place, so that phases are those of the excess alone
-        spectrum = np.conj(amplitude * np.exp(1j * (spent[some] @ excess)))
+        # about its own place, so that phases are those of the excess alone
+        spectrum = np.conj(spectra(slice(first, first + _BLOCK)))
         spectrum[:, -1] = spectrum[:, -1].real
-        lines = np.fft.irfft(spectrum, length, axis=1)
-        for column, line in enumerate(lines, start=first):
+        for column, line in enumerate(np.fft.irfft(spectrum, 2 * samples, axis=1), start=first):
             found[:, column] = np.roll(line, column)[:samples]
     return found
 

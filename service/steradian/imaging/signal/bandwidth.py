@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +18,7 @@ _ABOVE = 2.0  # power of signal plus noise against noise alone where the band en
 _FLOOR = 1e-7  # least power against the strongest frequency's, for data without noise
 _MARGIN = 1.15  # Nyquist frequency kept against the band's end
 _CHUNK = 512  # traces filtered together
+_ROWS = 16  # of an image, upsampled together by a thread
 
 
 def signal_band(traces: RealArray, sampling_interval: float) -> tuple[float, float]:
@@ -98,7 +101,9 @@ def decimate(traces: RealArray, factor: int, dtype: str, scale: float = 1.0) -> 
     return result
 
 
-def sinc_upsample(values: RealArray, factors: tuple[int, ...], depths: slice = slice(None)) -> RealArray:
+def sinc_upsample(
+    values: RealArray, factors: tuple[int, ...], depths: slice = slice(None), *, threads: int = 1
+) -> RealArray:
     """Upsample an image by sinc interpolation: ``factors`` points a voxel along each axis, the first on the voxel.
 
     Along depth the image is continued with zeros, laterally periodically. Only the refined ``depths`` are made.
@@ -119,13 +124,31 @@ def sinc_upsample(values: RealArray, factors: tuple[int, ...], depths: slice = s
         other = 1 if axis == 0 else 0
         shape = tuple(len(range(n * factor)[kept]) if a == axis else n for a, n in enumerate(result.shape))
         fine: RealArray = np.empty(shape, values.dtype, like=values)
-        for first in range(0, result.shape[other], 16):
-            some: list[slice] = [slice(None)] * result.ndim
-            some[other] = slice(first, first + 16)
-            spectrum = fast.rfft(result[tuple(some)], length, axis=axis)
-            if length % 2 == 0:
-                np.moveaxis(spectrum, axis, 0)[-1] *= 0.5
-            long = np.moveaxis(fast.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor][kept]
-            fine[tuple(some)] = np.moveaxis(long, 0, axis) * values.dtype.type(factor)
+        upsample = partial(_upsample_rows, fast, result, fine, (axis, other), (count, length, factor), kept)
+        pieces = -(-result.shape[other] // _ROWS)
+        if is_gpu_array(values) or threads == 1:
+            for piece in range(pieces):
+                upsample(piece)
+        else:
+            with ThreadPoolExecutor(min(threads, pieces)) as pool:
+                list(pool.map(upsample, range(pieces)))
         result = fine
     return result
+
+
+def _upsample_rows(
+    fast: Any, values: RealArray, fine: RealArray, axes: tuple[int, int], sizes: tuple[int, int, int], kept: slice,
+    piece: int,
+) -> None:  # fmt: skip
+    """Upsample some rows of an image along one axis.
+
+    ``axes``: that axis and the one of the rows; ``sizes``: its points, those of its transform, and the factor.
+    """
+    (axis, other), (count, length, factor) = axes, sizes
+    some: list[slice] = [slice(None)] * values.ndim
+    some[other] = slice(piece * _ROWS, (piece + 1) * _ROWS)
+    spectrum = fast.rfft(values[tuple(some)], length, axis=axis)
+    if length % 2 == 0:
+        np.moveaxis(spectrum, axis, 0)[-1] *= 0.5
+    long = np.moveaxis(fast.irfft(spectrum, length * factor, axis=axis), axis, 0)[: count * factor][kept]
+    fine[tuple(some)] = np.moveaxis(long, 0, axis) * values.dtype.type(factor)

@@ -109,7 +109,7 @@ def plan_extrapolation(
     time_zero
         Time of the film's first sample after the pulse, in s.
     """
-    begins = round(time_zero / interval, 6)
+    begins = round(time_zero / interval, 9)
     first = floor(begins)
     length = fast_size(LENGTH * max(source, first + samples))
     damping = -log(FOLDED) / length

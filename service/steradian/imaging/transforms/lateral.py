@@ -146,9 +146,17 @@ def linearly_gridded(
 
 
 def non_uniform(
-    places: Floats, scale: Floats, modes: tuple[int, int], window: Window, grid: tuple[int, int]
+    places: Floats,
+    scale: Floats,
+    modes: tuple[int, int],
+    window: Window,
+    grid: tuple[int, int],
+    derivative: int | None = None,
 ) -> LateralTransform:
-    """Return the NUFFT for arbitrary positions ``places`` (M, 2) in periods (NED); ``grid[0]`` is 1 in 2-D."""
+    """Return the NUFFT for arbitrary positions ``places`` (M, 2) in periods (NED); ``grid[0]`` is 1 in 2-D.
+
+    With ``derivative`` 0 or 1 its derivative by each sensor's own position along that axis, in periods.
+    """
     windows = (None if grid[0] == 1 else window, window)
     first, taps = np.zeros((len(places), 2), np.int64), []
     for axis, shape in enumerate(windows):
@@ -158,5 +166,6 @@ def non_uniform(
         left = places[:, axis] * grid[axis] - shape.width / 2
         whole = np.floor(left)
         first[:, axis] = (whole.astype(np.int64) + 1) % grid[axis]
-        taps.append(shape.taps(left - whole))
+        slopes = axis == derivative
+        taps.append(grid[axis] * shape.tap_slopes(left - whole) if slopes else shape.taps(left - whole))
     return LateralTransform(grid, modes, Stencils(first, *taps), scale, windows=windows)

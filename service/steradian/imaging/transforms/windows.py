@@ -68,9 +68,8 @@ class Window:
 
     def transform(self, xi: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the window's Fourier transform ψ(ξ), ξ in cycles per grid cell, by Gauss-Legendre quadrature."""
-        nodes, weights = np.polynomial.legendre.leggauss(8 * self.width + 32)
+        angle, weights = _quadrature(8 * self.width + 32)
         # x = w/2·sin(πs/2) takes the square root's edge away
-        angle = np.pi / 2 * nodes
         x = self.width / 2 * np.sin(angle)
         values = self(x) * weights * np.cos(angle) * (np.pi / 2) * self.width / 2
         flat = np.ravel(np.asarray(xi, np.float64))
@@ -82,8 +81,32 @@ class Window:
 
         The first grid point is ⌊u − w/2⌋ + 1 and the fraction that of u − w/2.
         """
+        return self(self._distances(fraction))
+
+    def tap_slopes(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of :meth:`taps` by the position in grid cells, (…, w)."""
+        return -self.slope(self._distances(fraction))
+
+    def _distances(self, fraction: NDArray[np.float64]) -> NDArray[np.float64]:
         steps = np.arange(self.width) + 1.0 - self.width / 2
-        return self(steps - np.asarray(fraction, np.float64)[..., None])
+        return np.asarray(steps - np.asarray(fraction, np.float64)[..., None])
+
+    def slope(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the window's derivative φ′(x) per grid cell, x in grid cells, any shape; zero beyond half the width.
+
+        For "semicircle" it grows without bound towards the window's ends.
+        """
+        inside = 1.0 - (2.0 * np.asarray(x, np.float64) / self.width) ** 2
+        root = np.sqrt(np.maximum(inside, 1e-12))
+        inner = -4.0 * np.asarray(x, np.float64) / self.width**2  # root·root′
+        if self.shape == "semicircle":
+            value = np.exp(self.beta * (root - 1.0)) * self.beta * inner / root
+        else:
+            b = self.beta * root
+            near = np.where(b < 1e-2, 1.0, b)
+            curve = np.where(b < 1e-2, 1 / 3 + b**2 / 30, (np.cosh(near) * near - np.sinh(near)) / near**3)
+            value = self.beta**3 * curve * inner / np.sinh(self.beta)
+        return np.where(inside >= 0.0, value, 0.0)
 
     def error(self) -> float:
         """Return the RMS relative error of a 1-D NUFFT over the modes |ξ| ≤ 1/(2σ) and all fractions."""
@@ -112,6 +135,15 @@ class Window:
             found = np.polynomial.chebyshev.cheb2poly(series)  # shorter where the last coefficients are 0
             tap[: len(found)] = found
         return powers
+
+
+@lru_cache(maxsize=MAX_TAPS)
+def _quadrature(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the angles π/2·s and the weights of Gauss-Legendre quadrature; the search of a window takes them often."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    angle = np.pi / 2 * nodes
+    angle.flags.writeable = weights.flags.writeable = False
+    return angle, weights
 
 
 @lru_cache(maxsize=256)

@@ -8,11 +8,11 @@ from typing import Any, Final, Literal, TypeVar
 
 from steradian.core.json_encoding import to_jsonable
 from steradian.jobs import request_versions as forms
-from steradian.jobs import requests
+from steradian.jobs.request_base import JobRequestBase
 from steradian.jobs.tasks.context import JobContext
 
 Resource = Literal["reconstruction", "job"]
-Request = TypeVar("Request", bound=requests.JobRequestBase)
+Request = TypeVar("Request", bound=JobRequestBase)
 Handler = Callable[[JobContext, Request], dict[str, Any]]
 JOB_TYPES: Final[dict[str, JobType]] = {}
 """Job kinds by name, in the order of their handlers."""
@@ -35,7 +35,7 @@ class JobType:
         each report of the stage restarts the service's limit on a job's time.
     """
 
-    request: type[requests.JobRequestBase]
+    request: type[JobRequestBase]
     work: Callable[[JobContext, Any], dict[str, Any]]
     resource: Literal["reconstruction", "job"] = "job"
     follows: str | None = None

@@ -73,10 +73,11 @@ def export_volume(
     destination: Path,
     *,
     format: VolumeFormat,
+    index: int | None = None,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Path:
-    """Convert a volume file to another format.
+    """Convert a volume file, or a volume of a series file, to another format.
 
     Parameters
     ----------
@@ -87,6 +88,8 @@ def export_volume(
         unless the name ends in ``.png``; a folder is never replaced. NIfTI is compressed if the name ends in ``.gz``.
     format
         A name in :data:`FORMATS`; ``tiff`` is an ImageJ hyperstack.
+    index
+        Which volume of a series file, from 0.
     progress, cancelled
         Reported and asked once a slab of some megabytes.
 
@@ -114,7 +117,7 @@ def export_volume(
 
     module, function = FORMATS[format].writer.split(".")
     write = getattr(import_module(f"{__name__}.{module}"), function)
-    with open_volume(volume, progress, cancelled) as source:
+    with open_volume(volume, progress, cancelled, index) as source:
         destination.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(destination, keep_ending=True) as beside:
             write(source, beside)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steradian.core.exceptions import Cancelled, DamagedFile, NotFound
 from steradian.core.progress import CancelCheck, Progress
-from steradian.reconstructions.volumes.file import centre_in, check_format
+from steradian.reconstructions.volumes.file import centre_in, check_format, volume_group
 from steradian.scans.file.h5py_errors import reraise_as_damaged
 
 SLAB_BYTES = 32 << 20
@@ -107,8 +107,10 @@ class VolumeExportSource:
 
 
 @contextmanager
-def open_volume(path: Path, progress: Progress | None, cancelled: CancelCheck | None) -> Iterator[VolumeExportSource]:
-    """Open a volume file as a :class:`VolumeExportSource`.
+def open_volume(
+    path: Path, progress: Progress | None, cancelled: CancelCheck | None, index: int | None = None
+) -> Iterator[VolumeExportSource]:
+    """Open a volume file, or the volume of a series file with an index, as a :class:`VolumeExportSource`.
 
     Raises
     ------
@@ -122,8 +124,8 @@ def open_volume(path: Path, progress: Progress | None, cancelled: CancelCheck | 
     with ExitStack() as opened:
         with reraise_as_damaged(path, "volume"):
             file = opened.enter_context(h5py.File(path, "r"))
-            check_format(file, path)
-            values = file["values"]
+            check_format(file, path, or_series=True)
+            values = volume_group(file, index)["values"]
             spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
             names = tuple(str(values.attrs["axes"]).split(", "))
             origin = tuple(first + moved for first, moved in zip(origin, centre_in(file, len(origin)), strict=True))

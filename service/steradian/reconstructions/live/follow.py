@@ -27,15 +27,16 @@ from steradian.imaging.signal.conditioning import Conditioning, Display
 from steradian.reconstructions.live.preview import CoarseParameters, choose_preview
 from steradian.reconstructions.live.revision_metrics import Revision, quality_of
 from steradian.reconstructions.parameters import ReconstructionParameters
+from steradian.reconstructions.pipeline.report import Report
 from steradian.reconstructions.pipeline.resolve import modes_of, request_field_names, resolve_setup
-from steradian.reconstructions.pipeline.run import Report, reconstruct_scan, write_json
+from steradian.reconstructions.pipeline.run import reconstruct_scan, write_json
 from steradian.reconstructions.pipeline.sensor_gaps import largest_gap
 from steradian.reconstructions.shot_normalisation import normalise_new_shots
 from steradian.reconstructions.volumes.file import write_projections
 from steradian.reconstructions.volumes.near_field import crop_depth, near_field_depth
 from steradian.reconstructions.volumes.projections import Projections, project, project_below_depth
 from steradian.reconstructions.volumes.reader import VolumeReader
-from steradian.scans.file.tail import AlineBatch, ScanTail, has_alines
+from steradian.scans.file.tail import AlineBatch, ScanExtended, ScanTail, has_alines
 from steradian.scans.opening import FIRST
 from steradian.scans.recording import Recording
 
@@ -167,20 +168,31 @@ class LiveReconstruction:
         frame: int = 0,
     ) -> None:
         self.parameters, self.output = parameters, output
-        self._follower = ScanTail(scan, frame)
+        self._scan, self._detail, self._frame = scan, detail, frame
+        self.latest: NDArray[Any] | None = None
+        self.number = 0
+        self.coverage: dict[str, float] = {}
+        self._open()
+
+    def _open(self) -> None:
+        """Open the scan file, and plan the reconstruction of all its points."""
+        parameters = self.parameters
+        self._follower = ScanTail(self._scan, self._frame)
         whole = self._follower.whole
         full, modes = resolve_setup(whole, parameters), modes_of(whole, parameters)
         step = full.geometry.dt * full.geometry.sound_speed
         coarse = choose_preview(modes, full.geometry.samples, whole.aperture / modes, step)
-        self.preview = coarse if detail == "preview" else CoarseParameters(modes, 1)
+        self.preview = coarse if self._detail == "preview" else CoarseParameters(modes, 1)
         with request_field_names():
             geometry, grid, method, compute = self.preview.apply(full)
             assert isinstance(method, DirectMethod)  # noqa: S101 - of an image that is a sum over sensors
             plan = ReconstructionPlan(geometry, grid, method, compute=replace(compute, device="cpu"))
         self._growing = IncrementalReconstruction(plan)
-        self.latest: NDArray[Any] | None = None
-        self.number = 0
-        self.coverage: dict[str, float] = {}
+
+    @property
+    def points(self) -> int:
+        """Number of points in the image so far."""
+        return int(self._growing.measured.sum())
 
     @property
     def whole(self) -> Recording:
@@ -192,9 +204,12 @@ class LiveReconstruction:
         return self._growing.volume()
 
     def update(self, *, cancelled: CancelCheck | None = None) -> Revision | None:
-        """Update the image with newly stored A-lines and return the new revision; ``None`` without new A-lines."""
-        clock = _Clock()
-        if not self._add_new(clock, cancelled):
+        """Update the image with newly stored A-lines and return the new revision; ``None`` without new A-lines.
+
+        A scan that has got a further stage is taken anew, with all its A-lines.
+        """
+        clock = Clock()
+        if not self.add_new(clock, cancelled):
             return None
         with clock("reconstruct"):
             volume = self._growing.volume(cancelled=cancelled)
@@ -205,8 +220,15 @@ class LiveReconstruction:
         write_json(self.output / "revision.json", revision)
         return revision
 
-    def _add_new(self, clock: _Clock, cancelled: CancelCheck | None) -> int:
+    def add_new(self, clock: Clock | None = None, cancelled: CancelCheck | None = None) -> int:
         """Add newly stored A-lines to the incremental reconstruction and return their number."""
+        try:
+            return self._add_new(clock or Clock(), cancelled)
+        except ScanExtended:
+            self._open()
+            return self._add_new(clock or Clock(), cancelled)
+
+    def _add_new(self, clock: Clock, cancelled: CancelCheck | None) -> int:
         # what all A-lines have in common changes with each of them: then they are taken anew, and all at once
         common = self.parameters.conditioning.remove_common is not None
         count = 0
@@ -338,7 +360,7 @@ def _wait(
         seconds -= LONGEST_WAIT
 
 
-class _Clock:
+class Clock:
     """Timer that sums the wall time of named stages."""
 
     def __init__(self) -> None:
@@ -346,6 +368,7 @@ class _Clock:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
+        """Context manager that adds the wall time of its block to a stage."""
         began = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began

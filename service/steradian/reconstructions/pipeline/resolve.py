@@ -54,9 +54,16 @@ def effective_parameters(recording: Recording, parameters: ReconstructionParamet
     return parameters.model_dump(mode="json") | decided
 
 
-def preprocess(recording: Recording, parameters: ReconstructionParameters) -> NDArray[np.float32]:
-    """Return A-lines (M, N_t) in units of pressure after the conditioning that the parameters request."""
+def preprocess(
+    recording: Recording, parameters: ReconstructionParameters, *, divided: bool = True
+) -> NDArray[np.float32]:
+    """Return A-lines (M, N_t) in units of pressure after the conditioning that the parameters request.
+
+    Unless ``divided``, those of a recording with sensitivities are as the sensors recorded them.
+    """
     scale = np.asarray(recording.scale, np.float32).reshape(-1, 1)
+    if not divided and recording.sensitivity is not None:
+        scale = scale * recording.sensitivity[:, None].astype(np.float32)
     traces: NDArray[np.float32] = np.multiply(recording.traces, scale, dtype=np.float32)
     if parameters.conditioning == Conditioning():
         return traces

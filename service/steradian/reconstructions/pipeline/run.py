@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from steradian.core.atomic_files import atomic_write
 from steradian.core.json_encoding import to_jsonable
 from steradian.core.progress import CancelCheck, Progress
-from steradian.imaging import Acquisition, DirectMethod, Iterative, ReconstructionInfo, Volume, reconstruct
+from steradian.imaging import Acquisition, DirectMethod, Iterative, Volume, reconstruct
 from steradian.imaging.engines.cuda import array_backend
-from steradian.imaging.signal.bandwidth import power_fraction_above, resolve_upper_frequency
+from steradian.imaging.signal.bandwidth import resolve_upper_frequency
 from steradian.reconstructions.parameters import ReconstructionParameters
-from steradian.reconstructions.pipeline.completeness import IncompleteCoverage, find_missing_points
-from steradian.reconstructions.pipeline.diagnostics import BandLimit, FitDiagnostics
+from steradian.reconstructions.pipeline.completeness import find_missing_points
+from steradian.reconstructions.pipeline.motion import correct_motion, draw_motion
+from steradian.reconstructions.pipeline.noise_gain_plot import draw_noise_gain
 from steradian.reconstructions.pipeline.plan_cache import PlanCache
+from steradian.reconstructions.pipeline.report import Report
 from steradian.reconstructions.pipeline.report_notes import notes_on_depth, notes_on_weights
 from steradian.reconstructions.pipeline.resolve import (
     ReconstructionSetup,
@@ -50,89 +47,21 @@ METHODS_WITHOUT_WEIGHTS = ("interpolated", "iterative")
 """Methods that weights play no part in."""
 
 
-@dataclass
-class Report:
-    """Report of a finished reconstruction, as written to ``report.json``."""
-
-    shape: tuple[int, ...] = ()
-    spacing_m: tuple[float, ...] = ()
-    origin_m: tuple[float, ...] = ()
-    """Centre of the first voxel along each axis."""
-    centre_m: tuple[float, ...] = ()
-    """Place of x = y = 0 in the frame of the file that the sensors' positions came from; () where it is ours."""
-    axes: str = "x, y, z"
-    sensors: int = 0
-    planned: int = 0
-    sound_speed_m_s: float = 0.0
-    sensed_area_m2: float | None = None
-    """What the sensors stand for together, the sum of their weights; for a line a length in m. ``None`` for methods
-    that weights play no part in."""
-    notes: list[str] = field(default_factory=list)
-    """Notes on the image's reliability."""
-    parameters: dict[str, object] = field(default_factory=dict)
-    provenance: dict[str, str] = field(default_factory=dict)
-    missing: IncompleteCoverage | None = None
-    """Missing parts of a partly measured scan."""
-    fit: FitDiagnostics | None = None
-    """How the method iterative found the image."""
-    noise_gain: tuple[tuple[float, float], ...] = ()
-    """Depths in m and the amplification of the A-lines' noise there by the compensation of attenuation."""
-    band: BandLimit | None = None
-    """Up to which frequency A-lines were used, where that was asked for."""
-    shots: ShotVariation = field(default_factory=ShotVariation)
-    """What A-lines differed in, and how many were left out."""
-    device: str = ""
-    """What computed: "cpu", or the GPU's name."""
-    near_field_m: float = 0.0
-    """Depth in m from which on the pictures show the image: nearer, the sensors' own noise outshines it."""
-    scale_percentile: float = 0.0
-    scale_ends: dict[str, float] = field(default_factory=dict)
-    """Value at the end of the scale of each picture; by ``scale_percentile`` of its projection's values."""
-    seconds: dict[str, float] = field(default_factory=dict)
-    """Wall time of each stage."""
-
-    def __repr__(self) -> str:
-        voxels = " × ".join(map(str, self.shape))
-        sensors = f"{self.sensors:,} of {self.planned:,} sensors at {self.sound_speed_m_s:g} m/s"
-        return f"<Report: {voxels} voxels from {sensors}, {sum(self.seconds.values()):.3g} s>"
-
-    def note_info(self, info: ReconstructionInfo) -> None:
-        """Record the device used, notes of the library, and the convergence of an iterative method."""
-        self.device = info.device
-        self.notes += info.notes
-        self.noise_gain = info.noise_gain
-        if info.iterations:
-            misfits = tuple(round(value, 6) for value in info.residuals)
-            self.fit = FitDiagnostics(info.iterations, info.stop_reason, info.products, misfits[-1], misfits)
-
-    def note_band(self, acquisition: Acquisition, setup: ReconstructionSetup) -> None:
-        """Record the upper frequency limit in Hz, and the share of the A-lines' power above the limit."""
-        if isinstance(setup.method, Iterative) or setup.method.max_frequency is None:
-            return
-        highest = float(setup.method.max_frequency)
-        self.band = BandLimit(highest, power_fraction_above(highest, np.asarray(acquisition.traces), acquisition.dt))
-        self.parameters["highest_frequency"] = highest
-
-    @contextmanager
-    def measure_stage(self, stage: str) -> Iterator[None]:
-        """Context manager that records the wall time of a stage."""
-        start = time.perf_counter()
-        yield
-        self.seconds[stage] = round(time.perf_counter() - start, 3)
-
-
 def reconstruct_scan(
     scan: Path,
     output: Path,
     parameters: ReconstructionParameters | None = None,
     *,
     frame: int | FrameChoice = FIRST,
+    motion: bool = False,
     plans: PlanCache | None = None,
     agreed: bool = True,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Report:
     """Reconstruct a recording and write ``volume.h5``, ``mip-{x,y,z}.png``, ``mip-depth.png`` and ``report.json``.
+
+    Where attenuation was compensated, also ``noise-gain.png``, and ``motion.png`` where motion was looked for.
 
     Parameters
     ----------
@@ -144,6 +73,8 @@ def reconstruct_scan(
         What to choose; the defaults fit a scan.
     frame
         Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
+    motion
+        Estimate the motion of the object within the scan, and undo it where it is significant.
     plans
         Where plans are looked for and kept, if many recordings of one geometry are reconstructed.
     agreed
@@ -167,7 +98,9 @@ def reconstruct_scan(
         recording = open_recording(scan, frame)
     if not agreed:
         require_agreed(recording, chosen)
-    return reconstruct_and_write(recording, output, chosen, report, plans=plans, progress=progress, cancelled=cancelled)
+    return reconstruct_and_write(
+        recording, output, chosen, report, motion=motion, plans=plans, progress=progress, cancelled=cancelled
+    )
 
 
 def reconstruct_and_write(
@@ -176,6 +109,7 @@ def reconstruct_and_write(
     chosen: ReconstructionParameters,
     report: Report,
     *,
+    motion: bool = False,
     plans: PlanCache | None = None,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
@@ -190,7 +124,10 @@ def reconstruct_and_write(
     with report.measure_stage("reconstruct"):
         acquisition, setup = prepare(recording, chosen, progress=progress, cancelled=cancelled)
         report.note_band(acquisition, setup)
-        volume = _image(acquisition, setup, plans, progress, cancelled)
+        moved = None
+        if motion:
+            moved, report.motion = correct_motion(recording, acquisition, setup, progress=progress, cancelled=cancelled)
+        volume = _image(acquisition, setup, plans, progress, cancelled) if moved is None else moved
         assert volume.info is not None  # noqa: S101 - it was reconstructed
         report.note_info(volume.info)
     if report.device not in ("", "cpu"):
@@ -235,6 +172,10 @@ def reconstruct_and_write(
             report.scale_ends[axis] = drawn.highest
         if volume.dimensions == 3:
             draw_depth_coded(volume, output / "mip-depth.png", chosen.display)
+        if report.noise_gain:
+            draw_noise_gain(report.noise_gain, output / "noise-gain.png")
+        if report.motion is not None:
+            draw_motion(report.motion, output / "motion.png")
     write_json(output / "report.json", report)
     return report
 
@@ -269,8 +210,11 @@ def prepare(
         If ``cancelled`` returned true.
     """
     recording, _ = normalise_shots(recording, parameters.shots, progress=progress, cancelled=cancelled)
-    traces = preprocess(recording, parameters)
+    weighted = recording.sensitivity is not None and parameters.method != "interpolated"
+    traces = preprocess(recording, parameters, divided=not weighted)
     setup = resolve_setup(recording, parameters)
+    if weighted:
+        setup = setup._replace(geometry=replace(setup.geometry, sensitivity=recording.sensitivity))
     if isinstance(setup.method, DirectMethod):
         highest = resolve_upper_frequency(setup.method.max_frequency, traces, recording.sampling_interval)
         setup = setup._replace(method=replace(setup.method, max_frequency=highest))

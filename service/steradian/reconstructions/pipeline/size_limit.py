@@ -33,8 +33,8 @@ def expected_shape(recording: Recording, parameters: ReconstructionParameters) -
     return (*[across] * recording.positions.shape[1], deep)
 
 
-def require_agreed(recording: Recording, parameters: ReconstructionParameters) -> None:
-    """Raise :class:`LargeVolume` for a volume file above 1 GB without confirmation.
+def require_agreed(recording: Recording, parameters: ReconstructionParameters, count: int = 1) -> None:
+    """Raise :class:`LargeVolume` for a file of ``count`` volumes above 1 GB without confirmation.
 
     Raises
     ------
@@ -42,13 +42,14 @@ def require_agreed(recording: Recording, parameters: ReconstructionParameters) -
         With its size, its voxels, and what makes it smaller.
     """
     shape = expected_shape(recording, parameters)
-    size = file_size(shape)
+    size = count * file_size(shape)
     if size > LARGE:
         modes = modes_of(recording, parameters)
         voxel = 1e6 * recording.aperture / (parameters.upsampling * modes)
         raise LargeVolume(
             "modes",
             modes,
-            f"a volume file of at most 1 GB unasked, this one has {1e-9 * size:.3g} GB ({' × '.join(map(str, shape))} "
+            f"a volume file of at most 1 GB unasked, this one has {1e-9 * size:.3g} GB "
+            f"({f'{count} × ' if count > 1 else ''}{' × '.join(map(str, shape))} "
             f"voxels of {voxel:.4g} µm over {1e3 * recording.aperture:.4g} mm); fewer modes, a depth range or consent",
         )

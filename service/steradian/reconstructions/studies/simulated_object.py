@@ -14,13 +14,14 @@ from steradian.imaging import Volume
 from steradian.imaging.signal.bandwidth import signal_band
 from steradian.imaging.signal.conditioning import Conditioning
 from steradian.phantoms.spheres_and_cylinders import cylinder, gaussian_cylinder, gaussian_sphere, sphere
+from steradian.quality.profiles import Profile, profile
 from steradian.quality.width import Width
 from steradian.reconstructions.film_response_choice import Film
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import extent_of, sound_speed_of
 from steradian.reconstructions.pipeline.run import reconstruct_in_memory
 from steradian.reconstructions.shot_normalisation import ShotTreatment, normalise_shots
-from steradian.reconstructions.studies.profiles import Profile, direction_at, profile
+from steradian.reconstructions.studies.orientation import direction_at
 from steradian.scans.recording import Recording
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """Estimation of the speed of sound: speed of the least model misfit, with image sharpness as a function of speed.
 
-The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.sound_speed_fit`). The
+The speed found is that at which a compact, non-negative image fits the A-lines best (:mod:`.medium_fit`). The
 search begins at the sharpest image, whose speed alone is biased by the aperture and the object. Sensors on a line, and
 records too long for the forward model, have the speed of the sharpest image.
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.core.quantity_ranges import SOUND_SPEED
+from steradian.imaging import Layer, Medium
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.pipeline.resolve import (
     begins_at,
@@ -34,8 +35,9 @@ from steradian.reconstructions.pipeline.resolve import (
 )
 from steradian.reconstructions.pipeline.run import write_json
 from steradian.reconstructions.shot_normalisation import normalise_shots
+from steradian.reconstructions.studies.medium_fit import MediumFit, most_steps
+from steradian.reconstructions.studies.medium_unknowns import MediumState, Unknown
 from steradian.reconstructions.studies.sound_speed_curve import SoundSpeedCurve, draw_curve
-from steradian.reconstructions.studies.sound_speed_fit import MOST_STEPS, SpeedFit
 from steradian.reconstructions.studies.sound_speed_images import Views
 from steradian.scans.frames import FrameChoice
 from steradian.scans.opening import FIRST, open_recording
@@ -88,7 +90,7 @@ def scan_sound_speed(
     """
     chosen = parameters or ReconstructionParameters()
     if chosen.medium is not None:
-        raise InvalidInput("medium", f"{len(chosen.medium)} layers", "none: the search is for one speed of sound")
+        raise InvalidInput("medium", f"{len(chosen.medium)} layers", "none: scan_medium searches in layers")
     recording, _ = normalise_shots(open_recording(scan, frame), chosen.shots, progress=progress, cancelled=cancelled)
     known = chosen if chosen.sound_speed or recording.sound_speed else chosen.replace(sound_speed=(first + last) / 2)
     depth, speed = depth_range_of(recording, known), sound_speed_of(recording, known)
@@ -166,27 +168,29 @@ def find_sound_speed(
     fit, note = None, BY_SHARPNESS if criterion == "misfit" else None
     views = Views(traces, positions, sampling_interval, aperture, modes, weights, depth_times, time_zero)
     if criterion == "misfit" and np.ndim(positions) == 2:
-        ends = (float(speeds[0]), float(speeds[-1]))
+        unknown = Unknown("layer1.sound_speed", float(speeds[0]), float(speeds[-1]))
+        start = MediumState(Medium([Layer(float(speeds.mean()))]), time_zero)
         try:
-            fit = SpeedFit(
-                traces, positions, sampling_interval, aperture, ends, depth_times, time_zero, views.tell
+            fit = MediumFit(
+                traces, positions, sampling_interval, aperture, start, [unknown], depth_times, views.tell
             )  # fmt: skip
         except InvalidInput as refusal:
             note = f"{BY_SHARPNESS} ({refusal})"
     groups = BOOTSTRAP_GROUPS if fit is None and standard_error and len(positions) >= 4 * BOOTSTRAP_GROUPS else 0
-    more = len(FINE_STEP) * (1 + groups) if fit is None else MOST_STEPS
+    more = len(FINE_STEP) * (1 + groups) if fit is None else most_steps(1)
     views.report(progress, cancelled, len(speeds) + more)
     curve = {float(speed): views.sharpness(float(speed)) for speed in speeds}
     top = max(curve, key=lambda speed: curve[speed])
     edge = top in (speeds[0], speeds[-1])
     if fit is not None:
-        found = fit.find(float(speeds.mean()) if edge else top)
+        found = fit.find(start if edge else start.with_values({unknown: top}))
         views.finish()
-        edge = found.speed in (speeds[0], speeds[-1])
-        error = found.standard_error if standard_error and not edge else None
-        higher = -1e-7 * found.speed_per_delay
+        best = float(found.values[0])
+        edge = best in (speeds[0], speeds[-1])
+        error = float(found.covariance[0, 0] ** 0.5) if standard_error and not edge else None
+        higher = -1e-7 * (found.speed_per_delay or 0.0)
         trade = f"if the record begins 100 ns earlier than stated, the speed is {higher:.1f} m/s higher"
-        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), found.speed, error, edge, (trade,))
+        return SoundSpeedCurve(tuple(curve), tuple(curve.values()), best, error, edge, (trade,))
     notes = () if note is None else (note,)
     if edge:
         return SoundSpeedCurve(tuple(curve), tuple(curve.values()), top, None, True, notes)

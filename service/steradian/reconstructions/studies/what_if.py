@@ -70,7 +70,8 @@ class SubsetReport:
     """Of the disc around the point of interest that ``quality`` is about; none: everywhere."""
     threshold: float = 0.04
     quality: dict[str, float | None] = field(default_factory=dict)
-    """:func:`steradian.quality.compare` with the image of all A-lines; none where a figure is undefined."""
+    """:func:`steradian.quality.compare` with the image of all A-lines, without the sharpness, which artefacts of few
+    sensors raise; none where a figure is undefined."""
     correlation_by_diameter: dict[str, float] = field(default_factory=dict)
     """Of the z-projections over the pixels of interest, by the disc's diameter in metres."""
     shape: tuple[int, ...] = ()
@@ -153,7 +154,9 @@ def compare_subset(
         diameter = min(2 * mask.depth, recording.aperture)
     with _timed(seconds, "compare"):
         figures = compare(image.volume, full.volume, diameter=diameter, threshold=threshold, centre=mask.offset)
-        report.quality = {name: value if np.isfinite(value) else None for name, value in figures.items()}
+        report.quality = {
+            name: value if np.isfinite(value) else None for name, value in figures.items() if "sharpness" not in name
+        }
         if image.volume.dimensions == 3:
             report.correlation_by_diameter = _by_diameter(image.volume, full.volume, mask.offset, threshold)
     report.diameter_m, report.threshold = diameter, threshold

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from steradian.core.exceptions import InvalidInput
 from steradian.core.progress import CancelCheck, Progress
 from steradian.imaging import Volume
+from steradian.quality.profiles import Profile, profile
 from steradian.quality.width import Width, find_width
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.scan import Scan
-from steradian.reconstructions.studies.profiles import Profile, profile
 from steradian.reconstructions.studies.simulated_object import EDGES, Edge, SimulatedObject, Steps
 from steradian.scans.opening import open_recording
 from steradian.scans.recording import Recording

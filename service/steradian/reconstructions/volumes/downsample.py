@@ -11,8 +11,20 @@ from steradian.core.jit import jit
 
 
 def downsample(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
-    """Return a volume downsampled by 2 along each axis (means of 2×2×2 voxels) as a floating-point array."""
+    """Return a volume downsampled by 2 along each axis (means of 2×2×2 voxels) as a floating-point array.
+
+    Voxels without a value (NaN) are left out of the means.
+    """
     values = values.astype(np.result_type(values, np.float32), copy=False)  # in this machine's order of bytes
+    found = _means(values)
+    if (gaps := np.isnan(found)).any():
+        there = ~np.isnan(values)
+        with np.errstate(invalid="ignore"):  # nothing of nothing is no value
+            found[gaps] = (_means(np.where(there, values, 0)) / _means(there.astype(values.dtype)))[gaps]
+    return found
+
+
+def _means(values: NDArray[Any]) -> NDArray[np.floating[Any]]:
     found = np.empty([-(-size // 2) for size in values.shape], values.dtype)
     mean_pool(values, found, values.dtype.type(0.5))
     return found

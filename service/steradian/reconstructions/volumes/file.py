@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from steradian._version import __version__
 from steradian.core.atomic_files import atomic_write
-from steradian.core.exceptions import DamagedFile, NotFound
+from steradian.core.exceptions import DamagedFile, InvalidInput, NotFound
 from steradian.imaging import Volume, VoxelAxes
 from steradian.reconstructions.parameters import ReconstructionParameters
 from steradian.reconstructions.volumes.grid import VoxelGrid
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT, VERSION = "steradian-volume", 1
+SERIES_FORMAT, SERIES_VERSION = "steradian-series", 1
 
 
 def write_volume(
@@ -75,16 +76,23 @@ def write_volume(
             }
         )
         write_axes(file, {name: volume.coordinates(name) for name in volume.names})
-        lattice = VoxelGrid(volume.names, volume.origin, volume.spacing, volume.values.shape)
-        _write_values(file, "values", volume.values, lattice).attrs["near_field_m"] = near_field
-        _write_levels(file, volume.values, lattice)
-        if volume.dimensions == 3:
-            for axis, image in (projections or project(volume)).items():
-                file.create_dataset(f"mip_{axis}", data=image)
-        attach_dimension_scales(file)
+        write_image(file, volume, projections=projections, near_field=near_field, scales=file)
 
 
-def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: VoxelGrid) -> h5py.Dataset:
+def write_image(
+    group: h5py.Group, volume: Volume, *, projections: Projections | None, near_field: float, scales: h5py.File
+) -> None:
+    """Write values, pyramid and projections of a volume into a group; ``scales`` has the axes."""
+    lattice = VoxelGrid(volume.names, volume.origin, volume.spacing, volume.values.shape)
+    _write_values(group, "values", volume.values, lattice).attrs["near_field_m"] = near_field
+    _write_levels(group, volume.values, lattice)
+    if volume.dimensions == 3:
+        for axis, image in (projections or project(volume)).items():
+            group.create_dataset(f"mip_{axis}", data=image)
+    attach_dimension_scales(group, scales)
+
+
+def _write_values(file: h5py.Group, name: str, values: NDArray[Any], lattice: VoxelGrid) -> h5py.Dataset:
     chunks = chunk_shape(values.shape)
     dataset = file.create_dataset(name, data=values, chunks=chunks)
     dataset.attrs.update(
@@ -97,7 +105,7 @@ def _write_values(file: h5py.File, name: str, values: NDArray[Any], lattice: Vox
     return dataset
 
 
-def _write_levels(file: h5py.File, values: NDArray[Any], lattice: VoxelGrid) -> None:
+def _write_levels(file: h5py.Group, values: NDArray[Any], lattice: VoxelGrid) -> None:
     """Write the resolution pyramid: each level is the previous one downsampled by 2."""
     for level, _ in enumerate(pyramid_shapes(values.shape), 1):
         from steradian.reconstructions.volumes.downsample import (
@@ -138,16 +146,16 @@ def write_axes(file: h5py.File, coordinates: Mapping[str, NDArray[np.float64]]) 
         file[name].make_scale(name)
 
 
-def attach_dimension_scales(file: h5py.File) -> None:
-    """Attach the HDF5 dimension scales of the axes to the values and to every projection."""
-    names = [name for name in "xyz" if name in file]
+def attach_dimension_scales(file: h5py.Group, scales: h5py.File) -> None:
+    """Attach the HDF5 dimension scales of the axes to the values and to every projection of a group."""
+    names = [name for name in "xyz" if name in scales]
     for dataset in ("values", *(f"mip_{name}" for name in names)):
         if dataset not in file:
             continue
         left = [name for name in names if name != dataset.removeprefix("mip_")]
         for dimension, name in zip(file[dataset].dims, left, strict=True):
             dimension.label = name
-            dimension.attach_scale(file[name])
+            dimension.attach_scale(scales[name])
 
 
 def _with_speed(parameters: dict[str, Any], volume: Volume) -> dict[str, Any]:
@@ -176,12 +184,32 @@ def read_projection(path: Path, axis: Literal["x", "y", "z"]) -> NDArray[np.floa
     return image
 
 
-def check_format(file: h5py.File, path: Path) -> None:
-    """Raise :class:`DamagedFile` if an HDF5 file is not a volume file or has an unknown version."""
-    if (kind := file.attrs.get("format")) != FORMAT:
+def check_format(file: h5py.File, path: Path, *, or_series: bool = False) -> None:
+    """Raise :class:`DamagedFile` if an HDF5 file is not a volume file (or a series file) or has an unknown version."""
+    versions = {FORMAT: VERSION} | ({SERIES_FORMAT: SERIES_VERSION} if or_series else {})
+    if (kind := file.attrs.get("format")) not in versions:
         raise DamagedFile(f"{path} is an HDF5 file, but its format is {kind!r}; expected {FORMAT!r}")
-    if (version := file.attrs.get("schema_version")) != VERSION:
-        raise DamagedFile(f"{path}: schema_version is {version}; allowed: {VERSION}")
+    if (version := file.attrs.get("schema_version")) != versions[kind]:
+        raise DamagedFile(f"{path}: schema_version is {version}; allowed: {versions[kind]}")
+
+
+def volume_group(file: h5py.File, index: int | None) -> h5py.Group:
+    """Return the group of a volume in an open file: the file itself, or the one with an index in a series file.
+
+    Raises
+    ------
+    InvalidInput
+        When there is none with this index, or a series' index is not stated.
+    """
+    frames = file.get("frames")
+    if frames is None:
+        if index:
+            raise InvalidInput("index", index, "0: this is a single volume")
+        return file
+    if index is None or index >= len(frames):
+        value = "missing" if index is None else index
+        raise InvalidInput("index", value, f"0 to {len(frames) - 1}: which volume of the series")
+    return frames[str(index)]
 
 
 def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
@@ -190,8 +218,8 @@ def centre_in(file: h5py.File, axes: int) -> tuple[float, ...]:
     return (*centre, 0.0) if len(centre) == axes - 1 else (0.0,) * axes
 
 
-def read_volume(path: Path) -> Volume:
-    """Read a volume file into memory.
+def read_volume(path: Path, index: int | None = None) -> Volume:
+    """Read a volume file, or the volume of a series file with an index, into memory.
 
     Raises
     ------
@@ -199,30 +227,36 @@ def read_volume(path: Path) -> Volume:
         When there is no such file.
     DamagedFile
         When it is truncated or of another kind.
+    InvalidInput
+        As of :func:`volume_group`.
     """
     import h5py
 
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
-        check_format(file, path)
-        values = file["values"]
-        spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
-        lines = zip(origin, spacing, values.shape, strict=True)
-        x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
-        parameters = json.loads(file.attrs["parameters"])
-        speeds = [layer["sound_speed"] for layer in parameters.get("medium") or ()]
-        speed = min(speeds) if speeds else parameters.get("sound_speed")
-        return Volume(np.asarray(values), VoxelAxes(x, y[0] if y else None, z), spacing, speed)
+        check_format(file, path, or_series=True)
+        return volume_of(volume_group(file, index), json.loads(file.attrs["parameters"]))
+
+
+def volume_of(group: h5py.Group, parameters: dict[str, Any]) -> Volume:
+    """Return the volume in a group of an open file, reconstructed with these parameters."""
+    values = group["values"]
+    spacing, origin = (tuple(map(float, values.attrs[name])) for name in ("spacing_m", "origin_m"))
+    lines = zip(origin, spacing, values.shape, strict=True)
+    x, *y, z = (first + step * np.arange(count) for first, step, count in lines)
+    speeds = [layer["sound_speed"] for layer in parameters.get("medium") or ()]
+    speed = min(speeds) if speeds else parameters.get("sound_speed")
+    return Volume(np.asarray(values), VoxelAxes(x, y[0] if y else None, z), spacing, speed)
 
 
 def read_parameters(path: Path) -> ReconstructionParameters:
-    """Read the reconstruction parameters from a volume file; raises as :func:`read_volume`."""
+    """Read the reconstruction parameters from a volume or series file; raises as :func:`read_volume`."""
     import h5py
 
     if not path.is_file():
         raise NotFound("file", str(path))
     with reraise_as_damaged(path, "volume"), h5py.File(path, "r") as file:
-        check_format(file, path)
+        check_format(file, path, or_series=True)
         said = json.loads(file.attrs["parameters"])
     return ReconstructionParameters.create(**said)

@@ -13,8 +13,12 @@ from sqlalchemy.exc import SQLAlchemyError
 
 import fabry_perot
 from steradian.core.exceptions import ScanFailed, SteradianError
+from steradian.plans import ScanPlan
+from steradian.plans.stages import Points, Proposal, StageRecord
 from steradian.scans.acquisition.emergency_watchdog import EmergencyWatchdog
 from steradian.scans.acquisition.session_control import Command, SessionControl, SessionPhase
+from steradian.storage.db.tables import ScanRow
+from steradian.storage.repositories.scan_stages import ScanStageRepository, StageState
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
 from steradian.storage.repositories.scans import ScanRepository
 from steradian.storage.state_machines import DesiredScanState, ScanState, shortest_path
@@ -29,6 +33,8 @@ STATE_BY_PHASE = {
     SessionPhase.RESCUING: (_S.RECOVERING, "the A-lines fired before are fetched from the scanner"),
     SessionPhase.PAUSING: (_S.PAUSING, ""),
     SessionPhase.PAUSED: (_S.PAUSED, "the laser is off; the fired A-lines are stored"),
+    SessionPhase.PLANNING: (_S.PAUSED, "the laser is off; the next stage is made from the image"),
+    SessionPhase.DECIDING: (_S.PAUSED, "the laser is off until a point of interest is chosen"),
     SessionPhase.ARMING: (_S.ARMING, ""),
     SessionPhase.STOPPING: (_S.STOPPING, ""),
     SessionPhase.ABORTING: (_S.ABORTING, ""),
@@ -58,11 +64,18 @@ class DatabaseControl(SessionControl):
         Watchdog that stops the scanner independently; the session then receives the command to abort.
     """
 
+    can_ask = True
+
     def __init__(
         self, scans: ScanRepository, identifier: str, stopping: threading.Event, emergency: EmergencyWatchdog
     ) -> None:
         super().__init__()
         self._scans, self._id, self._stopping, self._emergency = scans, identifier, stopping, emergency
+        self._stages = ScanStageRepository(scans.database, scans.clock)
+        self._decisions: dict[int, tuple[Points, str]] = {}
+        self._claimed: set[int] = set()
+        self.enough = ""
+        """Why the stopping rule has ended the scan; empty: it has not."""
         self._row = ScannerRepository(scans.database, scans.clock, scans.scanner_id)
         self._wish, self._why, self._who = Command.RUN, "", "acquisition"
         self._notes: deque[Callable[[], None]] = deque()
@@ -94,13 +107,38 @@ class DatabaseControl(SessionControl):
             raise self._failure
         return self._wish
 
+    def on_enough(self, reason: str) -> None:
+        """Take the reason why the scan has enough points as the reason of its end."""
+        self.enough = reason
+
     def on_phase(self, phase: SessionPhase) -> None:
         """Schedule the state transition of the scan's database row for a phase of the session."""
         if self._stopping.is_set():
             return  # it is to be interrupted
         press = self._emergency.standing
         why, who = (self._why, self._who) if press is None else (press.why, press.who)
+        if self.enough and phase is SessionPhase.STOPPING:
+            why, who = self.enough, "acquisition"
         self._note(lambda: self._lead(phase, why, who))
+
+    def on_stages(self, stages: tuple[StageRecord, ...], plan: ScanPlan) -> None:
+        """Schedule the writing of the stages that the scan file has to the database."""
+        self._note(lambda: self._stages.set_made(self._id, stages, plan))
+
+    def on_proposals(self, number: int, proposals: tuple[Proposal, ...]) -> None:
+        """Schedule the writing of the proposals of a stage to the database."""
+        self._note(lambda: self._stages.propose(self._id, number, proposals))
+
+    def decision(self, number: int) -> tuple[Points, str] | None:
+        """Return the decision on a stage that the database has."""
+        return self._decisions.get(number)
+
+    def decide(self, number: int, proposed: Points) -> tuple[Points, str] | None:
+        """Return the decision on a stage from the database; the first of a person and of the rule counts."""
+        if proposed and number not in self._claimed:
+            self._claimed.add(number)
+            self._note(lambda: self._stages.decide_by_rule(self._id, number, proposed))
+        return self._decisions.get(number)
 
     def progress(self, done: int, total: int) -> None:
         """Record the number of stored A-lines for the next write to the database."""
@@ -149,12 +187,11 @@ class DatabaseControl(SessionControl):
             row = self._scans.get(self._id)
             self._why, self._who = row.reason or "requested", row.wished_by or "acquisition"
             self._wish = COMMAND_BY_DESIRED_STATE[row.desired_state]
+            self._read_decisions(row)
             while self._notes:
                 self._notes[0]()
                 self._notes.popleft()
-            if (last := self._last) is not None and last != self._reported:
-                self._scans.report(self._id, *last)
-                self._reported = last
+            self._report_progress()
             self._answers = True
         except SQLAlchemyError as error:
             if self._answers:
@@ -166,16 +203,30 @@ class DatabaseControl(SessionControl):
             _log.exception("the desired state of scan %s cannot be read", self._id)
             self._failure = ScanFailed(f"the desired state of the scan cannot be read: {error}")
 
+    def _report_progress(self) -> None:
+        if (last := self._last) is not None and last != self._reported:
+            self._scans.report(self._id, *last)
+            self._reported = last
+
     def _lead(self, phase: SessionPhase, reason: str, person: str) -> None:
         """Transition the scan's row through valid states to the state that matches a phase of the session."""
         present = self._scans.get(self._id).state
         state, why = STATE_BY_PHASE.get(phase, (present, ""))
+        if phase in (SessionPhase.PLANNING, SessionPhase.DECIDING):
+            self._report_progress()
+            self._scans.report_condition(self._id, f"{phase} the next stage", why)
         if state is present:
             return
         for following in shortest_path(present, state):
             self._scans.transition(self._id, following, why=why or reason, who="acquisition" if why else person)
         if state in {_S.PAUSED, _S.ARMING, _S.RUNNING}:
             self._row.note_state("paused" if state is _S.PAUSED else "scanning")
+
+    def _read_decisions(self, row: ScanRow) -> None:
+        for stage in row.stages or ():
+            if stage["state"] == StageState.DECIDED:
+                points = tuple((x, y, depth) for x, y, depth in stage["points_of_interest"])
+                self._decisions[stage["number"]] = points, stage["decided_by"]
 
     def _tell(self, why: str | None) -> None:
         stage, reason = (f"blocked: {why}", why) if why else ("A-lines", "A-lines can be stored again")

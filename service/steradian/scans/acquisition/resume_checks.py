@@ -14,6 +14,7 @@ from steradian.plans import ScanPlan
 from steradian.scans.acquisition.excitation import tune_excitation
 from steradian.scans.file.create import tuning_map_hash
 from steradian.scans.file.locking import open_for_reading
+from steradian.scans.file.stages import stages_of
 from steradian.scans.file.verify import CheckReport
 from steradian.scans.file.writer import ScanFileWriter
 
@@ -90,12 +91,15 @@ def check_identity(store: ScanFileWriter, plan: ScanPlan | None, capabilities: f
     """Compare plan, tuning map and scanner with those recorded in the scan file."""
     with open_for_reading(store.path) as file:
         plan_id, serial = str(file["plan"].attrs["id"]), str(file.attrs["scanner"])
+        stages = stages_of(file)
         tuning, simulated = str(file.attrs["tuning_map"]), bool(file.attrs["simulated"])
     pairs = [("the scanner", serial, capabilities.serial)]
     pairs.append(("the scanner", _kind(simulated), _kind(capabilities.simulated)))
     if plan is not None:
-        pairs.append(("the plan", plan_id, plan.id))
-        pairs.append(("the tuning map", tuning, tuning_map_hash(plan)))
+        is_of_stage = plan.id in {stage.plan_id for stage in stages}
+        pairs.append(("the plan", plan.id if is_of_stage else plan_id, plan.id))
+        if not is_of_stage:
+            pairs.append(("the tuning map", tuning, tuning_map_hash(plan)))
     return [Check(what, then, now, "", then == now) for what, then, now in pairs]
 
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
 
 import fabry_perot
 from fabry_perot import RecoveryPolicy
 from steradian.core.exceptions import Cancelled, Conflict, FaultLatched, InvalidInput, ScanFailed, ScanInterrupted
 from steradian.core.progress import CancelCheck, Progress
 from steradian.plans import ScanPlan
+from steradian.plans.stages import Points
 from steradian.scans.acquisition.end_requests import EndedByRequest, ending_wish, hearing
-from steradian.scans.acquisition.excitation import check_excitation
 from steradian.scans.acquisition.resume_checks import (
     Check,
     Tolerance,
@@ -26,16 +24,31 @@ from steradian.scans.acquisition.resume_checks import (
     record_tuning,
     require_all,
 )
+from steradian.scans.acquisition.scanner_checks import check_scanner
 from steradian.scans.acquisition.session import DEFAULT, ScanSession
-from steradian.scans.acquisition.session_control import TERMINAL_COMMANDS, Command, SessionControl, SessionOutcome
+from steradian.scans.acquisition.session_control import (
+    TERMINAL_COMMANDS,
+    Command,
+    SessionControl,
+    SessionOutcome,
+)
+from steradian.scans.acquisition.stages import (
+    StagePlanner,
+    acquire_stage,
+    check_stage_arguments,
+    measure_further_stages,
+    rows_of_stage,
+)
+from steradian.scans.acquisition.stopping import stopping_monitor
 from steradian.scans.file.create import check_free_space, create_scan_file, scan_file_bytes
+from steradian.scans.file.h5py_errors import reraise_as_damaged
+from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.measurement_order import ScanProgram
+from steradian.scans.file.stages import read_stages
 from steradian.scans.file.verify import CheckReport, verify_scan_file
 from steradian.scans.file.writer import ScanFileWriter
 
 _log = logging.getLogger(__name__)
-BEAM_PATTERN_TOLERANCE = 1e-7
-"""Beams are where a plan says to so many metres."""
 RETRY_FLAGS = 0xF
 """Quality flags of an A-line worth measuring again: saturated, mistuned, misfire, partial average."""
 
@@ -79,6 +92,8 @@ def run_scan(
     cancelled: CancelCheck | None = None,
     control: SessionControl | None = None,
     recovery: RecoveryPolicy = DEFAULT,
+    planner: StagePlanner | None = None,
+    chosen: Points = (),
 ) -> ScanSummary:
     """Measure every point of a plan and store the A-lines in a new scan file.
 
@@ -98,6 +113,10 @@ def run_scan(
         Instead of both: who may also pause and stop the scan.
     recovery
         What interruptions it survives, and how soon after them the laser may come back by itself.
+    planner
+        Computation of further stages; needed for a plan that has some.
+    chosen
+        Points of interest of the second stage, if they are known already.
 
     Raises
     ------
@@ -114,6 +133,7 @@ def run_scan(
     """
     if path.exists():
         raise Conflict(f"{path} exists; choose another name or remove it")
+    check_stage_arguments(plan, planner, chosen)
     path.parent.mkdir(parents=True, exist_ok=True)
     if (warning := check_free_space(path.parent, scan_file_bytes(plan))) is not None:
         _log.warning("%s", warning)
@@ -135,7 +155,12 @@ def run_scan(
             with ScanFileWriter(path) as store:
                 with hearing(scanner, starter):
                     record_tuning(scanner, store)
-                end = ScanSession(scanner, store, starter, recovery.within).acquire(store.missing)
+                session = ScanSession(scanner, store, starter, recovery.within)
+                with stopping_monitor(path, plan, planner) as enough:
+                    end = acquire_stage(session, store, plan, starter, enough)
+            if end is SessionOutcome.COMPLETE:
+                end = measure_further_stages(scanner, path, plan, starter, recovery.within, planner, chosen)
+            with ScanFileWriter(path) as store:
                 return _summary(store, end, asked=control is not None)
     except EndedByRequest as error:
         return _given_up(path, ScanProgram.of_plan(plan).count, error.wish, asked=control is not None)
@@ -152,6 +177,8 @@ def resume_scan(
     cancelled: CancelCheck | None = None,
     control: SessionControl | None = None,
     recovery: RecoveryPolicy = DEFAULT,
+    planner: StagePlanner | None = None,
+    chosen: Points = (),
 ) -> ScanSummary:
     """Resume an incomplete scan in the same file by measuring the missing points.
 
@@ -162,10 +189,12 @@ def resume_scan(
     ----------
     path
         The scan file.
-    scanner_url, progress, cancelled, control, recovery
+    scanner_url, progress, cancelled, control, recovery, planner
         As of :func:`run_scan`.
     plan
-        Must be the file's, if it is given.
+        Must be the file's or that of an earlier stage, if it is given.
+    chosen
+        Points of interest of the next stage, if a person has chosen them.
     retry
         Quality flags (:data:`RETRY_FLAGS`: any): stored A-lines with one of them are measured again, too.
     tolerance
@@ -183,29 +212,51 @@ def resume_scan(
     allowed = tolerance or Tolerance()
     report = verify_scan_file(path, progress=progress)
     starter = control or SessionControl(progress, cancelled)
-    asked = control is not None
+    asked, course = control is not None, _plan_of(path)
+    check_stage_arguments(course, planner, chosen)
+    starter.on_stages(read_stages(path), course)
     try:
-        with _connected_scanner(scanner_url, recovery, starter) as scanner, ScanFileWriter(path) as store:
-            findings = check_identity(store, plan, scanner.capabilities)
-            require_all(findings)
-            session = ScanSession(scanner, store, starter, recovery.within)
-            rescued = session.drain_previous_upload()
-            wanted = store.missing | store.flagged(retry)
-            if not wanted.any():
-                return _summary(store, SessionOutcome.COMPLETE, rescued, findings)
-            with hearing(scanner, starter):
-                if (wish := starter.command()) not in TERMINAL_COMMANDS:
-                    findings += compare_tuning(scanner, store, allowed)
-                    require_all(findings)
-                    wish = starter.command()
-                if wish in TERMINAL_COMMANDS:  # not a shot more, and what the disk did not take is still in the scanner
-                    return _summary(store, _end_of(wish), rescued, findings, asked=asked)
-                findings += _compare_reference(scanner, store, report, allowed, starter)
-            require_all(findings)
-            end = session.acquire(wanted)
-            return _summary(store, end, rescued, findings, asked=asked)
+        with _connected_scanner(scanner_url, recovery, starter) as scanner:
+            with ScanFileWriter(path) as store:
+                findings = check_identity(store, plan, scanner.capabilities)
+                require_all(findings)
+                session = ScanSession(scanner, store, starter, recovery.within)
+                rescued = session.drain_previous_upload()
+                wanted = rows_of_stage(store, course) | store.flagged(retry)
+                if not (wanted.any() or course.stages):
+                    return _summary(store, SessionOutcome.COMPLETE, rescued, findings)
+                with hearing(scanner, starter):
+                    if (wish := starter.command()) not in TERMINAL_COMMANDS:
+                        findings += compare_tuning(scanner, store, allowed)
+                        require_all(findings)
+                        wish = starter.command()
+                    if wish in TERMINAL_COMMANDS:  # what the disk did not take is still in the scanner
+                        return _summary(store, _end_of(wish), rescued, findings, asked=asked)
+                    findings += _compare_reference(scanner, store, report, allowed, starter)
+                require_all(findings)
+                with stopping_monitor(path, course, None if retry else planner) as enough:
+                    end = acquire_stage(session, store, course, starter, enough, store.flagged(retry))
+            if end is SessionOutcome.COMPLETE:
+                end = measure_further_stages(scanner, path, course, starter, recovery.within, planner, chosen)
+            with ScanFileWriter(path) as store:
+                return _summary(store, end, rescued, findings, asked=asked)
     except EndedByRequest as error:
         return _given_up(path, report.rows, error.wish, asked=asked)
+
+
+def needs_planner(path: Path) -> bool:
+    """Return whether the plan of a scan file has further stages or a stopping rule; False without a file."""
+    if not path.is_file():
+        return False
+    plan = _plan_of(path)
+    return bool(plan.stages) or plan.stopping is not None
+
+
+def _plan_of(path: Path) -> ScanPlan:
+    from steradian.scans.importing.untrusted_plan_reader import read_plan
+
+    with reraise_as_damaged(path, "scan"), open_for_reading(path) as file:
+        return read_plan(file)
 
 
 def _compare_reference(
@@ -221,33 +272,6 @@ def _compare_reference(
         return check_reference_point(scanner, store, report, allowed)
     finally:
         starter.may_fire(False)
-
-
-def check_scanner(plan: ScanPlan, capabilities: fabry_perot.Capabilities) -> None:
-    """Raise an error if the scanner does not meet the requirements of a plan, before a file is created."""
-    check_pattern(plan.beams, capabilities)
-    capabilities.check(
-        plan.beam_positions,
-        samples=plan.samples,
-        sampling_interval=plan.sampling_interval,
-        pulse_rate=plan.pulse_rate,
-        averages=plan.averages,
-    )
-    capabilities.wavelengths(0.0 if plan.bias is None else plan.bias, plan.mask.count)
-    capabilities.gated(plan.gate != "none", plan.mask.count)
-    for wavelength in plan.excitation:
-        check_excitation(capabilities, wavelength)
-
-
-def check_pattern(beams: Sequence[tuple[float, float]], capabilities: fabry_perot.Capabilities) -> None:
-    """Raise InvalidInput if the beam offsets of a plan are not those of the scanner's first beams."""
-    theirs = capabilities.beam_offsets
-    if len(beams) > len(theirs):
-        raise InvalidInput("beams", f"{len(beams)} of them", f"at most {len(theirs)}, which this scanner has")
-    if beams and not np.allclose(beams, theirs[: len(beams)], rtol=0, atol=BEAM_PATTERN_TOLERANCE):
-        worst = int(np.abs(np.subtract(beams, theirs[: len(beams)])).max(axis=1).argmax())
-        (x, y), (u, v) = beams[worst], theirs[worst]
-        raise InvalidInput(f"beams[{worst}]", f"({x:g}, {y:g}) m", f"({u:g}, {v:g}) m, where this scanner's is")
 
 
 @contextmanager
@@ -304,6 +328,6 @@ def _summary(
     *,
     asked: bool = True,
 ) -> ScanSummary:
-    if end is not SessionOutcome.COMPLETE and not asked:
+    if end not in (SessionOutcome.COMPLETE, SessionOutcome.ENOUGH) and not asked:
         raise Cancelled(f"the scan was stopped after {store.stored} of {store.count} A-lines; they are kept")
     return ScanSummary(store.path, store.count, store.fired, store.stored, end, rescued, tuple(findings or ()))

@@ -85,6 +85,7 @@ class ScanSession:
         self._fired_before = self._shots_before = 0
         self._phase: SessionPhase | None = None
         self._within = within
+        self._enough: Callable[[], str] = str
         self._fires = False
         """Whether the laser is to fire, were it not for something that passes."""
         self._rested = 0.0
@@ -109,23 +110,35 @@ class ScanSession:
         self._count(last.fired + self._laser_shots() - last.laser_shots)
         return self._store.stored - before
 
-    def acquire(self, wanted: NDArray[np.bool_]) -> SessionOutcome:
+    def acquire(
+        self, wanted: NDArray[np.bool_], *, last: bool = True, enough: Callable[[], str] = str
+    ) -> SessionOutcome:
         """Measure the rows selected by ``wanted`` (F·M,) in the order of interrogation.
+
+        Parameters
+        ----------
+        wanted
+            Rows to measure.
+        last
+            Whether the scan is complete with them; otherwise a further stage follows.
+        enough
+            Asked at each batch for the reason why the plan's stopping rule ends the scan now; empty: it goes on.
 
         Raises
         ------
         fabry_perot.ScannerError
             When the scanner or its link gave up; every acknowledged A-line is stored.
         """
-        end = SessionOutcome.COMPLETE
+        end, self._enough = SessionOutcome.COMPLETE, enough
         for segment in self._course.iter_segments(wanted):
             wish = self._control.command()
             if wish in TERMINAL_COMMANDS:
-                return self._leave(wish)
+                return self.leave(wish)
             end = self._measure(segment)
             if end is not SessionOutcome.COMPLETE:
                 return end
-        self._enter(SessionPhase.COMPLETING)
+        if last:
+            self._enter(SessionPhase.COMPLETING)
         return end
 
     def _measure(self, segment: ProgramSegment) -> SessionOutcome:
@@ -139,20 +152,20 @@ class ScanSession:
             except fabry_perot.LinkError:
                 if (wish := self._control.command()) not in TERMINAL_COMMANDS:
                     raise
-                self._leave(Command.ABORT)
+                self.leave(Command.ABORT)
                 return SessionOutcome.ABORTED if wish is Command.ABORT else SessionOutcome.STOPPED
         if not self._store_patiently(lambda: self._store.record_upload(upload)):
-            return self._leave(self._control.command())
+            return self.leave(self._control.command())
         with hearing(self._scanner, self._control):
             self._course.upload(self._scanner, segment.rows, tag)
         if (wish := self._control.command()) in TERMINAL_COMMANDS:
-            return self._leave(wish)
+            return self.leave(wish)
         self._rows = segment.rows
         self._taken.clear()
         self._fired_before, self._shots_before = self._store.fired, self._scanner.status.shots
         try:
             if (early := self._start()) is not None:
-                return self._leave(early)
+                return self.leave(early)
             while (end := self._take()) is None:
                 pass
             if end is SessionOutcome.ABORTED:
@@ -190,7 +203,7 @@ class ScanSession:
             if wish is Command.RUN:
                 return None
         if wish in TERMINAL_COMMANDS:
-            return self._leave(wish)
+            return self.leave(wish)
         raise lapse
 
     def _laser_shots(self, ending: frozenset[Command] = URGENT) -> int:
@@ -202,7 +215,7 @@ class ScanSession:
         try:
             for batch in self._scanner.alines(idle=True):
                 if batch and not self._keep(batch):
-                    return self._leave(self._control.command())
+                    return self.leave(self._control.command())
                 if self._rested:
                     self._drain()
                     raise ScanInterrupted(
@@ -218,13 +231,17 @@ class ScanSession:
                 if wish is Command.PAUSE and not recovering:
                     wish = self._pause()
                 if wish in TERMINAL_COMMANDS and not (wish is Command.STOP and recovering):
-                    return self._leave(wish)
+                    return self.leave(wish)
+                if not recovering and (reason := self._enough()):
+                    self._control.on_enough(reason)
+                    self.leave(Command.STOP)
+                    return SessionOutcome.ENOUGH
         except fabry_perot.LeaseExpired as lapse:
             return self._after_a_lapse(lapse)
         except fabry_perot.ScanAborted:
             if self._control.command() is not Command.ABORT:
                 raise
-            return self._leave(Command.ABORT)
+            return self.leave(Command.ABORT)
         return SessionOutcome.COMPLETE
 
     def _pause(self) -> Command:
@@ -241,7 +258,7 @@ class ScanSession:
             self._go_on()
         return wish
 
-    def _leave(self, wish: Command) -> SessionOutcome:
+    def leave(self, wish: Command) -> SessionOutcome:
         """End the session early at a stop, abort or shutdown command, and return the outcome."""
         if wish is Command.STOP:
             self._enter(SessionPhase.STOPPING)

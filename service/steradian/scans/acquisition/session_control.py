@@ -8,6 +8,8 @@ from enum import StrEnum
 
 import fabry_perot
 from steradian.core.progress import CancelCheck, Progress
+from steradian.plans import ScanPlan
+from steradian.plans.stages import Points, Proposal, StageRecord
 
 
 class Command(StrEnum):
@@ -42,6 +44,10 @@ class SessionPhase(StrEnum):
     STOPPING = "stopping"
     ABORTING = "aborting"
     COMPLETING = "completing"
+    PLANNING = "planning"
+    """The laser is off; the next stage is computed."""
+    DECIDING = "deciding"
+    """The laser is off until a person chooses points of interest."""
 
 
 class SessionOutcome(StrEnum):
@@ -49,6 +55,8 @@ class SessionOutcome(StrEnum):
 
     COMPLETE = "complete"
     STOPPED = "stopped"
+    ENOUGH = "enough"
+    """The plan's stopping rule ended it; every fired A-line is stored."""
     ABORTED = "aborted"
 
 
@@ -62,6 +70,9 @@ class SessionControl:
     cancelled
         Callback that ends the session when it returns ``True``: laser off, fired A-lines are stored.
     """
+
+    can_ask = False
+    """Whether :meth:`decide` may obtain a decision later, from a person."""
 
     def __init__(self, progress: Progress | None = None, cancelled: CancelCheck | None = None) -> None:
         self._progress, self._cancelled = progress, cancelled
@@ -83,8 +94,33 @@ class SessionControl:
     def on_laser_off(self) -> None:
         """Handle the scanner's confirmation that its laser is off, after :attr:`Command.SHUTDOWN`."""
 
+    def on_enough(self, reason: str) -> None:
+        """Handle the end of the scan by its stopping rule, with the reason."""
+
     def on_storage_blocked(self, why: str | None) -> None:
         """Handle the reason why A-lines cannot be stored at present; ``None`` when storing works again."""
+
+    def on_stages(self, stages: tuple[StageRecord, ...], plan: ScanPlan) -> None:
+        """Handle the stages that a scan file has, and the plan of all of them."""
+
+    def on_proposals(self, number: int, proposals: tuple[Proposal, ...]) -> None:
+        """Handle the proposals for the points of interest of a stage."""
+
+    def decision(self, number: int) -> tuple[Points, str] | None:
+        """Return a decision on a stage that is stored already, and its author; ``None``: there is none."""
+        return None
+
+    def decide(self, number: int, proposed: Points) -> tuple[Points, str] | None:
+        """Return the points of interest of a stage and the author of the decision; ``None``: not decided yet.
+
+        Parameters
+        ----------
+        number
+            Number of the stage.
+        proposed
+            Points that are taken where no person has chosen others; empty: a person must choose.
+        """
+        return (proposed, "auto") if proposed else None
 
     def progress(self, done: int, total: int) -> None:
         """Report the number of stored A-lines to the progress callback."""

@@ -115,12 +115,13 @@ def create_scan_file(
 
 
 def scan_file_bytes(plan: ScanPlan, sample_kind: np.dtype[Any] = schema.SAMPLES) -> int:
-    """Return the size in bytes of a plan's scan file, rounded up by a few kilobytes at most."""
-    rows = _chunk_rows(plan.aline_count, plan.samples, sample_kind)
-    padded = -(-plan.aline_count // rows) * rows
+    """Return the size in bytes of a plan's scan file after all stages, rounded up by a few kilobytes at most."""
+    alines = plan.frame_count * plan.most_points
+    rows = _chunk_rows(alines, plan.samples, sample_kind)
+    padded = -(-alines // rows) * rows
     columns = sum(kind.itemsize for kind in schema.COLUMNS.values()) + schema.UPLOAD.itemsize
-    geometry = plan.mask.count * (2 * 8 + 4 * 8) + 8 * plan.frame_count
-    return padded * plan.samples * sample_kind.itemsize + plan.aline_count * columns + geometry + 65_536
+    geometry = plan.most_points * (2 * 8 + 4 * 8) + 8 * plan.frame_count
+    return padded * plan.samples * sample_kind.itemsize + alines * columns + geometry + 65_536
 
 
 def check_free_space(folder: Path, need: int) -> str | None:

@@ -115,6 +115,7 @@ def _read(path: Path, file: h5py.File, wanted: int | list[int] | None) -> Record
             **_frame_provenance(file, numbers, frames),
         },
         shots=replace(shots_of(table), sensitivity=sensitivity_of(file, table, stored)),
+        times=shot_times(table, float(plan.attrs["pulse_rate_hz"])) if len(numbers) == 1 else None,
     )
 
 
@@ -126,6 +127,20 @@ def _rows_of(file: h5py.File, frame: int, points: int) -> tuple[NDArray[np.int64
     traces, table = np.asarray(file["alines/samples"][rows])[stored], table.take(stored)
     whole = table.verify_rows(traces)  # a power cut may leave a row that was never acknowledged half written
     return stored[whole], traces[whole], table.take(whole)
+
+
+def shot_times(table: ShotTable, pulse_rate: float) -> NDArray[np.float64] | None:
+    """Return the time of each A-line's shot (n,) in s since the first one.
+
+    From the times at which the scanner fired, else from the numbers of the shots and the pulse rate in Hz; None where
+    the file has neither, as imported recordings.
+    """
+    fired, numbers = table["fire_time_s"].astype(np.float64), table["shot"].astype(np.float64)
+    if len(fired) and np.ptp(fired) > 0:
+        return np.asarray(fired - fired.min())
+    if len(numbers) and np.ptp(numbers) > 0 and pulse_rate > 0:
+        return np.asarray((numbers - numbers.min()) / pulse_rate)
+    return None
 
 
 def shots_of(table: ShotTable) -> ShotMetadata:

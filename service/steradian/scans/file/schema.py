@@ -10,7 +10,8 @@
         weights   (M,)   f8     areas in m², sum = sensed_area_m2
         outline   (V, 2) f8     corners of the sensed area; absent where not known
     /plan                       attributes: id, pulse_rate_hz, averages, samples, sampling_interval_s,
-                                            sound_speed_m_s, order, time_zero_s, frames, document (JSON)
+                                            sound_speed_m_s, order, time_zero_s, frames, document (JSON),
+                                            stages (JSON; of a scan in stages)
         visit     (M,)   i8     indices of points in the order of interrogation
         wavelengths (M,) f8     bias wavelengths in m; absent when the scanner has its own map
         beams     (B, 2) f8     where each interrogation beam is beside the first one, in m; absent with one beam

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.core.exceptions import InvalidInput
+from steradian.core.exceptions import InvalidInput, SteradianError
 from steradian.masks.modes_from_lattice import imported_modes
 from steradian.scans.file import schema
 from steradian.scans.file.aline_metadata import ShotTable
@@ -20,6 +20,7 @@ from steradian.scans.file.h5py_errors import reraise_as_damaged
 from steradian.scans.file.locking import open_for_reading
 from steradian.scans.file.read import list_frames, shots_of
 from steradian.scans.file.sensitivity import sensitivity_of
+from steradian.scans.file.stages import expects_further_stages
 from steradian.scans.recording import Recording, ShotMetadata
 
 if TYPE_CHECKING:
@@ -52,6 +53,12 @@ class AlineBatch:
     replaced: bool
     shots: ShotMetadata
     energy_known: bool
+
+
+class ScanExtended(SteradianError):
+    """Error: the scan file has been replaced by one with the points of a further stage."""
+
+    code = "conflict"
 
 
 class ScanTail:
@@ -104,6 +111,8 @@ class ScanTail:
 
         Raises
         ------
+        ScanExtended
+            When the scan has got a further stage: its points are others, and a new reader is needed.
         DamagedFile
             When the file cannot be read any more.
         """
@@ -115,6 +124,8 @@ class ScanTail:
         self._seen[:] = False
 
     def _take(self, file: h5py.File, most: int | None) -> AlineBatch:
+        if len(file["mask/weights"]) != self.whole.planned:
+            raise ScanExtended(f"{self.path} has a further stage: open it again")
         rows = slice(self._first, self._first + self.whole.planned)
         table = ShotTable.of_file(file, rows)
         stored, checksums = table.stored, table["crc32c"]
@@ -171,12 +182,15 @@ class IdleDetector:
         return stored == rows or self._clock() - self._since > self._patience
 
     def _count(self) -> tuple[int, int]:
-        """Return the numbers of stored and planned A-lines; (-1, 0) if the file does not exist yet."""
+        """Return the numbers of stored and planned A-lines; (-1, 0) if the file does not exist yet.
+
+        One more is planned where a further stage is to come.
+        """
         if not self._path.is_file():
             return -1, 0
         with reraise_as_damaged(self._path, "scan"), open_for_reading(self._path) as file:
             status = np.asarray(file["alines/status"])
-            return int((status == schema.STORED).sum()), len(status)
+            return int((status == schema.STORED).sum()), len(status) + expects_further_stages(file)
 
 
 def _planned(file: h5py.File, rows: slice) -> Recording:

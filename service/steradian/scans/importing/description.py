@@ -115,6 +115,14 @@ class Description(Value):
         return None if self.axes is None else parse_axes(self.axes)
 
     @property
+    def sensors(self) -> int:
+        """Number of sensors that positions or the counts of a grid state; 0 if the description states none."""
+        if isinstance(self.positions, np.ndarray):
+            return len(self.positions)
+        counts = None if self.grid is None else self.grid.count
+        return 0 if counts is None else int(np.prod(counts, dtype=object))
+
+    @property
     def has_lengths(self) -> bool:
         """Whether the description states a length itself; else ``lengths`` is the unit of the file's lengths."""
         return any(each is not None for each in (self.positions, self.grid, self.aperture, self.depth))

@@ -32,7 +32,7 @@ class RecordingSummary:
     sampling_interval, time_zero, sound_speed, aperture, depth
         Seconds, seconds, m/s, metres, metres.
     positions
-        (P, 1 or 2) metres, evenly picked of all.
+        (P, 1 or 2) metres, at most ``POSITIONS``, evenly picked over the aperture.
     rows, traces
         Some of the first A-lines and which they are; their first samples.
     missing
@@ -131,6 +131,15 @@ def _some(table: TraceBlocks) -> tuple[list[int], list[list[float]]]:
 
 
 def _spread(positions: NDArray[np.float64]) -> list[list[float]]:
-    step = -(-len(positions) // POSITIONS)
-    found: list[list[float]] = positions[::step].tolist()
+    """Return at most ``POSITIONS`` of the positions: of a lattice every k-th along each axis, else every k-th."""
+    found: list[list[float]]
+    if len(positions) <= POSITIONS or positions.shape[1] == 1:
+        found = positions[:: -(-len(positions) // POSITIONS)].tolist()
+        return found
+    lines = [np.unique(axis.round(9), return_inverse=True) for axis in positions.T]
+    if np.prod([len(values) for values, _ in lines]) <= 2 * len(positions):  # picked one after the other: stripes
+        step = int(np.ceil(np.sqrt(len(positions) / POSITIONS)))
+        found = positions[np.all([place % step == 0 for _, place in lines], axis=0)].tolist()
+    else:
+        found = positions[:: -(-len(positions) // POSITIONS)].tolist()
     return found

@@ -65,7 +65,10 @@ def open_kwave(
                 stated = _stated(given, samples)
         if stated.points is None and not isinstance(said.positions, np.ndarray) and said.grid is None:
             raise InvalidInput(
-                "positions", "missing", f"{path.name} has no sensor mask: name its k-Wave input file in a description"
+                "positions",
+                "missing",
+                f"{path.name} has no sensor mask: in a description (JSON), positions with the name of its k-Wave input "
+                "file, or a list of them, or a grid",
             )
         yield make_source(FORMAT, table, stated, said, path.name)
 

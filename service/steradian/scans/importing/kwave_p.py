@@ -13,6 +13,15 @@ from steradian.scans.importing.description import Description
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.source import Metadata
 
+MASK_OR_POSITIONS = "{} k-Wave's sensor mask as mask, with its pitch dx, or positions"
+PITCH_ALONE = "dx alone of a line or a full grid (time, y, z)"
+
+
+def placing_arrays(name: str) -> str:
+    """Return the arrays that place the sensors of the A-lines ``name`` in a file, for messages that ask for them."""
+    needed = MASK_OR_POSITIONS.format(f"beside {name}")
+    return f"{needed}, or {PITCH_ALONE}" if name == "p" else needed
+
 
 def order_of_p(values: NDArray[Any]) -> tuple[str, ...]:
     """Return the axis names of k-Wave's ``p``, with time as first or last axis according to the samples.
@@ -59,6 +68,7 @@ def require_line(table: TraceBlocks, stated: Metadata, said: Description, pitch:
         raise InvalidInput(
             "positions",
             f"missing: the A-lines {row} and {row + 1} of p are too unlike to be neighbours on a line",
-            "the sensors' positions, as an array beside p or in a description; a grid there if it is a line",
+            MASK_OR_POSITIONS.format("beside p")
+            + "; or in a description (JSON) positions, or a grid if it is one or a line",
         )
     remark(f"the {table.points} sensors of p were taken as a line with a pitch of {1e6 * pitch:g} µm")

@@ -36,6 +36,7 @@ from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.import_remarks import remark
 from steradian.scans.importing.kwave import mask_points
+from steradian.scans.importing.kwave_p import placing_arrays
 from steradian.scans.importing.mask_order import Order, settle_order, written_by_python
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
 
@@ -74,8 +75,8 @@ def _source(file: h5py.File, said: Description, spare: Any, path: Path, *, by_ma
     traces = untrusted.dataset(file, name, most_bytes=untrusted.TRACE_BYTES)
     reversed_axes = by_matlab or name.endswith("/value") or "MATLAB_class" in traces.attrs
     points = _points(file, reversed_axes=reversed_axes)
-    sensors = said.positions if isinstance(said.positions, np.ndarray) else points
-    order = _order(traces, said, None if sensors is None else len(sensors), called, reversed_axes=reversed_axes)
+    known = said.sensors or (None if points is None else len(points))
+    order = _order(traces, said, known, called, reversed_axes=reversed_axes)
     lateral = tuple(traces.shape[order.index(each)] for each in ("point", "x", "y") if each in order)
     stated = _stated(file, lateral, points)
     if stated.points is None and len(lateral) == 2:
@@ -224,6 +225,7 @@ def _stated(file: h5py.File, lateral: tuple[int, ...], points: NDArray[np.float6
         sound_speed=speed,
         time_zero=_time_zero(file, lateral),
         energies=None if energies is None else untrusted.array(file, energies).astype(np.float64),
+        placing=placing_arrays("the A-lines"),
     )
 
 

@@ -1,7 +1,7 @@
 """Import of NumPy arrays (.npy and .npz), with metadata from a description file.
 
 An .npz that holds ``p`` (time, y, z) or (time, y), ``dt`` and ``dy``, ``dz`` (or ``dx`` alone) needs no description: it
-is k-Wave's pressure on a full grid of sensors, or on a line of them; k-Wave's lateral axes y and z become our x and y.
+is k-Wave's pressure on a full grid or line of sensors, with ``mask`` at any; its axes y and z become our x and y.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from steradian.scans.importing.axes import axes_of, table_of
 from steradian.scans.importing.description import Description, grid_points
 from steradian.scans.importing.geometry import MOST_POINTS
 from steradian.scans.importing.import_remarks import remark
-from steradian.scans.importing.kwave_p import order_of_p, order_of_square, require_line
+from steradian.scans.importing.kwave_p import order_of_p, order_of_square, placing_arrays, require_line
+from steradian.scans.importing.mask_arrays import read_mask
 from steradian.scans.importing.source import Metadata, RecordingSource, make_source
 from steradian.scans.importing.untrusted import RATIO, RATIO_FROM, TRACE_BYTES
 
@@ -91,23 +92,21 @@ def open_npz(path: Path, said: Description, folder: Path | None = None) -> Itera
             name = said.array or next((name for name in TRACES if name in held), None)
             if name is None or name not in held:
                 raise DamagedFile(f"{path.name} has no array {name or TRACES[0]!r}; it holds {', '.join(sorted(held))}")
-            table, lateral, kwave = _member_table(archive, held, name, said, spare)
+            sensors = read_mask(held, lambda each: _small(archive, held[each], "biuf"), said)
+            count = 0 if sensors is None else len(sensors.positions)
+            table, lateral, kwave = _member_table(archive, held, name, said, spare, count)
             stated = _metadata_of(archive, held, said, lateral, simulated=kwave)
-            by_pitch = kwave and not any(each in held for each in variable_aliases.POSITIONS)
-            if (
-                by_pitch
-                and len(lateral) == 1
-                and stated.points is not None
-                and said.positions is None
-                and said.grid is None
-            ):
+            stated = stated if sensors is None else sensors.applied(stated, table, said)
+            placed = sensors is not None or said.positions is not None or said.grid is not None
+            by_pitch = kwave and not placed and not any(each in held for each in variable_aliases.POSITIONS)
+            if by_pitch and len(lateral) == 1 and stated.points is not None:
                 require_line(table, stated, said, float(np.ptp(stated.points)) / max(1, table.points - 1))
             yield make_source("npz", table, stated, said, path.name, lateral)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, UnicodeDecodeError) as error:
         raise DamagedFile(f"{path.name} cannot be read as an .npz archive: {error}") from error
 
 
-def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any], bool]:
+def _header(file: IO[bytes], name: str, kinds: str = "iuf") -> tuple[tuple[int, ...], np.dtype[Any], bool]:
     """Read the header of an .npy file: shape, dtype and Fortran order."""
     try:
         version = npy.read_magic(file)
@@ -119,7 +118,7 @@ def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype[Any],
         shape, fortran, kind = read(io.BytesIO(width + file.read(length)))
     except (ValueError, EOFError, SyntaxError, TokenError) as error:
         raise DamagedFile(f"{name} is not an .npy file: {error}") from error
-    if kind.kind not in "iuf" or kind.itemsize > 8:
+    if kind.kind not in kinds or kind.itemsize > 8:
         raise DamagedFile(f"{name} holds values of the kind {kind}; expected real numbers of at most 8 bytes")
     size = prod(shape) * kind.itemsize
     if 0 in shape and len(shape) <= MOST_AXES:
@@ -135,8 +134,8 @@ def order_in(
 ) -> tuple[str, ...]:
     """Return the names of an array's axes from the description, else from the default of the format.
 
-    Where the sensors' number is ``known``, or the description has positions, and only the other axis of two has so
-    many, that is the sensors' axis.
+    Where the sensors' number is ``known``, or the description states it, and only the other axis of two has so many,
+    that is the sensors' axis.
     """
     if said.order is not None:
         return axes_of(said.order, len(shape), name)
@@ -144,7 +143,7 @@ def order_in(
         allowed = 'points and time; of more axes a description gives the names, "axes": "frame, x, y, time"'
         raise DamagedFile(f"{name} has the shape {shape}; expected {allowed}")
     order = axes_of(default, len(shape), name)
-    sensors = len(said.positions) if isinstance(said.positions, np.ndarray) else known
+    sensors = said.sensors or known
     if len(shape) == 2 and sensors in shape and shape[order.index("point")] != sensors:
         order = order[::-1]
         remark(
@@ -199,6 +198,7 @@ def _member_table(
     name: str,
     said: Description,
     spare: IO[bytes],
+    sensors: int,
 ) -> tuple[TraceBlocks, tuple[int, ...], bool]:
     """Return the A-lines of an .npz member, the lengths of its sensor axes, and whether it is k-Wave's ``p``."""
     member, is_p = held[name], name == "p"
@@ -208,12 +208,12 @@ def _member_table(
             raise DamagedFile(f"{_name(archive)}: p has shape {shape}; expected (time, y, z) or (time, y)")
         count = prod(shape)
         spill_to_disk(_chunks(file, kind), spare, count, 1, time_first=False)
-    known = next((_shape(archive, held[each])[0] for each in variable_aliases.POSITIONS if each in held), 0)
+    known = next((_shape(archive, held[each])[0] for each in variable_aliases.POSITIONS if each in held), sensors)
     guessed = is_p and said.order is None
     is_square = len(shape) == 2 and shape[0] == shape[1] and said.order is None
     order = order_in(shape, said, member.filename, ("time", "point") if is_p else ("point", "time"), known)
-    on_grid = not known and said.positions is None and said.grid is None
-    if guessed and (on_grid or is_square or len(shape) == 3):
+    uncounted = not known and not said.sensors
+    if guessed and (uncounted or is_square or len(shape) == 3):
         order = order_of_p(mapped(spare, 0, kind, shape, fortran=fortran))
     elif is_square:
         order = order_of_square(mapped(spare, 0, kind, shape, fortran=fortran), order)
@@ -263,16 +263,14 @@ def _metadata_of(
         values = _small(archive, member).astype(np.float64)
         return values.reshape(-1) if values.shape == lateral else values
 
-    points = small(*variable_aliases.POSITIONS)
+    points, weights = small(*variable_aliases.POSITIONS), small(*variable_aliases.WEIGHTS)
     steps = variable_aliases.LATERAL_STEPS if simulated else (variable_aliases.STEPS[:1], variable_aliases.STEPS[1::-1])
     pitches = [next((step for name in wanted if (step := number(name))), None) for wanted in steps]
     if points is None and lateral is not None and (pitch := pitches[0]) is not None:
         points = grid_points(lateral, (pitch, pitches[1] or pitch)[: len(lateral)])
     return Metadata(
         points=points,
-        weights=None
-        if (weights := small(*variable_aliases.WEIGHTS)) is None
-        else weights.astype(np.float64).reshape(-1),
+        weights=None if weights is None else weights.astype(np.float64).reshape(-1),
         aperture=number(*variable_aliases.APERTURE),
         sampling_interval=number(*variable_aliases.INTERVAL)
         or (1 / rate if (rate := number(*variable_aliases.RATE)) else None),
@@ -281,6 +279,7 @@ def _metadata_of(
         depth=number(*variable_aliases.DEPTH),
         energies=small(*variable_aliases.ENERGIES),
         simulated=simulated,
+        placing=placing_arrays("p" if simulated else said.array or TRACES[0]),
     )
 
 
@@ -289,11 +288,11 @@ def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[int, ...]
         return _header(file, member.filename)[0]
 
 
-def _small(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+def _small(archive: zipfile.ZipFile, member: zipfile.ZipInfo, kinds: str = "iuf") -> NDArray[Any]:
     if member.file_size > SMALL_BYTES:
         raise DamagedFile(f"{_name(archive)}: {member.filename} has {member.file_size} bytes; allowed: {SMALL_BYTES}")
     with archive.open(member) as file:
-        shape, kind, fortran = _header(file, member.filename)
+        shape, kind, fortran = _header(file, member.filename, kinds)
         data = file.read(prod(shape) * kind.itemsize)
     if len(data) != prod(shape) * kind.itemsize:
         raise DamagedFile(f"{_name(archive)}: {member.filename} is truncated")

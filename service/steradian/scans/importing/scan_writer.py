@@ -60,9 +60,9 @@ def plan_of(source: RecordingSource) -> ScanPlan:
         When the recording is nothing a scan can be: no speed of sound, too short or too long records.
     """
     if source.sound_speed is None:
-        raise InvalidInput(
-            "sound_speed", "missing", f"300 to 6000 (m/s) in a description; {source.provenance['source']} states none"
-        )
+        states = f"{source.provenance['source']} states none"
+        hint = "give an approximate value, and 'steradian sound-speed' finds the best one from the A-lines"
+        raise InvalidInput("sound_speed", "missing", f"300 to 6000 (m/s) in a description; {states}; {hint}")
     mask = source.sensors.mask(source.format)
     if source.depth is not None:
         mask = mask.replace(depth=source.depth)

@@ -82,6 +82,8 @@ class Metadata:
     """Wavelengths of the light in m; as many frames of each as come out even."""
     scanner: str = ""
     simulated: bool = False
+    placing: str = ""
+    """Arrays of the file that would place its sensors, for the message where positions are missing."""
 
 
 @dataclass(frozen=True)
@@ -286,6 +288,7 @@ def _described_points(
     if said.positions is not None and not isinstance(said.positions, str):
         return np.asarray(said.positions, np.float64).reshape(len(said.positions), -1) * said.length_unit
     if stated.points is None:
-        allowed = "positions or a grid of the sensors, in a description (JSON)"
+        allowed = "positions or a grid (interval, count) of the sensors, in a description (JSON)"
+        allowed = f"{stated.placing}; or {allowed}" if stated.placing else allowed
         return _missing("positions", allowed, np.linspace(-0.01, 0.01, count)[:, None])
     return stated.points

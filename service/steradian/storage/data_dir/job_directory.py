@@ -12,7 +12,7 @@ import filelock
 from steradian.core.atomic_files import DRAFT_SUFFIX, remove_drafts
 from steradian.core.exceptions import Conflict, StaleFence
 
-VOLUME, REVISION, PROJECTIONS, LOG = "volume.h5", "revision.json", "projections.h5", "log"
+VOLUME, SERIES, REVISION, PROJECTIONS, LOG = "volume.h5", "series.h5", "revision.json", "projections.h5", "log"
 """Names of what jobs leave; a log's begins so."""
 
 

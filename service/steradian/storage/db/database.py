@@ -134,7 +134,9 @@ class Database:
                 connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": MIGRATION_LOCK})
 
     def close(self) -> None:
-        """Close all connections to the database."""
+        """Close all connections to the database; one that a thread still uses is closed when it is returned."""
+        # a disposed engine's earlier pool would keep what is returned to it, open
+        event.listen(self.engine.pool, "checkin", lambda _, record: record.invalidate())
         self.engine.dispose()
 
 

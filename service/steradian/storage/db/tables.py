@@ -1,7 +1,6 @@
 """SQLAlchemy tables of the metadata database.
 
-``sequence`` counts rows in the order they were made: lists page by it, whatever their identifiers look like.
-Times are UTC in ISO 8601 text, the same on SQLite and PostgreSQL.
+``sequence`` counts rows in the order they were made, for paging. Times are UTC in ISO 8601 text.
 """
 
 from __future__ import annotations
@@ -61,8 +60,8 @@ class ScanRow(Base):
     """Table of scans: plan, state and progress.
 
     ``revision`` is the row version, ``fence`` the number of the scanner lease, ``completes`` the partial scan that this
-    scan continues, ``request_id`` the HTTP request that created the row, if any. ``scanner_id`` is empty for imported
-    scans.
+    scan continues, ``request_id`` the HTTP request that created the row, if any. Imported scans have no ``scanner_id``.
+    Of a scan in ``stages`` ``measured_plan_id`` is the plan of those made so far, and ``mask_id`` its mask.
     """
 
     __tablename__ = "scans"
@@ -70,7 +69,9 @@ class ScanRow(Base):
     id: Mapped[str] = mapped_column(String(40), unique=True)
     revision: Mapped[int] = mapped_column()
     plan_id: Mapped[str] = mapped_column(ForeignKey("plans.id"), index=True)
+    measured_plan_id: Mapped[str | None] = mapped_column(ForeignKey("plans.id"), index=True)
     mask_id: Mapped[str] = mapped_column(String(40), index=True)
+    stages: Mapped[list[dict[str, Any]] | None]
     scanner_id: Mapped[str | None] = mapped_column(String(40), index=True)
     completes: Mapped[str | None] = mapped_column(String(40))
     request_id: Mapped[str | None] = mapped_column(String(64))
@@ -100,9 +101,9 @@ class JobRow(Base):
     The queue engine decides which worker runs a job and when; all other code reads this row. ``fence`` is the fencing
     token: the number of attempts, including requeued ones; reports of earlier attempts are rejected. ``scan_id``
     repeats the payload's, for lists; ``resource`` is the job's API resource, *reconstruction* or *job*; ``simulated``
-    says whether its scan came from a simulated scanner; ``request_id`` is the HTTP request that created the job, if
-    any; ``owner`` is the principal that requested the job, and ``turn`` the fair-queueing start tag. ``requires_…`` are
-    the requirements on the worker.
+    says whether its scan is simulated; ``request_id`` is the HTTP request that created the job, ``owner`` its principal
+    and ``turn`` its fair-queueing start tag. ``requires_…`` are requirements on the worker, ``measurements`` the
+    measurements in its volume.
     """
 
     __tablename__ = "jobs"
@@ -139,6 +140,7 @@ class JobRow(Base):
     error: Mapped[str | None] = mapped_column(Text)
     result: Mapped[dict[str, Any] | None]
     history: Mapped[list[dict[str, Any]]]
+    measurements: Mapped[dict[str, Any] | None] = mapped_column(deferred=True)
     __mapper_args__ = {"version_id_col": revision}  # noqa: RUF012 - so the base class has it
 
 
@@ -251,8 +253,8 @@ class EventRow(Base):
 class FactRow(Base):
     """Table of key-value facts about the database as a whole.
 
-    Keys are the event log's epoch (which differs between databases), the identifiers of the bound data folder and
-    object store, and the version of the queue engine that migrated its tables.
+    Keys: the event log's epoch (of this database), the identifiers of the bound data folder and object store, and the
+    version of the queue engine that migrated its tables.
     """
 
     __tablename__ = "event_log"

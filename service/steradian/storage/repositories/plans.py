@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter
 from sqlalchemy.exc import IntegrityError
 
-from steradian.plans import ScanPlan
+from steradian.plans import ScanPlan, preview_excitation
 from steradian.plans.preview import PlanCost, preview
 from steradian.storage.db.tables import PlanRow
 from steradian.storage.repositories.base import Repository
@@ -17,8 +18,10 @@ from steradian.storage.repositories.references import lock_row
 
 
 def plan_cost_document(plan: ScanPlan) -> dict[str, Any]:
-    """Return a plan's cost (time, shots, bytes) as JSON-compatible values."""
+    """Return a plan's cost (time, shots, bytes) and wavelengths' expected error as JSON-compatible values."""
     document: dict[str, Any] = _preview_adapter().dump_python(preview(plan), mode="json")
+    if len(plan.excitation) > 1:
+        document["oxygenation"] = asdict(preview_excitation(plan))
     return document
 
 

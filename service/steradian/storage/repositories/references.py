@@ -83,14 +83,16 @@ def lock_dependents(session: Session, first: Resource) -> list[Resource]:
     """
     found = {first: None}
     for kind, table in DELETION_ORDER.items():
-        those = [one for one in found if one.kind == kind]
-        holding = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
-        held = set(session.scalars(holding.with_for_update()))
-        for one in those:
-            if one.id in held:
-                found |= dict.fromkeys(_dependents(session, one))
-            else:  # another deletion was first
-                del found[one]
+        done: set[Resource] = set()
+        while those := [one for one in found if one.kind == kind and one not in done]:  # an unmixing depends on one
+            done.update(those)
+            holding = select(table.id).where(table.id.in_([one.id for one in those])).order_by(table.id)
+            held = set(session.scalars(holding.with_for_update()))
+            for one in those:
+                if one.id in held:
+                    found |= dict.fromkeys(_dependents(session, one))
+                else:  # another deletion was first
+                    del found[one]
     if first not in found:
         raise NotFound(first.kind, first.id)
     return list(found)
@@ -104,9 +106,8 @@ def _dependents(session: Session, of: Resource) -> list[Resource]:
             through = asked["through", "mask_id"].as_string() == of.id
             return [*(Resource("plan", plan) for plan in plans), *jobs(session, through)]
         case "plan":
-            return [
-                Resource("scan", scan) for scan in session.scalars(select(ScanRow.id).where(ScanRow.plan_id == of.id))
-            ]
+            measured = or_(ScanRow.plan_id == of.id, ScanRow.measured_plan_id == of.id)
+            return [Resource("scan", scan) for scan in session.scalars(select(ScanRow.id).where(measured))]
         case "scan":
             batches = session.scalars(select(BatchRow.id).where(BatchRow.scan_id == of.id))
             work = jobs(session, JobRow.scan_id == of.id)

@@ -17,6 +17,7 @@ from steradian.storage.db.timestamps_and_ids import Clock, new_id, utc_now
 from steradian.storage.repositories.base import Repository
 from steradian.storage.repositories.event_log import append_event
 from steradian.storage.repositories.references import lock_row
+from steradian.storage.repositories.scan_stages import planned_stages
 from steradian.storage.repositories.scanner_lease_and_stop import SCANNER_ID
 from steradian.storage.state_machines import (
     ACTIVE_SCAN_STATES,
@@ -88,6 +89,7 @@ class ScanRepository(Repository[ScanRow]):
             id=new_id("s"),
             plan_id=plan.id,
             mask_id=plan.mask_id,
+            stages=planned_stages(plan),
             scanner_id=scanner_id,
             completes=completes,
             request_id=request_id.get() or None,
@@ -111,7 +113,7 @@ class ScanRepository(Repository[ScanRow]):
         """Return the scanner's oldest queued scan; ``None`` if there is none."""
         query = select(ScanRow).where(self._mine(ScanState.QUEUED)).order_by(ScanRow.sequence).limit(1)
         with self.database.read() as session:
-            return session.scalars(query).one_or_none()
+            return session.scalars(query).first()
 
     def under_way(self) -> list[ScanRow]:
         """Return the active scans of all scanners."""
@@ -135,9 +137,9 @@ class ScanRepository(Repository[ScanRow]):
     def to_resume(self) -> ScanRow | None:
         """Return the scanner's oldest interrupted scan with the desired state running."""
         wished = ScanRow.desired_state == DesiredScanState.RUNNING
-        query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished)
+        query = select(ScanRow).where(self._mine(ScanState.INTERRUPTED), wished).order_by(ScanRow.sequence)
         with self.database.read() as session:
-            return session.scalars(query.order_by(ScanRow.sequence).limit(1)).one_or_none()
+            return session.scalars(query.limit(1)).first()
 
     def clear_desired_running(self, why: str) -> None:
         """Set the desired state of interrupted scans from running to paused, because the service was restarted."""
@@ -278,10 +280,8 @@ class ScanRepository(Repository[ScanRow]):
 
     def interrupt_all(self, why: str) -> list[str]:
         """Set all active scans of the scanner to interrupted and return their identifiers."""
-        found = [row.id for row in self.under_way() if row.scanner_id == self.scanner_id]
-        for identifier in found:
-            self.transition(identifier, ScanState.INTERRUPTED, why=why)
-        return found
+        active = [row.id for row in self.under_way() if row.scanner_id == self.scanner_id]
+        return [self.transition(identifier, ScanState.INTERRUPTED, why=why).id for identifier in active]
 
     def _mine(self, state: ScanState) -> ColumnElement[bool]:
         return (ScanRow.scanner_id == self.scanner_id) & (ScanRow.state == state)

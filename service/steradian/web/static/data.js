@@ -1,27 +1,17 @@
 // @ts-check
 // Data view: upload, preview and import of a recording.
+import { convertRange } from "./allowed_ranges.js";
 import { api, idempotencyHeaders, Problem } from "./api.js";
+import { BASIC_FIELDS, descriptionOf, fieldOf, inputOf, labelOf, missingPitch, MORE_FIELDS } from "./data_fields.js";
 import { byId, h, replace, debounce } from "./dom.js";
 import { errorElements } from "./panel_states.js";
+import { kwaveHelp } from "./kwave_names.js";
+import { iterativeButton } from "./reconstructions/iterative_beside.js";
 import { RecordingPreview } from "./recording_preview.js";
 import { bytes, identifierElement } from "./units.js";
 import { urlOf } from "./urls.js";
 
 const COMPANION_PATTERN = /\.(csv|npy|h5|hdf5)$/i;
-const FIELDS = /** @type {[string, string, string, string][]} */ ([
-  ["sampling_interval", "Sampling interval", "ns", "Time between samples"],
-  ["time_zero", "Time zero", "ns", "Time from the laser pulse to the first sample"],
-  ["time_zero_samples", "Time zero offset", "samples", "Added to time zero; negative if the record starts before the laser pulse"],
-  ["sound_speed", "Speed of sound", "m/s", "In the medium, if known"],
-  ["aperture", "Aperture", "mm", "Side of the square detection area around the origin"],
-  ["depth", "Depth of the point", "mm", "Distance of the point of interest from the film"],
-  ["interval", "Grid pitch", "mm", "Replaces positions if the sensors form a grid"],
-]);
-
-const LENGTHS = ["aperture", "depth", "interval"];
-/** @type {Record<string, number>} length units of positions, relative to mm */
-const LENGTH_UNITS = { mm: 1, m: 1e-3, um: 1e3 };
-
 /** @type {Record<string, [number, string]>} factors and units of the fields by SI unit */
 const FIELD_UNITS = { s: [1e9, "ns"], m: [1e3, "mm"] };
 
@@ -32,13 +22,13 @@ const host = byId("data");
 const files = h("input", { type: "file", multiple: true, id: "files", class: "visually-hidden", onchange: () => uploadFiles(takeSelectedFiles()) });
 const drop = h("section", { class: "panel drop", "data-steradian": "data-drop" },
   h("strong", null, "Drop a recording here"),
-  h("span", { class: "dim" }, "IPASC, k-Wave or MATLAB HDF5, .npy, .npz, .csv, .sgl, or a scan file; add the positions as .csv or .npy if the file does not contain them"),
+  h("span", { class: "dim" }, "IPASC, k-Wave, MATLAB or Octave (.mat from version 5 on), HDF5, .npy, .npz, .csv, .sgl, or a scan file; add the positions as .csv or .npy if the file does not contain them"),
   h("label", { class: "button primary", for: "files" }, "Choose files …"), files);
 const list = h("div", { class: "stack" });
 const form = h("form", { class: "panel stack", hidden: true, "data-steradian": "data-form" });
 const panel = h("section", { class: "panel stack", hidden: true, "data-steradian": "data-understood" });
 const result = h("div", { class: "stack", role: "status" });
-replace(host, h("div", { class: "stack" }, drop, list, form, result, panel));
+replace(host, h("div", { class: "stack" }, drop, list, form, result, panel, kwaveHelp()));
 const recordingPreview = new RecordingPreview(panel);
 
 /** @type {{file: File, id: string}[]} the recording first, then its companion file */
@@ -95,13 +85,11 @@ const importHint = h("span", { class: "dim small", id: "not-yet" });
 function showForm() {
   replace(messages);
   replace(form,
-    h("h2", null, "Missing information"),
+    h("h2", null, "Description of the recording"),
     h("p", { class: "dim" }, "Leave a field empty if the file contains its value. Required fields are marked. The preview below shows how the file is interpreted."),
-    h("div", { class: "row top" }, FIELDS.map(([name, label, unit, help]) => h("label", { class: "stack asked", title: help }, label,
-      h("span", { class: "with-unit" }, h("input", { type: "number", step: "any", name, "aria-label": label, oninput: previewSoon }), h("span", { class: "dim" }, unit)),
-      h("span", { class: "fault small", dataset: { remark: name } }))),
-      h("label", { class: "stack" }, "Axes of the array", h("select", { name: "axes", onchange: previewSoon }, [["", "as in the file"], ["point, time", "point, time"], ["time, point", "time, point"], ["x, y, time", "x, y, time"], ["time, x, y", "time, x, y"]].map(([value, text]) => h("option", { value }, text))))),
-    uploads.length > 1 ? h("label", { class: "row" }, "Unit of the positions", h("select", { name: "lengths", onchange: previewSoon }, [["mm", "mm (assumed)"], ["m", "m"], ["um", "µm"]].map(([value, text]) => h("option", { value }, text)))) : null,
+    h("div", { class: "row top" }, BASIC_FIELDS.map((one) => inputOf(one, previewSoon))),
+    h("details", { class: "more-fields", open: uploads.length > 1 }, h("summary", null, h("strong", null, "More"), " ", h("span", { class: "dim" }, "units of the file, scale, grid, frames, provenance")),
+      h("div", { class: "row top below" }, MORE_FIELDS.map((one) => inputOf(one, previewSoon)))),
     messages, h("div", { class: "row" }, importButton, importHint));
   form.onsubmit = (event) => {
     event.preventDefault();
@@ -128,9 +116,10 @@ async function preview() {
     replace(messages);
     panel.hidden = false;
     points = preview.points;
-    showMissing(preview.missing);
-    importButton.disabled = preview.missing.length > 0;
-    importHint.textContent = preview.missing.length ? `Required for the import: ${missingLabels(preview.missing)}.` : "";
+    const missing = withPitch(preview.missing);
+    showMissing(missing);
+    importButton.disabled = missing.length > 0;
+    importHint.textContent = missing.length ? `Required for the import: ${missingLabels(missing)}.` : "";
     recordingPreview.show(preview);
   } catch (error) {
     if (ticket !== previewCount) return;
@@ -140,16 +129,26 @@ async function preview() {
       return preview();
     }
     panel.hidden = false;
-    showMissing(error instanceof Problem ? error.errors.map(({ pointer, allowed }) => ({ field: pointer.split("/").pop(), allowed })) : []);
+    showMissing(error instanceof Problem ? [...error.errors.map(({ pointer, allowed }) => ({ field: pointer.split("/").pop(), allowed })), ...suggestArrays(error.detail)] : []);
     importHint.textContent = "Import not possible; the error is shown below.";
     recordingPreview.fail(error);
   }
 }
 
+/** Add the grid pitch to missing fields, if only other fields of the grid are filled. @param {{field: string, allowed: string}[]} missing */
+const withPitch = (missing) => (missing.some(({ field }) => fieldOf(field) === "interval") ? missing : [...missing, ...missingPitch(new FormData(form))]);
+
 /** @param {{field: string}[]} missing @returns {string} */
 function missingLabels(missing) {
-  const labels = missing.map(({ field }) => FIELDS.find(([name]) => name === field)?.[1] ?? field.replaceAll("_", " "));
-  return labels.map((one) => one.toLowerCase()).join(", ");
+  return missing.map(({ field }) => labelOf(field).toLowerCase()).join(", ");
+}
+
+/** Offer the arrays of a file whose A-lines have another name. @param {string} detail of the refusal, which lists them */
+function suggestArrays(detail) {
+  const names = detail.match(/; it holds (.+)$/)?.[1].split(", ") ?? [];
+  const list = form.querySelector("#suggested-array");
+  if (list && names.length) replace(list, names.map((value) => h("option", { value })));
+  return names.length ? [{ field: "array", allowed: `one of ${names.join(", ")}` }] : [];
 }
 
 /** @param {string} value */
@@ -157,23 +156,21 @@ const guessText = (value) => `${value} is an assumption: change it if you know t
 
 /** Convert an allowed range to the unit of the field. @param {string} allowed */
 function toFieldUnit(allowed) {
-  const converted = allowed.replace(/^([^;(]*)\(([sm])\)/, (_, range, unit) => {
-    const [factor, name] = FIELD_UNITS[unit];
-    return `${range.replace(/-?\d[\d.]*(e[-+]?\d+)?/g, (/** @type {string} */ number) => String(Number((Number(number) * factor).toPrecision(6))))}${name}`;
-  });
-  return converted.replace(/^> /, "more than ").replace(", which the file does not state", "; not stated in the file");
+  return convertRange(allowed, FIELD_UNITS).replace(/^> /, "more than ").replace(", which the file does not state", "; not stated in the file").replace(/a description with no (time|length) of its own, \{.*?\}, says their unit/, (_, kind) => `${kind === "time" ? "Times" : "Lengths"} in the file, under More, is their unit`);
 }
 
 /** Show the requirement of each missing field; fill in an assumed value if there is one. @param {{field: string | undefined, allowed: string}[]} missing */
 function showMissing(missing) {
   for (const remark of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-remark]"))) {
     const field = remark.dataset.remark ?? "";
-    const input = /** @type {HTMLInputElement} */ (form.querySelector(`input[name="${field}"]`));
-    const missingField = missing.find((one) => (one.field === "positions" ? "interval" : one.field) === field);
+    const input = /** @type {HTMLInputElement} */ (form.querySelector(`[name="${field}"]`));
+    const missingField = missing.find((one) => fieldOf(one.field) === field);
     remark.textContent = missingField ? `Required: ${toFieldUnit(missingField.allowed)}` : input.dataset.guess === input.value ? guessText(input.value) : "";
     remark.className = missingField ? "fault small" : "dim small"; // an assumed value is not an error
-    if (missingField) input.setAttribute("aria-invalid", "true");
-    else input.removeAttribute("aria-invalid");
+    if (missingField) {
+      input.setAttribute("aria-invalid", "true");
+      input.closest("details")?.setAttribute("open", "");
+    } else input.removeAttribute("aria-invalid");
     if (!missingField || !(field in GUESSED_VALUES) || input.value !== "") continue;
     input.value = input.dataset.guess = String(GUESSED_VALUES[field]);
     remark.textContent = guessText(input.value);
@@ -184,25 +181,7 @@ function showMissing(missing) {
 }
 
 function readDescription() {
-  const formData = new FormData(form);
-  /** @type {Record<string, any>} */
-  const description = {};
-  for (const [name] of FIELDS) {
-    const text = String(formData.get(name) ?? "");
-    if (text !== "") description[name] = Number(text);
-  }
-  const called = uploads[0]?.file.name ?? "";
-  if (/\.sgl$/i.test(called)) description.file_name = called.slice(0, 300); // the file name contains metadata
-  if (formData.get("axes")) description.axes = formData.get("axes");
-  const lengths = String(formData.get("lengths") ?? "mm");
-  for (const name of LENGTHS) if (description[name] !== undefined) description[name] = Number((description[name] * LENGTH_UNITS[lengths]).toPrecision(12));
-  if (description.interval !== undefined) {
-    description.grid = { interval: [description.interval, description.interval], ...(gridSide ? { count: [gridSide, gridSide] } : {}) };
-    delete description.interval;
-  }
-  if (uploads.length > 1 || description.grid || LENGTHS.some((name) => description[name] !== undefined)) description.lengths = lengths; // only for fields that are lengths
-  if (description.sampling_interval !== undefined || description.time_zero !== undefined) description.times = "ns";
-  return description;
+  return descriptionOf(new FormData(form), { fileName: uploads[0]?.file.name ?? "", hasPositions: uploads.length > 1, side: gridSide });
 }
 
 /** Import the recording and wait for the job. */
@@ -243,5 +222,5 @@ function showImported(id) {
       start.disabled = false;
     }
   } }, "Reconstruct");
-  replace(result, h("section", { class: "panel row spread" }, h("span", null, h("strong", null, "Imported"), " as scan ", identifierElement(id, `/scans/${id}`)), errorBox, start));
+  replace(result, h("section", { class: "panel row spread" }, h("span", null, h("strong", null, "Imported"), " as scan ", identifierElement(id, `/scans/${id}`)), errorBox, h("span", { class: "row" }, iterativeButton(id, errorBox), start)));
 }

@@ -1,15 +1,23 @@
 // @ts-check
-// Table of all scans, newest first, with live progress.
+// Table of all scans, newest first, with thumbnails and live progress.
 import { api } from "./api.js";
 import { byId, oncePerFrame, h, replaceKeepingFocus, replace } from "./dom.js";
 import { live } from "./event_stream.js";
-import { STATE_LABELS } from "./scan/states.js";
+import { stateLabel } from "./scan/stages.js";
+import { ScanFacts } from "./scan_facts.js";
+import { ScanThumbnails } from "./scan_thumbnails.js";
 import { showEmpty, showError, showLoading } from "./panel_states.js";
 import { formatTime, count, identifierElement } from "./units.js";
 
 const host = byId("scans");
 const search = h("input", { type: "search", placeholder: "Search labels, states …", "aria-label": "Search", "data-search": true, oninput: () => draw() });
 const body = h("div", { class: "scrolls" });
+const facts = new ScanFacts(() => draw());
+const thumbnails = new ScanThumbnails((id) => {
+  const scan = scans.find((one) => one.id === id);
+  if (scan) facts.request(scan); // it may have left the list
+});
+const NUMBERS = new Set(["Points", "Depth", "A-lines"]);
 /** @type {any[]} */
 let scans = [];
 let nextPage = "";
@@ -33,7 +41,7 @@ const draw = oncePerFrame(() => {
   const searchText = search.value.trim().toLowerCase();
   const matches = scans.filter((scan) => !searchText || textOf(scan).includes(searchText));
   replaceKeepingFocus(body, h("table", null,
-    h("thead", null, h("tr", null, ["Scan", "State", "A-lines", "Labels", "Started"].map((name) => h("th", { scope: "col", class: name === "A-lines" ? "number" : "" }, name)))),
+    h("thead", null, h("tr", null, h("td"), ["Scan", "State", "Points", "Depth", "Wavelengths", "A-lines", "Labels", "Started"].map((name) => h("th", { scope: "col", class: NUMBERS.has(name) ? "number" : "" }, name)))),
     h("tbody", null, matches.map(row))),
     matches.length ? null : h("p", { class: "dim" }, "No scan matches the search."),
     nextPage ? h("p", { class: "dim" }, "Only the newest 100 scans are shown; use the API to list older scans.") : null);
@@ -41,7 +49,7 @@ const draw = oncePerFrame(() => {
 
 /** @param {any} scan */
 function textOf(scan) {
-  return [scan.id, scan.state, STATE_LABELS[scan.state], ...Object.entries(scan.labels).flat()].join(" ").toLowerCase();
+  return [scan.id, scan.state, stateLabel(scan), ...Object.entries(scan.labels).flat()].join(" ").toLowerCase();
 }
 
 /** @param {any} scan */
@@ -49,18 +57,24 @@ function row(scan) {
   const { done, total } = scan.progress;
   const isFault = scan.state === "failed" || scan.state === "interrupted";
   const stored = scan.summary ? scan.summary.stored : done;
+  const planned = scan.summary?.points ?? total;
+  const { points, depth, wavelengths } = facts.of(scan);
   return h("tr", null,
+    h("td", null, h("a", { href: `/scans/${scan.id}`, tabindex: -1, "aria-hidden": "true" }, thumbnails.of(scan.id))),
     h("td", null, identifierElement(scan.id, `/scans/${scan.id}`)),
-    h("td", { class: isFault ? "fault" : "" }, STATE_LABELS[scan.state] ?? scan.state, scan.simulated ? h("span", { class: "dim" }, " (simulated)") : null),
-    h("td", { class: "number" }, `${count(stored)} of ${count(scan.summary?.points ?? total)}`),
+    h("td", { class: isFault ? "fault" : "" }, stateLabel(scan), scan.simulated ? h("span", { class: "dim" }, " (simulated)") : null),
+    h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, depth), h("td", null, wavelengths),
+    h("td", { class: "number" }, stored === planned ? count(stored) : `${count(stored)} of ${count(planned)}`),
     h("td", null, Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`))),
-    h("td", { class: "nowrap" }, formatTime(scan.started ?? scan.created)));
+    h("td", { class: "nowrap" }, formatTime(scan.started ?? scan.created, true).slice(0, -3)));
 }
 
 showLoading(body);
 replace(host, h("div", { class: "row spread" }, search, h("a", { class: "button", href: "/design" }, "New design")), body);
 live.on("scan", read);
 live.on("again", read);
+live.on("reconstruction", (one) => one.state === "succeeded" && thumbnails.refresh(one.scan_id));
+live.on("revision", (one) => thumbnails.refresh(one.scan_id));
 live.on("progress", (one) => {
   const scan = scans.find(({ id }) => id === one.id);
   if (!scan) return;

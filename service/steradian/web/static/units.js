@@ -47,10 +47,19 @@ export function pressure(value, digits = 3) {
   return Number.isFinite(value) ? `${figure(value, digits)}${NBSP}${PRESSURE}` : NONE;
 }
 
+/** Format a number with fixed decimals and a typographic minus, which zero does not have. @param {number} value @param {number} decimals */
+export const signed = (value, decimals) => value.toFixed(decimals).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
+
 /** Format a length in millimetres, for coordinates. @param {number} metres @param {number} [decimals] */
 export function mm(metres, decimals = 2) {
-  return Number.isFinite(metres) ? `${(metres * 1e3).toFixed(decimals).replace("-", "−")}${NBSP}mm` : NONE;
+  return Number.isFinite(metres) ? `${signed(metres * 1e3, decimals)}${NBSP}mm` : NONE;
 }
+
+/** Return a wavelength in nanometres, to four digits. @param {number} metres */
+export const nanometres = (metres) => Number((1e9 * metres).toPrecision(4));
+
+/** Format a wavelength. @param {number} metres */
+export const wavelengthText = (metres) => `${nanometres(metres)} nm`;
 
 /** @param {number | null | undefined} value */
 export function count(value) {
@@ -78,12 +87,12 @@ export function duration(seconds) {
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
-/** Format a local time of day, with the date if it is not today. @param {string | Date | null | undefined} when */
-export function formatTime(when) {
+/** Format a local time of day, with the date if it is not today. @param {string | Date | null | undefined} when @param {boolean} [withDate] always */
+export function formatTime(when, withDate = false) {
   if (!when) return NONE;
   const then = new Date(when);
   const time = then.toTimeString().slice(0, 8);
-  if (then.toDateString() === new Date().toDateString()) return time;
+  if (!withDate && then.toDateString() === new Date().toDateString()) return time;
   const [month, day] = [then.getMonth() + 1, then.getDate()].map((part) => String(part).padStart(2, "0"));
   return `${then.getFullYear()}-${month}-${day} ${time}`;
 }

@@ -106,7 +106,7 @@ def axis_of(tables: TransformTables, axis: int) -> Axis:
     lateral, count = tables.lateral, tables.lateral.modes[axis]
     numbers = numbers_of(count)
     factors = np.asarray(lateral.factor(axis, numbers), np.complex128)
-    if tables.rule.waves == "both":  # the model leaves out N/2, which is −N/2 as well
+    if tables.transposable:  # N/2, which is −N/2 as well, is left out
         factors = np.where((2 * numbers == -count) & (count > 1), 0, factors)
     if axis == 0:
         factors = factors / (lateral.modes[0] * lateral.modes[1] * tables.spectrum_length)

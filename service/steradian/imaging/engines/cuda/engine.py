@@ -8,7 +8,9 @@ on the lines of the grid, and modes over depth those over its frequencies l ≥ 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from copy import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,7 @@ from steradian.imaging.engines.cuda.fft import (
 from steradian.imaging.engines.cuda.kernel_args import DecimationArgs, Sparse
 from steradian.imaging.engines.cuda.memory_plan import MAX_FREE_FRACTION, MemoryPlan, plan_memory
 from steradian.imaging.transform_tables import TransformTables
+from steradian.imaging.transforms.lateral import LateralTransform
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 
 if TYPE_CHECKING:
@@ -172,7 +175,7 @@ class CudaEngine:
         run_chunks("image", 1, lambda _: made.append(image_of_spectrum(self.tables, self.backend, modes)), watch)
         return made[0]
 
-    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
+    def lateral_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> Any:
         """Return the traces of lateral modes (NUFFT type 2)."""
         xp, f, (gx, gy) = self.backend.xp, self._found, self.tables.lateral.grid
         if self._from is None:
@@ -187,8 +190,8 @@ class CudaEngine:
                 some = self.backend.array(modes[:, :, piece * each : (piece + 1) * each])
                 grid = xp.zeros((gx, gy, some.shape[2]), self._complex)
                 grid[x[:, None], y[None, :]] = some
-            # norm "forward" leaves the inverse without one
-            grid = self.backend.fft.ifftn(grid, axes=lateral_axes(gx), overwrite_x=True, norm="forward")
+            own = grid is not modes or not kept
+            grid = self.backend.fft.ifftn(grid, axes=lateral_axes(gx), overwrite_x=own, norm="forward")
             grid = xp.ascontiguousarray(grid).reshape(gx * gy, -1)
             part = xp.empty((len(self._scale), grid.shape[1]), self._complex)
             self.backend.launch(self._kernels.combine, part.shape[::-1], grid, self._from, part)
@@ -201,8 +204,8 @@ class CudaEngine:
         return traces * (self._window * (2 * self._scale)[:, None])
 
     def to_depth_adjoint(self, modes: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """Return the modes over time of modes over depth; only for the forward model's tables."""
-        self._model()
+        """Return the modes over time of modes over depth; only for transposable tables."""
+        self._require_transposable()
         xp, f, each = self.backend.xp, self._found, self.room.orbits
         used_x, used_y = (len(axis.used) for axis in self._axes)
         if self.room.fits_in_one_pass:
@@ -227,8 +230,8 @@ class CudaEngine:
         return target
 
     def to_image_adjoint(self, image: Any, watch: ProgressMonitor = NO_MONITOR) -> Any:
-        """Return the modes over depth of an image; only for the forward model's tables, not upsampled."""
-        self._model()
+        """Return the modes over depth of an image; only for transposable tables, not upsampled."""
+        self._require_transposable()
         if not self.room.fits_in_one_pass:
             return spectrum_in_chunks(self.tables, self.backend, self.room, image, watch)
         made = []
@@ -274,9 +277,17 @@ class CudaEngine:
         """Copy the arrays of a named tuple to the device."""
         return type(group)(*(self.backend.table(v) if isinstance(v, np.ndarray) else v for v in group))
 
-    def _model(self) -> None:
-        if self.tables.rule.waves != "both":
-            raise NotImplementedError("the transposes are those of the model")
+    def with_sensors(self, lateral: LateralTransform) -> Self:
+        """Return an engine with other sensors, on the same lateral grid, which shares the other tables."""
+        other, host = copy(self), matrix(lateral)
+        onto, scale = self._sent(sparse(host, self.tables.dtype)), self.array(lateral.scale)
+        tables = replace(self.tables, lateral=lateral)
+        vars(other).update(tables=tables, _host=host, _onto=onto, _from=None, _scale=scale)
+        return other
+
+    def _require_transposable(self) -> None:
+        if not self.tables.transposable:
+            raise NotImplementedError("these tables have no transpose")
 
 
 def _dtypes(dtype: str) -> tuple[Any, Any]:

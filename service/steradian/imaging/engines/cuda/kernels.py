@@ -69,7 +69,7 @@ def gain_and_phase(l: int, kappa: float, square: float, rule: Any) -> tuple[floa
 def kernels(dtype: str) -> Kernels:
     """Compile the kernels of one precision, because constants of another would cause float64 arithmetic (cached)."""
     real = np.float32 if dtype == "float32" else np.float64
-    zero, circle = real(0), real(2 * np.pi)
+    zero, half, circle = real(0), real(0.5), real(2 * np.pi)
 
     @cuda.jit(device=True)
     def tap(taps: Any, t: int, y: Any) -> Any:
@@ -183,9 +183,11 @@ def kernels(dtype: str) -> Kernels:
                 v1, v2, v3, v4 = modes[i1, k1, l], modes[i1, k2, l], modes[i2, k1, l], modes[i2, k2, l]
                 r1, s1, r2, s2 = v1.real, v1.imag, v2.real, v2.imag
                 r3, s3, r4, s4 = v3.real, v3.imag, v4.real, v4.imag
-                if l > 0:  # that of −l is the conjugate of the opposite mode's
+                if rule.both and l > 0:  # that of −l is the conjugate of the opposite mode's
                     r1, s1, r2, s2 = r1 + r4, s1 - s4, r2 + r3, s2 - s3
                     r4, s4, r3, s3 = r1, -s1, r2, -s2
+                if not rule.both and l == 0:  # there is no −l, whose conjugate the sensors' real part adds
+                    fr, fi = half * fr, half * fi
                 gr, gi = times(fr, fi, orbits.factors_x[a, 0], orbits.factors_y[b, 0])
                 modes[i1, k1, l] = complex(gr * r1 + gi * s1, gr * s1 - gi * r1)
                 gr, gi = times(fr, fi, orbits.factors_x[a, 0], orbits.factors_y[b, 1])

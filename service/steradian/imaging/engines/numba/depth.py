@@ -209,16 +209,19 @@ def _build_gather_scatter(load: Any, splat: Any) -> tuple[Any, Any]:
     def spread(h: Any, x: Any, part: DepthChunk, rule: KappaMap, space: DepthWorkspace) -> None:
         """Add H(l) and H(−l) of a group of modes to the time spectrum X(±κ): adjoint of gather."""
         index, phase, gain, taps = space.index, space.phase, space.gain, space.taps
-        width = rule.polynomials.shape[0]
+        width, both, zero = rule.polynomials.shape[0], rule.both, splat(x.dtype.type(0.0))
         for n in range(part.number):
             l = part.first + n  # noqa: E741
-            real, imaginary = load(h, l * 32 + part.lane), load(h, l * 32 + part.lane + 16)
+            ar, ai = load(h, l * 32 + part.lane), load(h, l * 32 + part.lane + 16)
+            br, bi = zero, zero
             if l > 0:
                 o = (part.size - l) * 32 + part.lane
-                real, imaginary = real + load(h, o), imaginary + load(h, o + 16)
+                br, bi = load(h, o), load(h, o + 16)
+            if both:
+                ar, ai = ar + br, ai + bi
+                br, bi = ar, ai
             c, s = splat(gain[n]), splat(phase[n])
-            ar, ai = real * c - imaginary * s, imaginary * c + real * s
-            br, bi = real * c + imaginary * s, imaginary * c - real * s
+            ar, ai, br, bi = ar * c - ai * s, ai * c + ar * s, br * c + bi * s, bi * c - br * s
             i = (CELL_PADDING + index[n]) * 32 + part.lane
             j = (CELL_PADDING + part.length - index[n]) * 32 + part.lane
             for t in range(width):
@@ -293,7 +296,7 @@ def to_depth(
 def to_time(
     first: int, last: int, time: AxisTransform, depth: AxisTransform, rule: KappaMap, space: DepthWorkspace, flag: Any
 ) -> None:
-    """Transform blocks ``first`` … ``last`` of 16 columns from depth to time: the adjoint, for waves both ways."""
+    """Transform blocks ``first`` … ``last`` of 16 columns from depth to time: the adjoint, without edges."""
     a, b, tmp, squares = space.a, space.b, space.tmp, rule.squares
     length, size = time.transform.size, depth.transform.size
     xo, lanes = np.int64(CELL_PADDING * 32), 16 // squares.shape[1]

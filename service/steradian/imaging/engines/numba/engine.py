@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import factorial
-from typing import TYPE_CHECKING, Any
+from copy import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from steradian.imaging.engines.numba.kernel_args import (
     Batch,
     DepthWorkspace,
     ImagePlane,
-    KappaMap,
     Sensors,
     StoredModes,
     Workspace,
@@ -28,6 +28,7 @@ from steradian.imaging.engines.numba.kernel_args import (
 from steradian.imaging.engines.numba.kernel_tables import (
     all_stored,
     image_points_as_sensors,
+    kappa_map,
     sensors_of,
     stored_modes,
     subset,
@@ -35,6 +36,7 @@ from steradian.imaging.engines.numba.kernel_tables import (
 from steradian.imaging.engines.numba.memory_plan import MemoryPlan, aligned_empty, plan_memory, round_up_to_vector
 from steradian.imaging.engines.numba.mode_blocks import ModeBlocks, group_modes
 from steradian.imaging.transform_tables import TransformTables
+from steradian.imaging.transforms.lateral import LateralTransform
 from steradian.imaging.validation import MAX_EXPONENT, describe_non_finite
 from steradian.imaging.volume import RealArray
 
@@ -77,7 +79,7 @@ class NumbaEngine:
 
     def __init__(self, tables: TransformTables, *, threads: int, memory_limit: int | None = None) -> None:
         self.tables = tables
-        self._stored = stored_modes(tables.lateral, edges=tables.rule.waves == "rising")
+        self._stored = stored_modes(tables.lateral, edges=not tables.transposable)
         self.room: MemoryPlan = plan_memory(tables, self._stored, threads)
         memory.check_memory(self.room.memory_bytes, memory_limit, tables.geometry.shape)
         self._sensors = sensors_of(tables.lateral, tables.dtype)
@@ -137,7 +139,9 @@ class NumbaEngine:
             compact_rows(image, lines, pitch, depths)
         return image[: lines * depths].reshape(shape)
 
-    def lateral_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
+    def lateral_adjoint(
+        self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False
+    ) -> RealArray:
         """Return the traces of lateral modes (NUFFT type 2)."""
         from steradian.imaging.engines.numba.type2 import type2
 
@@ -159,16 +163,16 @@ class NumbaEngine:
         return traces
 
     def to_depth_adjoint(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """Return the modes over time of modes over depth; only for the forward model's tables."""
+        """Return the modes over time of modes over depth; only for transposable tables."""
         from steradian.imaging.engines.numba.depth import to_time
 
-        self._model()
+        self._require_transposable()
         self._columns("depth to time", to_time, modes, modes, watch)
         return modes
 
     def to_image_adjoint(self, image: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
-        """Return the modes over depth of an image; only for the forward model's tables, not upsampled."""
-        self._model()
+        """Return the modes over depth of an image; only for transposable tables, not upsampled."""
+        self._require_transposable()
         modes = self._empty(self.room.source_size)
         columns = image.reshape(-1, self.tables.depths)
         plane, stored = self._plane(self.tables.lateral.modes), all_stored(self.tables.lateral.modes)
@@ -177,9 +181,15 @@ class NumbaEngine:
         )
         return modes
 
-    def _model(self) -> None:
-        if self.tables.rule.waves != "both":
-            raise NotImplementedError("the transposes are those of the model")
+    def with_sensors(self, lateral: LateralTransform) -> Self:
+        """Return an engine with other sensors, on the same lateral grid, which shares the other tables."""
+        other, sensors = copy(self), sensors_of(lateral, self.tables.dtype)
+        vars(other).update(tables=replace(self.tables, lateral=lateral), _sensors=sensors)
+        return other
+
+    def _require_transposable(self) -> None:
+        if not self.tables.transposable:
+            raise NotImplementedError("these tables have no transpose")
 
     def _type1(
         self, stage: str, traces: NDArray[Any], sensors: Sensors, plane: ImagePlane, stored: StoredModes,
@@ -226,7 +236,7 @@ class NumbaEngine:
             over_depth, table.target, room.target_rows, room.target_stride, t.depths, -g.depth[0], none,
             none.reshape(0, 1), back.kernel_args,
         )  # fmt: skip
-        rule, scratch = self._rule(), self._column_space(max(forward.scratch, back.scratch, 16))
+        rule, scratch = kappa_map(t, table), self._column_space(max(forward.scratch, back.scratch, 16))
         count = len(table.source)
         each = min(_BLOCKS, -(-count // 16))
 
@@ -234,17 +244,6 @@ class NumbaEngine:
             kernel(piece * each, min((piece + 1) * each, count), times, depths, rule, space, flag)
 
         self._run(stage, -(-count // each), scratch, work, watch)
-
-    def _rule(self) -> KappaMap:
-        t, rule = self.tables, self.tables.rule
-        terms = range(6 if t.dtype == "float32" else 11)
-        sine = np.array([(-1) ** i / factorial(2 * i + 1) for i in terms], t.dtype)
-        cosine = np.array([(-1) ** i / factorial(2 * i) for i in terms], t.dtype)
-        return KappaMap(
-            self._blocks.squares, self._blocks.edges, t.time.length / t.time.record, rule.turns, rule.band,
-            rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps,
-            rule.overlying, rule.shift, sine, cosine,
-        )  # fmt: skip
 
     def _column_space(self, tmp: int) -> Callable[[], DepthWorkspace]:
         dtype, time = self.tables.dtype, self.tables.time

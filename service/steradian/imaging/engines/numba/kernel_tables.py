@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 from numpy.typing import NDArray
 
-from steradian.imaging.engines.numba.kernel_args import Sensors, StoredModes
+from steradian.imaging.engines.numba.kernel_args import KappaMap, Sensors, StoredModes
+from steradian.imaging.engines.numba.mode_blocks import ModeBlocks
 from steradian.imaging.transform_tables import TransformTables
 from steradian.imaging.transforms.lateral import GridEntries, LateralTransform, Stencils, numbers_of
 
@@ -69,6 +72,19 @@ def subset(sensors: Sensors, some: Ints) -> Sensors:
     return sensors._replace(
         order=np.arange(len(some)), scale=sensors.scale[some], starts=starts, first=first, sensors=rows[kept], wy=wy
     )
+
+
+def kappa_map(tables: TransformTables, blocks: ModeBlocks) -> KappaMap:
+    """Return the kernels' parameters of the interpolation at κ, of modes in blocks."""
+    t, rule = tables, tables.rule
+    terms = range(6 if t.dtype == "float32" else 11)
+    sine = np.array([(-1) ** i / factorial(2 * i + 1) for i in terms], t.dtype)
+    cosine = np.array([(-1) ** i / factorial(2 * i) for i in terms], t.dtype)
+    return KappaMap(
+        blocks.squares, blocks.edges, t.time.length / t.time.record, rule.turns, rule.band,
+        rule.waves == "both", t.time.nearest, t.time.taps.astype(t.dtype), rule.table, rule.steps,
+        rule.overlying, rule.shift, sine, cosine,
+    )  # fmt: skip
 
 
 def stored_modes(lateral: LateralTransform, *, edges: bool) -> StoredModes:

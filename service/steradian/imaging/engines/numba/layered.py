@@ -27,13 +27,15 @@ from steradian.imaging.transforms.lateral import numbers_of
 from steradian.imaging.volume import RealArray
 
 _COLUMNS, _NUMBERS = 32, 16  # modes extrapolated together, and what each takes, in samples
+_KEPT_BYTES = 2**25  # most that the factors of a layer's modes take to be kept for the next product
 
 
 class LayeredEngine(NumbaEngine):
     """:class:`~steradian.imaging.engines.Engine` of the forward model of several layers; modes over depth are volumes.
 
     A product costs one of each layer's own, and for each layer but the first two FFTs of 1.5 times the record, and the
-    factor, for each lateral mode. Memory: the modes at the film, those of the largest layer, and the volume.
+    factor, for each lateral mode; small factors are kept, as a fit makes many products. Memory: the modes at the film,
+    those of the largest layer, the volume, and kept factors.
 
     Parameters
     ----------
@@ -67,11 +69,16 @@ class LayeredEngine(NumbaEngine):
         # numbers of a piece of each thread, for a mode and a sample: lines, spectra, the factor, and copies of them
         scratch = threads * _COLUMNS * max(spectra) * _NUMBERS * item
         largest = max(engine.room.memory_bytes + engine.room.output_bytes for engine, _ in self._layers)
-        needed = self.room.memory_bytes + largest + self.room.output_bytes + scratch
-        self.room = replace(self.room, memory_bytes=needed)
-        memory.check_memory(needed, memory_limit, tables.geometry.shape)
         self._squares = _squares(tables)
         self._order = np.argsort(self._squares, kind="stable")  # modes of the same |k| share the factor
+        self._ways = [
+            None if each.extrapolation is None else _Extrapolator(each.extrapolation, tables.dtype, self._squares.size)
+            for each in layers
+        ]
+        kept = sum(way.kept_bytes for way in self._ways if way is not None)
+        needed = self.room.memory_bytes + largest + self.room.output_bytes + scratch + kept
+        self.room = replace(self.room, memory_bytes=needed)
+        memory.check_memory(needed, memory_limit, tables.geometry.shape)
 
     def to_image_adjoint(self, image: RealArray, watch: ProgressMonitor = NO_MONITOR) -> RealArray:
         """Return the volume as it is: :meth:`to_depth_adjoint` makes modes of one layer at a time."""
@@ -85,7 +92,7 @@ class LayeredEngine(NumbaEngine):
             part = watch.of_layer(number, len(self._layers))
             some = np.ascontiguousarray(modes[..., slice(*layer.slices)])
             field = engine.to_depth_adjoint(engine.to_image_adjoint(some, part), part)
-            self._take(layer, engine.room.rows(field), self.room.rows(film), part, adjoint=False)
+            self._take(number - 1, engine.room.rows(field), self.room.rows(film), part, adjoint=False)
         return film
 
     def to_depth(self, modes: RealArray, watch: ProgressMonitor = NO_MONITOR, *, kept: bool = False) -> RealArray:
@@ -94,7 +101,7 @@ class LayeredEngine(NumbaEngine):
         for number, (engine, layer) in enumerate(self._layers, start=1):
             part = watch.of_layer(number, len(self._layers))
             field: RealArray = aligned_empty(engine.room.source_size, self.tables.dtype)
-            self._take(layer, self.room.rows(modes), engine.room.rows(field), part, adjoint=True)
+            self._take(number - 1, self.room.rows(modes), engine.room.rows(field), part, adjoint=True)
             volume[..., slice(*layer.slices)] = engine.to_image(engine.to_depth(field, part), part)
         return volume
 
@@ -103,23 +110,26 @@ class LayeredEngine(NumbaEngine):
         return modes
 
     def _take(
-        self, layer: LayerTables, source: RealArray, target: RealArray, watch: ProgressMonitor, *, adjoint: bool
+        self, number: int, source: RealArray, target: RealArray, watch: ProgressMonitor, *, adjoint: bool
     ) -> None:
         """Add a layer's field to the film's rows; or put the adjoint of the film's rows into a field's."""
+        (_, layer), way = self._layers[number], self._ways[number]
         matrix = None if layer.attenuation is None else layer.attenuation.astype(self.tables.dtype)
-        way = None if layer.extrapolation is None else _Extrapolator(layer.extrapolation, self.tables.dtype)
         own, heard = layer.tables.time.samples, self.tables.time.samples
 
         def work(piece: int, factor: NDArray[Any], flag: NDArray[np.uint8]) -> None:
-            columns = self._order[piece * _COLUMNS : (piece + 1) * _COLUMNS]
-            rows = (2 * columns[:, None] + np.arange(2)).ravel()
+            rows: slice | NDArray[np.int64]
+            first, end = piece * _COLUMNS, min((piece + 1) * _COLUMNS, len(self._order))
+            columns, rows = self._order[first:end], slice(2 * first, 2 * end)  # in any order, unless extrapolated
+            if way is not None:
+                rows = (2 * columns[:, None] + np.arange(2)).ravel()
             line = source[rows, : heard if adjoint else own]
             if way is not None and adjoint:
-                line = way.backward(line, self._squares[columns], factor)
+                line = way.backward(line, way.factor(piece, self._squares[columns], factor))
             if matrix is not None:
                 line = line @ (matrix if adjoint else matrix.T)
             if way is not None and not adjoint:
-                line = way.forward(line, self._squares[columns], factor)
+                line = way.forward(line, way.factor(piece, self._squares[columns], factor))
             if adjoint:
                 target[rows, :own] = line
             else:
@@ -136,41 +146,49 @@ class LayeredEngine(NumbaEngine):
 class _Extrapolator:
     """Extrapolation of rows of samples, real and imaginary parts of modes in turn, and its adjoint."""
 
-    def __init__(self, way: Extrapolation, dtype: str) -> None:
+    def __init__(self, way: Extrapolation, dtype: str, modes: int) -> None:
         self._way = way
         self._skipped = max(0, -way.first)  # samples before the pulse hear nothing
         self._heard = slice(way.first + self._skipped, way.first + way.samples)
         self._decay, self._growth = way.decay.astype(dtype), way.growth[self._skipped :].astype(dtype)
         self.shift = way.shift
+        size = modes * len(way.shift) * np.result_type(dtype, np.complex64).itemsize
+        self.kept_bytes = size if size <= _KEPT_BYTES else 0
+        self._kept: dict[int, NDArray[Any]] = {}
 
-    def forward(self, rows: RealArray, squares: NDArray[np.float64], factor: NDArray[Any]) -> RealArray:
-        """Return the film's samples of modes with |k|² ``squares`` from those at the plane."""
-        line = np.zeros((len(rows), self._way.length), rows.dtype)
-        line[:, : self._way.source] = rows * self._decay
-        found = np.zeros((len(rows), self._way.samples), rows.dtype)
-        line = self._filtered(line, squares, factor, adjoint=False)
-        found[:, self._skipped :] = line[:, self._heard] * self._growth
-        return found
-
-    def backward(self, rows: RealArray, squares: NDArray[np.float64], factor: NDArray[Any]) -> RealArray:
-        """Apply the adjoint of :meth:`forward`."""
-        line = np.zeros((len(rows), self._way.length), rows.dtype)
-        line[:, self._heard] = rows[:, self._skipped :] * self._growth
-        line = self._filtered(line, squares, factor, adjoint=True)
-        found: RealArray = line[:, : self._way.source] * self._decay
-        return found
-
-    def _filtered(
-        self, line: RealArray, squares: NDArray[np.float64], factor: NDArray[Any], *, adjoint: bool
-    ) -> RealArray:
-        from scipy import fft
-
+    def factor(self, piece: int, squares: NDArray[np.float64], scratch: NDArray[Any]) -> NDArray[Any]:
+        """Return the factor of the modes of a piece, which have |k|² ``squares``, at each frequency."""
+        if piece in self._kept:
+            return self._kept[piece]
         from steradian.imaging.engines.numba.extrapolation import transfer
 
         distinct, which = np.unique(squares, return_inverse=True)
-        transfer(distinct, self._way.slowness, self._way.path, self.shift, factor)
-        spectrum = fft.rfft(line, axis=1, overwrite_x=True).reshape(len(squares), 2, -1)
-        spectrum *= (np.conj(factor) if adjoint else factor)[which, None]
+        transfer(distinct, self._way.slowness, self._way.path, self.shift, scratch)
+        found: NDArray[Any] = scratch[which]
+        if self.kept_bytes:
+            self._kept[piece] = found
+        return found
+
+    def forward(self, rows: RealArray, factor: NDArray[Any]) -> RealArray:
+        """Return the film's samples of modes from those at the plane, by their factor."""
+        line = np.zeros((len(rows), self._way.length), rows.dtype)
+        line[:, : self._way.source] = rows * self._decay
+        found = np.zeros((len(rows), self._way.samples), rows.dtype)
+        found[:, self._skipped :] = self._filtered(line, factor)[:, self._heard] * self._growth
+        return found
+
+    def backward(self, rows: RealArray, factor: NDArray[Any]) -> RealArray:
+        """Apply the adjoint of :meth:`forward`."""
+        line = np.zeros((len(rows), self._way.length), rows.dtype)
+        line[:, self._heard] = rows[:, self._skipped :] * self._growth
+        found: RealArray = self._filtered(line, np.conj(factor))[:, : self._way.source] * self._decay
+        return found
+
+    def _filtered(self, line: RealArray, factor: NDArray[Any]) -> RealArray:
+        from scipy import fft
+
+        spectrum = fft.rfft(line, axis=1, overwrite_x=True).reshape(len(factor), 2, -1)
+        spectrum *= factor[:, None]
         found: RealArray = fft.irfft(spectrum.reshape(len(line), -1), self._way.length, axis=1, overwrite_x=True)
         return found
 

@@ -31,7 +31,7 @@ class MemoryPlan:
     shared
         The image may overwrite the modes' depths, batch by batch.
     threads
-        At most; fewer than asked for if their scratch space would exceed half of the image.
+        At most; fewer than asked for if their scratch space would exceed half of the image, or of the modes.
     output_bytes, kept_bytes
         Size of the image, and of the array that it is a view of.
     memory_bytes
@@ -97,8 +97,8 @@ def plan_memory(tables: TransformTables, stored: StoredModes, threads: int) -> M
     image, kept = out_rows * depths * item, out_rows * round_up_to_vector(depths) * item
     source, target = ((r + 1) * s * item for r, s in ((source_rows, source_stride), (target_rows, target_stride)))
     scratch = scratch_elements(tables, stored) * item
-    threads = int(max(1, min(threads, max(scratch, image // 2) // max(scratch, 1))))
-    if tables.rule.waves == "both":  # A-lines may be the result, and are made beside the modes
+    threads = int(max(1, min(threads, max(scratch, max(image, source, target) // 2) // max(scratch, 1))))
+    if tables.transposable:  # A-lines may be the result, and are made beside the modes
         needed = target + max(0 if shared else kept, len(tables.lateral.scale) * samples * item)
     else:  # a source of its own is freed before the image is made
         needed = max((source if replicated else 0) + target, target + (0 if shared else kept))
@@ -126,7 +126,7 @@ def scratch_elements(tables: TransformTables, stored: StoredModes) -> int:
     (nx, ny), (ix, iy) = tables.lateral.grid, tables.image_modes
     line, half = max(nx, ny + CELL_PADDING), len(stored.ys)
     packed = len(tables.lateral.scale)
-    if tables.rule.waves == "both":  # types 1 and 2, and the image's points as sensors
+    if tables.transposable:  # types 1 and 2, and the image's points as sensors
         lines, middle = 5 * max(line, ix, iy + CELL_PADDING), 2 * half * (max(nx, ix) | 1)
         lateral = max(packed, prod(tables.geometry.shape[:-1])) + lines + middle
     else:

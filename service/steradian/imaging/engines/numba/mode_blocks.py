@@ -85,7 +85,7 @@ def group_modes(tables: TransformTables, stored: StoredModes) -> ModeBlocks:
     # one half as the two halves of the spectrum are left added up
     norm = 0.5 / (modes[0] * modes[1] * tables.spectrum_length)
     factor = norm * lateral.factor(0, number[0]) * lateral.factor(1, number[1])
-    if tables.rule.waves == "both":
+    if tables.transposable:
         factor[(2 * np.abs(number[0]) == modes[0]) | (2 * np.abs(number[1]) == modes[1])] = 0
     sign = np.where(straight, 1.0, -1.0)
     parts = np.zeros((4, count * 16))

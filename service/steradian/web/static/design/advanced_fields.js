@@ -7,7 +7,7 @@ import { PLAN_FIELDS } from "./fields.js";
 /** @typedef {import("../reconstructions/schema.js").Field} Field */
 
 /** Fields that the main form already contains. */
-const SHOWN_FIELDS = new Set(["arrangement", "point", ...PLAN_FIELDS.map(({ name }) => name)]);
+const SHOWN_FIELDS = new Set(["arrangement", "point", "survey", "stopping", ...PLAN_FIELDS.map(({ name }) => name)]);
 
 /** Units of fields that differ from the default units of lengths, times and frequencies. */
 const UNITS = /** @type {Record<string, string>} */ ({

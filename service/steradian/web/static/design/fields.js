@@ -1,5 +1,6 @@
 // @ts-check
 // Fields of a design: arrangement and plan, in the units of the form.
+import { defaultStages, ERROR_FIELDS, readStages, stagesBody, writeStages } from "./stage_fields.js";
 
 /**
  * @typedef {object} Field
@@ -41,6 +42,7 @@ const POINT_COUNT = 800; // of a further point
 const POINT_OFFSET = 3e-3; // m from the centre: initial offset of a further point
 
 export const MAX_PINS = 2;
+const ADOPTED_FIELDS = ["pulse_rate", "averages", "samples", "sampling_interval", "sound_speed"]; // of the plan of an earlier scan
 
 /** Arrangements that the form supports, with their fields; others consist of given positions. */
 export const ARRANGEMENTS = /** @type {Record<string, {label: string, fields: string[]}>} */ ({
@@ -109,11 +111,13 @@ export const PLAN_FIELDS = [
  * @property {number} points of interest, where there are several
  * @property {Record<string, number>} mask
  * @property {Record<string, number | string>} plan
+ * @property {import("./stage_fields.js").Stages} stages
  * @property {Record<string, any>} more of the plan, as the API takes it
  * @property {{positions: number[][], wavelengths: number[]} | null} map of bias wavelengths; not in a query
  * @property {[number, number, number] | null} look
  * @property {string} label
  * @property {string[]} pins queries of others
+ * @property {string} through scan that is to be undersampled with the mask; empty: none
  */
 
 /** Convert a value to SI units, rounded to 12 digits. @param {Field} field @param {number} value */
@@ -126,7 +130,7 @@ export function defaultDesign() {
   const mask = Object.fromEntries(Object.entries(MASK_FIELDS).map(([key, one]) => [key, toSi(one, one.start)]));
   const plan = Object.fromEntries(PLAN_FIELDS.map((one) => [one.name, one.choices ? one.choices[0][0] : toSi(one, one.start)]));
   fillPoint(mask, 2);
-  return { arrangement: "equi-steradian", points: 2, mask, plan, more: {}, map: null, look: null, label: "", pins: [] };
+  return { arrangement: "equi-steradian", points: 2, mask, plan, stages: defaultStages(), more: {}, map: null, look: null, label: "", pins: [], through: "" };
 }
 
 /** Return the arrangement in the format of the API. @param {Design} design */
@@ -157,14 +161,17 @@ export function otherPoints(design) {
 export function formFieldOf(pointer) {
   const parts = pointer.replace(/^#\//, "").split("/");
   if (parts[0] === "tuning_map") return parts[0];
-  if (parts[0] !== "arrangement") return parts.filter((part) => !/^[0-9]+$/.test(part)).join(".");
+  if (parts[0] !== "arrangement") {
+    const name = parts.filter((part) => !/^[0-9]+$/.test(part)).join(".");
+    return ERROR_FIELDS[name] ?? name;
+  }
   if (parts[1] !== "points_of_interest") return parts[1] ?? "arrangement";
   return (parts[3] ?? "depth") + (Number(parts[2]) > 0 ? Number(parts[2]) + 1 : "");
 }
 
 /** Return the scan plan in the format of the API. @param {Design} design @returns {Record<string, any>} */
-export function planBody({ plan, more, map }) {
-  return { ...more, ...plan, ...(map ? { tuning_map: map } : {}) };
+export function planBody({ plan, stages, more, map }) {
+  return { ...more, ...plan, ...stagesBody(stages), ...(map ? { tuning_map: map } : {}) };
 }
 
 /** @param {Design} design */
@@ -175,14 +182,26 @@ export function previewBody(design) {
 /**
  * Return the query of a design with a mask around points of a volume.
  * @param {[number, number, number][]} places x, y and depth in mm @param {boolean} flat whether they are of a line's image
- * @param {number | null} aperture of the mask that showed them
+ * @param {import("../volume/scan_origin.js").ScanOrigin | null} origin scan that showed them: its aperture, laser and records are adopted
  */
-export function designQueryAround(places, flat, aperture) {
+export function designQueryAround(places, flat, origin) {
   const design = defaultDesign();
   design.arrangement = flat ? "equiangular" : places.length > 1 ? "combined" : "equi-steradian";
-  if (aperture) design.mask.aperture = aperture;
+  if (origin?.aperture) design.mask.aperture = origin.aperture;
+  for (const name of ADOPTED_FIELDS) design.plan[name] = origin?.plan?.[name] ?? design.plan[name];
+  design.label = origin?.sample ?? "";
   while (design.points < places.length) addPoint(design);
   places.forEach((place, n) => ["x", "y", "depth"].forEach((name, axis) => (design.mask[name + (n ? n + 1 : "")] = Number((place[axis] * 1e-3).toPrecision(5)))));
+  return toQuery(design);
+}
+
+/** Return the query of a design with a mask for the undersampling of a scan: of its aperture, with half of its points. @param {string} scanId @param {any} mask of the scan */
+export function designQueryThrough(scanId, { aperture, depth, count, arrangement }) {
+  const design = defaultDesign();
+  const [x = 0, y = 0] = Array.isArray(arrangement.offset) ? arrangement.offset : [arrangement.offset ?? 0];
+  Object.assign(design.mask, { aperture, x, y, count: Math.max(20, Math.round(count / 2)), depth: depth ?? Math.min(design.mask.depth, aperture / 2) });
+  if (arrangement.arrangement === "equiangular") design.arrangement = "equiangular";
+  design.through = scanId;
   return toQuery(design);
 }
 
@@ -192,9 +211,11 @@ export function toQuery(design) {
   const query = new URLSearchParams({ mask: design.arrangement });
   for (const key of [...ARRANGEMENTS[design.arrangement].fields, ...furtherPoints(design).flatMap(fieldsOfPoint)]) query.set(key, String(design.mask[key]));
   for (const { name } of PLAN_FIELDS) if (design.plan[name] !== first.plan[name]) query.set(name, String(design.plan[name]));
+  writeStages(design.stages, query);
   if (Object.keys(design.more).length) query.set("more", JSON.stringify(design.more));
   if (design.look) query.set("look", design.look.join(" "));
   if (design.label) query.set("label", design.label);
+  if (design.through) query.set("through", design.through);
   for (const one of design.pins) query.append("pin", one);
   return query;
 }
@@ -219,8 +240,10 @@ export function fromQuery(query) {
   }
   const look = (query.get("look") ?? "").split(" ").map(Number);
   if (look.length === 3 && look.every(Number.isFinite)) design.look = /** @type {[number, number, number]} */ (look);
+  design.stages = readStages(query);
   design.more = parseObject(query.get("more"));
   design.label = query.get("label") ?? "";
+  design.through = query.get("through") ?? "";
   design.pins = query.getAll("pin").slice(0, MAX_PINS);
   return design;
 }

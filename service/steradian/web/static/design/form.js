@@ -2,7 +2,11 @@
 // Design form: a slider and a number for each field, with the service's errors below the field.
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
+import { convertRange } from "../allowed_ranges.js";
+import { displayUnit } from "../reconstructions/schema.js";
+import { changeArrangement, resizeGrid } from "./arrangement_change.js";
 import { addPoint, ARRANGEMENTS, fieldsOfPoint, furtherPoints, toSi, maskField, MAX_POINTS, PLAN_FIELDS, removePoint } from "./fields.js";
+import { endsEarly, shownStageFields, STAGE_CHOICES } from "./stage_fields.js";
 import { advancedForm } from "./advanced_fields.js";
 import { tuningField } from "./tuning_map.js";
 
@@ -24,6 +28,8 @@ export class DesignForm {
     this.changed = changed;
     /** @type {Map<string, HTMLElement>} hosts of remarks by field of the API */
     this.remarkHosts = new Map();
+    /** @type {Map<string, Record<string, [number, string]>>} units of fields by field of the API, as the factors and names of SI units */
+    this.units = new Map();
     /** @type {(() => void)[]} */
     this.refreshers = [];
     this.otherRemarks = h("div", { class: "remarks", role: "alert" });
@@ -47,6 +53,8 @@ export class DesignForm {
         control.setAttribute("aria-describedby", `${control.getAttribute("aria-describedby")} ${remarks.id}`);
         row.append(remarks);
         this.advancedRemarkHosts.set(field.path.join("."), remarks);
+        const [unit, factor] = displayUnit(field.unit);
+        this.units.set(field.path.join("."), siUnits(unit, factor));
       }
       form.element.addEventListener("input", () => {
         this.design.more = form.values;
@@ -78,7 +86,8 @@ export class DesignForm {
         ARRANGEMENTS[design.arrangement].fields.map((key) => this.row(maskField(key), design.mask, key)),
         furtherPoints(design).map((number) => this.point(number)),
         design.arrangement === "combined" ? h("button", { type: "button", id: "add-point", disabled: design.points >= MAX_POINTS, onclick: () => this.changePoints(() => addPoint(design)) }, "Add a point of interest") : null),
-      h("fieldset", null, h("legend", null, "Plan"), PLAN_FIELDS.map((one) => this.row(one, design.plan, one.name)), this.tuning.element, this.advanced),
+      h("fieldset", null, h("legend", null, "Plan"), PLAN_FIELDS.map((one) => this.row(one, design.plan, one.name)),
+        shownStageFields(design.stages).map((one) => this.row(one, design.stages, one.key)), this.tuning.element, this.advanced),
       this.otherRemarks);
     this.registerAdvanced();
   }
@@ -102,7 +111,7 @@ export class DesignForm {
 
   /** @param {string} arrangement */
   chooseArrangement(arrangement) {
-    this.design.arrangement = arrangement;
+    changeArrangement(this.design, arrangement);
     this.build();
     this.changed();
     this.host.querySelector("select")?.focus();
@@ -119,7 +128,9 @@ export class DesignForm {
    */
   row(field, values, key) {
     const remarks = h("div", { class: "remarks", id: `remarks-${key}` });
-    this.remarkHosts.set(/^[xy]/.test(key) ? key.replace("x", "offset") : field.name, remarks);
+    const name = /^[xy]/.test(key) ? key.replace("x", "offset") : field.name;
+    this.remarkHosts.set(name, remarks);
+    this.units.set(name, siUnits(field.unit, 1 / field.scale));
     const label = h("label", { for: `field-${key}`, title: field.help }, field.label);
     if (field.choices) {
       const select = h("select", { id: `field-${key}`, title: field.help, onchange: () => this.set(values, key, select.value) },
@@ -150,7 +161,15 @@ export class DesignForm {
 
   /** @param {Record<string, number | string>} values @param {string} key @param {number | string} value */
   set(values, key, value) {
-    values[key] = value;
+    if (this.design.arrangement === "grid" && values === this.design.mask && (key === "aperture" || key === "side")) {
+      resizeGrid(this.design.mask, key, Number(value));
+      this.refresh();
+    } else values[key] = value;
+    if (STAGE_CHOICES.has(key)) {
+      if (key === "stopping" && endsEarly(this.design.stages)) this.design.plan.order = "progressive"; // the only order in which each part is an even mask
+      this.build();
+      /** @type {HTMLElement | null} */ (this.host.querySelector(`#field-${key}`))?.focus();
+    }
     this.changed();
   }
 
@@ -160,6 +179,7 @@ export class DesignForm {
    * @returns {{label: string, text: string, show: () => void} | null} the first fault, which may be out of sight
    */
   remark(remarks) {
+    remarks = remarks.map((one) => ({ ...one, text: convertRange(one.text, this.units.get(one.name) ?? {}) }));
     for (const [name, host] of this.remarkHosts) {
       const fieldRemarks = remarks.filter((one) => one.name === name);
       replace(host, fieldRemarks.map((one) => h("p", { class: one.severity === "error" ? "fault" : "warning" }, one.text)));
@@ -180,6 +200,12 @@ export class DesignForm {
     };
     return { label: field?.querySelector("label")?.firstChild?.textContent ?? "", text: fault.text, show };
   }
+}
+
+/** Return the factor and the name of a field's unit by the SI unit that it replaces. @param {string} unit @param {number} factor @returns {Record<string, [number, string]>} */
+function siUnits(unit, factor) {
+  const si = unit.endsWith("Hz") ? "Hz" : unit.endsWith("m") ? "m" : unit.endsWith("s") ? "s" : "";
+  return si && !unit.includes("/") ? { [si]: [factor, unit] } : {};
 }
 
 /** @param {Field} field */

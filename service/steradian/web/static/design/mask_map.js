@@ -4,7 +4,7 @@ import { h } from "../dom.js";
 import { PointMap } from "../point_map.js";
 import { palette } from "../palette.js";
 import { colour, onTheme } from "../theme.js";
-import { area, count } from "../units.js";
+import { area } from "../units.js";
 
 /** @typedef {import("../point_map.js").Place} Place */
 
@@ -40,10 +40,10 @@ export class MaskMap {
     this.listen(dragged);
   }
 
-  /** @param {any} preview of the API @param {Place} point @param {Place[]} otherPoints of interest @param {number | null} requestedCount points */
-  show(preview, point, otherPoints, requestedCount) {
+  /** @param {any} preview of the API @param {Place} point @param {Place[]} otherPoints of interest @param {string} note on the number of points */
+  show(preview, point, otherPoints, note) {
     this.otherPoints = otherPoints;
-    this.countNote.textContent = requestedCount === null || requestedCount === preview.mask.count ? "" : `${count(preview.mask.count)} points; requested: ${count(requestedCount)}`;
+    this.countNote.textContent = note;
     this.weights = preview.weights;
     this.isLine = preview.outline?.[0]?.length === 1;
     this.visitOrder = preview.visit;

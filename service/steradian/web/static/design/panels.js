@@ -1,9 +1,10 @@
 // @ts-check
 // Panels of a design: point spread, visible orientations, solid angles and scan time.
 import { oncePerFrame, h, replace, s } from "../dom.js";
-import { showLoading, errorElements } from "../panel_states.js";
+import { showError, showLoading } from "../panel_states.js";
 import { duration, length, mm, percent } from "../units.js";
 import { colourTable } from "../volume/colours.js";
+import { timeText } from "./key_figures.js";
 import { extent } from "./mask_map.js";
 
 /** Create the panel with the point spread: the x–z section through the image of a small sphere. @param {HTMLElement} host */
@@ -14,17 +15,17 @@ export function pointSpreadPanel(host) {
   showLoading(body, "simulating a sphere …");
   return {
     working: () => body.classList.add("stale"),
-    /** @param {unknown} error */
-    failed(error) {
+    /** @param {unknown} error @param {() => void} retryAction */
+    failed(error, retryAction) {
       body.classList.remove("stale");
-      replace(body, h("div", { class: "state failed" }, ...errorElements(error)));
+      showError(body, error, retryAction);
       title.textContent = "";
     },
-    /** @param {any} preview */
-    show(preview) {
+    /** @param {any} preview @param {boolean} isStaged whether the place is known only after a survey */
+    show(preview, isStaged) {
       body.classList.remove("stale");
       replace(body, paintSection(preview), axisLabels(preview));
-      title.textContent = pointSpreadText(preview);
+      title.textContent = `${isStaged ? "With all points around this place: " : ""}${pointSpreadText(preview)}`;
     },
   };
 }
@@ -137,14 +138,14 @@ export function solidAnglePanel(host) {
 
 /** Create the bar chart of the scan time; the parts overlap, so each has its own bar. @param {HTMLElement} host */
 export function timePanel(host) {
-  const draw = (/** @type {any} */ plan) => {
+  const draw = (/** @type {any} */ { plan, stages }) => {
     const parts = Object.entries(plan.seconds ?? {}).filter(([, seconds]) => Number(seconds) > 0);
     const total = plan.total_seconds ?? 0;
-    replace(host, ...bars(parts, total, plan.limiting));
+    replace(host, ...bars(parts, total, timeText(plan, stages), plan.limiting));
   };
-  let plan = /** @type {any} */ (null);
-  const redraw = oncePerFrame(() => plan && draw(plan));
-  return { show: (/** @type {any} */ one) => ((plan = one), redraw()) };
+  let preview = /** @type {any} */ (null);
+  const redraw = oncePerFrame(() => preview && draw(preview));
+  return { show: (/** @type {any} */ one) => ((preview = one), redraw()) };
 }
 
 const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
@@ -156,10 +157,10 @@ const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
   disk: ["disk", "reduce the samples"],
 });
 
-/** @param {[string, any][]} parts @param {number} total @param {string | null} limiting */
-function* bars(parts, total, limiting) {
+/** @param {[string, any][]} parts @param {number} total @param {string} text @param {string | null} limiting */
+function* bars(parts, total, text, limiting) {
   const [limitingLabel, help] = limiting ? TIME_PARTS[limiting] ?? [limiting, ""] : [];
-  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${duration(total)}`), limitingLabel ? `, limited by: ${limitingLabel}; ${help}.` : "");
+  yield h("p", { class: "caption" }, h("strong", null, `Scan time ${text}`), limitingLabel ? `, limited by: ${limitingLabel}; ${help}.` : "");
   const scaleSeconds = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {
     const [label] = TIME_PARTS[name] ?? [name];

@@ -5,6 +5,7 @@ import { byId, h, pathIdentifier, replace, debounce } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showError, showLoading, errorElements } from "../panel_states.js";
 import { formatTime, duration, identifierElement } from "../units.js";
+import { iterativeButton } from "./iterative_beside.js";
 import { requesterOf, methodText, stateElement } from "./summary.js";
 import { differences, parameterGroups, displayPath, formatValue, valueAt } from "./schema.js";
 
@@ -37,7 +38,8 @@ function show(one, groups, log, attempts) {
     h("div", { class: "row spread" }, h("div", { class: "row state-cell" }, stateElement(one), one.error ? h("span", { class: "fault" }, one.error.detail) : null, one.reason ? h("span", { class: "dim" }, one.reason) : null),
       h("div", { class: "row" },
         one.state === "succeeded" ? h("a", { class: "button primary", href: `/volumes/${one.id}` }, "Open the volume") : null,
-        h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …"),
+        one.state === "succeeded" && one.kind === "reconstruction" && one.parameters.method !== "iterative" ? iterativeButton(one.scan_id, messages, { direct: one }) : null,
+        one.kind === "unmixing" ? null : h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …"),
         isOver ? null : h("button", { type: "button", disabled: one.desired_state === "cancelled", onclick: () => void cancel(one.id) }, "Cancel"))),
     h("div", { class: "halves" },
       h("section", { class: "panel" }, h("h2", null, "Request"),

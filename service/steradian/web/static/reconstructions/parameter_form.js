@@ -1,6 +1,7 @@
 // @ts-check
 // Parameter form of a reconstruction, generated from the API's schema.
 import { h, replace } from "../dom.js";
+import { layerTable } from "./layers.js";
 import { displayUnit, formatValue, valueAt, withValue } from "./schema.js";
 
 /** @typedef {import("./schema.js").Field} Field */
@@ -8,7 +9,9 @@ import { displayUnit, formatValue, valueAt, withValue } from "./schema.js";
 /** @typedef {{field: Field, row: HTMLElement, read: () => any, write: (value: any) => void, fault: HTMLElement, control: HTMLElement}} Entry */
 
 /** Basic fields; all others are collapsed. */
-const BASIC_FIELDS = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Transforms, weights, frequencies" };
+const BASIC_FIELDS = { plain: new Set(["method", "modes", "sound_speed", "depth_range", "upsampling"]), rest: "Layers, transforms, weights, frequencies" };
+
+const MAX_HINT = 12; // characters of a placeholder
 
 export class ParameterForm {
   /**
@@ -55,7 +58,7 @@ export class ParameterForm {
     const fault = h("p", { class: "fault small", id: `${id}-fault`, hidden: true });
     const changeMark = h("span", { class: "changed", hidden: true });
     const explanation = [`${field.description || field.name}.`, rangeText(field), `Default: ${formatValue(field, field.default)}.`].filter(Boolean).join(" ");
-    const row = h("div", { class: "field", dataset: { field: field.path.join(".") } },
+    const row = h("div", { class: field.kind === "layers" ? "field whole" : "field", dataset: { field: field.path.join(".") } },
       h("label", { for: id }, field.name, changeMark), h("span", { class: "entry" }, control, unit ? h("span", { class: "dim" }, unit) : null),
       h("p", { class: "explained", id: `${id}-about`, hidden: true }, `${field.name}: ${explanation}`), fault);
     control.setAttribute("aria-describedby", `${id}-about ${id}-fault`);
@@ -94,7 +97,7 @@ export class ParameterForm {
     let first = null;
     const unassigned = findings.filter((finding) => {
       const parts = finding.pointer.replace(/^#?\//, "").split("/").filter((part) => part !== "parameters" && !/^[0-9]+$/.test(part));
-      const entry = this.entries.find(({ field }) => field.path.join("/") === parts.join("/"));
+      const entry = this.entries.find(({ field }) => field.path.join("/") === parts.slice(0, field.kind === "layers" ? field.path.length : undefined).join("/"));
       if (!entry) return true;
       entry.fault.hidden = false;
       replace(entry.fault, finding.detail || `allowed: ${finding.allowed}`);
@@ -134,6 +137,7 @@ function createControl(field, id) {
     return { control: select, read: () => select.value || null, write: (value) => (select.value = value ?? "") };
   }
   if (field.kind === "choices") return checkboxGroup(field, id);
+  if (field.kind === "layers") return layerTable(id);
   if (field.kind === "range") return rangeInput(field, id);
   if (field.kind === "numbers" || field.kind === "pairs") return listInput(field, id);
   if (field.kind === "text") {
@@ -169,10 +173,16 @@ function numberFormat(field) {
   };
 }
 
+/** Return what an empty field means, from the field's description: "none: the scan's, …". @param {Field} field */
+function emptyMeaning({ description }) {
+  const meaning = description.match(/\bnone: ([^,;(]+)/)?.[1].trim() ?? "none";
+  return meaning.length > MAX_HINT ? "automatic" : meaning;
+}
+
 /** @param {Field} field @param {string} id */
 function numberInput(field, id) {
   const { read, write } = numberFormat(field);
-  const hint = field.nullable ? (field.words.length ? `none, or ${field.words.join(", ")}` : "none") : "";
+  const hint = field.nullable ? [emptyMeaning(field), ...field.words].join(", or ") : "";
   const input = h("input", { type: "text", inputmode: "decimal", id, placeholder: hint, class: "short-field" });
   return {
     control: input,

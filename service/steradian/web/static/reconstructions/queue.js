@@ -138,13 +138,13 @@ function moveJob(id, to) {
 /** @param {any} one */
 function actionsOf(one) {
   const details = h("a", { class: "button", href: `/reconstructions/${one.id}` }, "Details");
-  const rerunOf = h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …");
+  const rerun = one.kind === "unmixing" ? [] : [h("a", { class: "button", href: `/reconstructions?again=${one.id}` }, "Rerun …")];
   if (!isOver(one)) {
     const cancel = h("button", { type: "button", disabled: one.desired_state === "cancelled", dataset: { key: `cancel ${one.id}` },
       onclick: () => runAction(() => api.put(`/jobs/${one.id}/desired-state`, { state: "cancelled", reason: "cancelled on the web page" })) }, "Cancel");
     return [details, cancel];
   }
-  return one.state === "succeeded" ? [h("a", { class: "button", href: `/volumes/${one.id}` }, "Volume"), rerunOf, details] : [rerunOf, details];
+  return one.state === "succeeded" ? [h("a", { class: "button", href: `/volumes/${one.id}` }, "Volume"), ...rerun, details] : [...rerun, details];
 }
 
 /** Run an action and reload; show an error above the table. @param {() => Promise<any>} action @param {() => void} [undo] restores the view after an error */

@@ -4,10 +4,12 @@ import { api, idempotencyHeaders, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
 import { showError, showLoading, errorElements } from "../panel_states.js";
 import { formatTime, count } from "../units.js";
-import { frameFields } from "./command.js";
+import { frameFields, motionFields } from "./command.js";
 import { ParameterForm } from "./parameter_form.js";
 import { parameterGroups } from "./schema.js";
 import { urlOf } from "../urls.js";
+
+const MOTION_LABELS = /** @type {Record<string, string>} */ ({ align: "Undo shifts between the volumes", motion: "Undo motion within each frame" });
 
 /**
  * Show the form in a panel.
@@ -43,6 +45,7 @@ function fillForm(panel, groups, origin, scans, query, onCreated) {
   const priority = h("input", { type: "text", inputmode: "numeric", id: "of-priority", value: "100", class: "short-field" });
   const errorBox = h("div", { role: "alert" });
   const frame = new FrameChoice(origin?.scan_id, origin ? frameFields(origin) : {}, errorBox);
+  const motion = Object.keys(origin ? motionFields(origin) : {}).map((name) => h("input", { type: "checkbox", id: `of-${name}`, name, checked: true }));
   const onScanChange = () => void frame.initialScan(usable.find((one) => one.id === scan.value));
   scan.addEventListener("change", onScanChange);
   onScanChange();
@@ -54,13 +57,14 @@ function fillForm(panel, groups, origin, scans, query, onCreated) {
     h("div", { class: "fields" },
       h("div", { class: "field whole" }, h("label", { for: "of-scan" }, "Scan"), scan),
       frame.element,
+      ...motion.map((box) => h("div", { class: "field" }, h("label", { for: box.id }, MOTION_LABELS[box.name]), box)),
       h("div", { class: "field" }, h("label", { for: "of-priority" }, "Priority (lower runs first)"), priority)),
     form.element, errorBox, h("div", { class: "asking-foot" }, button, close, form.help));
   whole.addEventListener("submit", async (event) => {
     event.preventDefault();
     button.disabled = true;
     replace(errorBox);
-    const body = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...frame.value };
+    const body = { scan_id: scan.value, parameters: form.values, priority: Number(priority.value), ...(origin?.mask_id ? { through: { mask_id: origin.mask_id } } : {}), ...frame.value, ...Object.fromEntries(motion.filter((box) => box.checked).map((box) => [box.name, true])) };
     try {
       onCreated(await api.post("/reconstructions", body, { headers: idempotencyHeaders() }));
       panel.hidden = true;
@@ -81,7 +85,7 @@ class FrameChoice {
     this.errorBox = errorBox;
     this.body = "";
     this.select = h("select", { id: "of-frame" });
-    this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frame"), this.select);
+    this.element = h("div", { class: "field", hidden: true }, h("label", { for: "of-frame" }, "Frames"), this.select);
     this.unknown = frames; // selection of the origin, until the plan is loaded
   }
 
@@ -98,12 +102,14 @@ class FrameChoice {
       const wavelengths = excitation.length ? excitation : [0];
       const each = wavelengths.flatMap((light) => Array(frames).fill(light));
       const meanOptions = frames > 1 ? wavelengths.map((light) => ({ ...(light ? { wavelength: light } : {}), average: true })) : [];
-      replace(this.select,
+      const series = each.length > 1 ? [frameOption({}, `all ${each.length}, as a series`)] : [];
+      if (meanOptions.length && wavelengths.length > 1) series.push(frameOption({ average: true }, "means at each wavelength, as a series"));
+      replace(this.select, ...series,
         ...each.map((light, n) => frameOption({ frame: n }, `${n + 1} of ${each.length}${light ? `, ${count(light * 1e9)} nm` : ""}`)),
         ...meanOptions.map((meanOption, n) => frameOption(meanOption, `mean of ${frames}${wavelengths[n] ? ` at ${count(wavelengths[n] * 1e9)} nm` : ""}`)));
-      const { wavelength, average, frame } = this.unknown;
-      const first = frame ?? (wavelength ? each.findIndex((light) => Math.abs(light - wavelength) < 0.5e-9) : 0);
-      this.select.value = JSON.stringify(average ? this.unknown : { frame: first });
+      const wanted = JSON.stringify(this.unknown);
+      if (![...this.select.options].some((option) => option.value === wanted)) this.select.append(frameOption(this.unknown, "as before"));
+      this.select.value = wanted;
       this.element.hidden = each.length < 2;
     } catch (error) {
       replace(this.errorBox, ...errorElements(error));

@@ -1,11 +1,12 @@
 // @ts-check
 // Form fields derived from the OpenAPI document: kind, unit, limits, default and description.
 import { api } from "../api.js";
+import { layersText } from "./layers.js";
 
 /**
  * @typedef {{
  *   path: string[], name: string, description: string, unit: string, kind: "number" | "integer" | "boolean" | "choice"
- *   | "choices" | "range" | "numbers" | "pairs" | "text" | "other", nullable: boolean, default: any, minimum: number | null,
+ *   | "choices" | "range" | "numbers" | "pairs" | "layers" | "text" | "other", nullable: boolean, default: any, minimum: number | null,
  *   maximum: number | null, choices: string[], words: string[],
  * }} Field  words: keywords that may replace a number
  * @typedef {{path: string[], title: string, description: string, fields: Field[]}} Group
@@ -66,6 +67,7 @@ function fieldKind(schema) {
   if (schema.enum) return "choice";
   if (schema.type === "array") {
     if (schema.items?.enum) return "choices";
+    if (schema.items?.$ref?.endsWith("/LayerParameters")) return "layers";
     const kinds = (schema.items?.anyOf ?? [schema.items ?? {}]).map((/** @type {any} */ one) => one.type);
     const consistsOf = (/** @type {string[]} */ ...kindsAllowed) => kinds.every((/** @type {string} */ kind) => kindsAllowed.includes(kind));
     if (schema.maxItems === 2 && consistsOf("number", "integer", "null")) return "range";
@@ -106,6 +108,7 @@ export function withValue(values, [first, ...alternatives], value) {
 
 /** Format a value with its unit. @param {Field} field @param {any} value */
 export function formatValue(field, value) {
+  if (field.kind === "layers") return value ? layersText(value) : "none";
   const [unit, factor] = displayUnit(field.unit);
   const one = (/** @type {any} */ item) => item === null || item === undefined ? "none" : field.kind === "pairs" ? `(${item.map((/** @type {number} */ number) => Number((number * factor).toPrecision(9))).join(", ")})` : typeof item === "number" ? String(Number((item * factor).toPrecision(9))).replace("-", "−") : typeof item === "object" ? JSON.stringify(item) : String(item);
   const text = Array.isArray(value) ? (value.length ? value.map(one).join(field.kind === "range" ? " to " : ", ") : "none") : one(value);

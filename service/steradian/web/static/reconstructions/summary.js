@@ -2,7 +2,8 @@
 // Summary of a reconstruction: method, requester, duration and state.
 import { api } from "../api.js";
 import { h } from "../dom.js";
-import { percent } from "../units.js";
+import { percent, wavelengthText } from "../units.js";
+import { singleText } from "./volume_names.js";
 
 /** Return the labels of each scan by identifier. @returns {Promise<Map<string, string>>} */
 export async function scanNames() {
@@ -16,8 +17,19 @@ export const requesterOf = (one) => one.history[0]?.who ?? "";
 /** @param {any} one */
 export function methodText(one) {
   const { method, modes } = one.parameters ?? {};
-  const kind = { "what-if": "what-if, ", live: "live, " }[/** @type {string} */ (one.kind)] ?? "";
-  return `${kind}${method ?? ""}${modes ? `, ${modes} modes` : ""}`;
+  const kind = { "what-if": "what-if, ", live: "live, ", unmixing: "unmixing, " }[/** @type {string} */ (one.kind)] ?? "";
+  return [`${kind}${method ?? ""}`, modes ? `${modes} modes` : "", framesText(one)].filter(Boolean).join(", ");
+}
+
+/** Return which frames and wavelengths of a scan a reconstruction is made of; empty for a scan of one frame. @param {any} one */
+function framesText(one) {
+  const frames = one.report?.frames ?? [];
+  if (one.kind === "unmixing") return "";
+  if (frames.length) {
+    const lights = [...new Set(frames.map((/** @type {any} */ frame) => frame.excitation_m).filter(Boolean).map(wavelengthText))];
+    return [`series of ${frames.length} volumes`, ...(lights.length ? [`at ${lights.join(" and ")}`] : [])].join(" ");
+  }
+  return singleText(one);
 }
 
 /** Return the duration of the last attempt in seconds, once it has ended. @param {any} one */

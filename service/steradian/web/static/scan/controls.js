@@ -3,10 +3,13 @@
 import { api, idempotencyHeaders } from "../api.js";
 import { h, openDialog, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { count, duration, figure, identifierElement } from "../units.js";
+import { count, duration, figure, formatTime, identifierElement } from "../units.js";
+import { iterativeButton } from "../reconstructions/iterative_beside.js";
 import { startScan } from "./create.js";
 import { readLease, ScannerChoice } from "./scanner_choice.js";
-import { stopSummary, FINAL_STATES, STATE_LABELS, TRANSITIONS } from "./states.js";
+import { pointsToCome, stateLabel } from "./stages.js";
+import { stopSummary, FINAL_STATES, TRANSITIONS } from "./states.js";
+import { openUndersampling } from "./undersampling.js";
 import { urlOf } from "../urls.js";
 
 const ACTION_LABELS = /** @type {Record<string, string>} */ ({ paused: "Pause", running: "Resume", stopped: "Stop …" });
@@ -23,14 +26,17 @@ export class Controls {
     this.messages = h("div", { class: "remarks", role: "alert" });
     this.bar = h("progress", { max: 1, value: 0, "aria-label": "A-lines stored" });
     this.labels = h("span");
-    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), h("div", { class: "row below" }, this.labels, this.advice), this.messages);
+    this.below = h("div", { class: "row below" }, this.labels, this.advice);
+    host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), this.below, this.messages);
     /** @type {any} */
     this.scan = null;
     this.renderedKey = "";
     this.stored = 0;
     this.total = 0;
     this.unusedShots = 0;
+    this.toCome = 0;
     this.isSubmitting = false;
+    this.isSeries = false; // several frames or wavelengths
     /** @type {[number, number][]} time and stored A-lines */
     this.history = [];
     /** @type {number | null} seconds, as last reported by the service */
@@ -40,6 +46,7 @@ export class Controls {
   /** @param {any} scan @param {any} plan @param {any} coverage counts of the service, if available */
   show(scan, plan, coverage) {
     this.scan = scan;
+    this.isSeries = plan.frames * Math.max(1, plan.excitation.length) > 1;
     if (coverage) {
       [this.total, this.stored] = [coverage.points, coverage.stored];
       const needed = (coverage.stored / Math.max(1, plan.beams.length)) * plan.averages;
@@ -48,9 +55,10 @@ export class Controls {
       this.total = scan.progress.total;
       this.stored = scan.summary?.stored ?? scan.progress.done;
     }
+    this.toCome = pointsToCome(scan);
     if (scan.state !== "running") [this.history, this.eta] = [[], null];
     this.showCount();
-    const key = [scan.state, scan.desired_state, scan.error?.detail, JSON.stringify(scan.labels), scan.summary?.stored].join();
+    const key = [stateLabel(scan), scan.desired_state, scan.error?.detail, JSON.stringify(scan.labels), scan.summary?.stored].join();
     if (key !== this.renderedKey) {
       this.renderedKey = key;
       this.render();
@@ -71,14 +79,18 @@ export class Controls {
     const [[firstTime, firstStored]] = this.history;
     const rate = now - firstTime > 400 ? ((this.stored - firstStored) * 1e3) / (now - firstTime) : 0;
     const left = this.eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
-    const parts = [`${count(this.stored)} of ${count(this.total)} A-lines`];
+    const isWhole = FINAL_STATES.has(this.scan?.state) && this.stored === this.total;
+    const parts = [`${isWhole ? "" : `${count(this.stored)} of `}${count(this.total)} A-lines`, ...(this.toCome ? [`then up to ${count(this.toCome)} points of the focus`] : [])];
     if (this.unusedShots) parts.push(`${count(this.unusedShots)} shots without an A-line`);
-    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} per second`, ...(left ? [`${duration(left)} left`] : []));
-    this.pace.textContent = parts.join(", ");
+    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} per second now`, ...(left ? [`${duration(left)} left`] : []));
     this.bar.max = this.total || 1;
     this.bar.value = this.stored;
     const over = FINAL_STATES.has(this.scan?.state);
-    const advice = over || !TRANSITIONS[this.scan?.state] ? "" : stopSummary(this.stored, this.total);
+    this.bar.hidden = over && isWhole;
+    if (over && this.pace.parentElement !== this.below) this.below.prepend(this.pace); // beside the labels, where there are more actions
+    if (over && this.scan.started) parts.push(`measured ${formatTime(this.scan.started, true)}${this.scan.ended ? ` in ${duration(secondsBetween(this.scan.started, this.scan.ended))}` : ""}`);
+    this.pace.textContent = parts.join(", ");
+    const advice = over || !TRANSITIONS[this.scan?.state] ? "" : stopSummary(this.stored, this.total, this.toCome);
     if (this.advice.textContent !== advice) this.advice.textContent = advice;
   }
 
@@ -86,7 +98,7 @@ export class Controls {
     const { scan } = this;
     const bad = ["failed", "interrupted"].includes(scan.state);
     const labels = Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`));
-    replace(this.state, identifierElement(scan.id), h("strong", { class: bad ? "fault" : "" }, STATE_LABELS[scan.state] ?? scan.state), scan.simulated ? h("span", { class: "dim" }, "simulated") : null);
+    replace(this.state, identifierElement(scan.id), h("strong", { class: bad ? "fault" : "" }, stateLabel(scan)), scan.simulated ? h("span", { class: "dim" }, "simulated") : null);
     const completes = scan.completes ? h("span", { class: "dim" }, "completes ", h("a", { href: `/scans/${encodeURIComponent(scan.completes)}` }, `${scan.completes.slice(0, 5)}…${scan.completes.slice(-5)}`)) : null;
     replace(this.labels, labels, completes);
     const transitions = (TRANSITIONS[scan.state] ?? []).filter((state) => state !== scan.desired_state || scan.state === "interrupted");
@@ -101,7 +113,7 @@ export class Controls {
   /** Return the actions for a finished scan without an image. @returns {Node[]} */
   imageActions() {
     if (!this.scan?.summary?.stored) return [h("a", { class: "button", href: "/design" }, "New design")];
-    return [h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct the image")];
+    return [h("button", { type: "button", class: "primary", onclick: () => void this.submit({ scan_id: this.scan.id }) }, "Reconstruct the image")];
   }
 
   /** Return the actions for a finished scan. @returns {Node[]} */
@@ -109,19 +121,20 @@ export class Controls {
     const { stored, points } = this.scan.summary ?? {};
     if (!stored) return [h("a", { class: "button", href: "/design" }, "New design")];
     return [
-      h("button", { type: "button", class: "primary", onclick: () => void this.reconstruct() }, "Reconstruct"),
+      h("button", { type: "button", class: "primary", onclick: () => void this.submit({ scan_id: this.scan.id }) }, "Reconstruct"),
+      iterativeButton(this.scan.id, this.messages, { followed: !this.isSeries }),
       ...(stored < points ? [h("button", { type: "button", onclick: () => void this.confirmMissing() }, "Measure the missing points …")] : []),
       h("button", { type: "button", onclick: () => void this.chooseMask() }, "Undersample with another mask …"),
       h("a", { class: "button", href: `/api/v1/scans/${this.scan.id}/file`, download: `${this.scan.id}.h5` }, "Download HDF5"),
     ];
   }
 
-  /** @param {any} [more] */
-  async reconstruct(more = {}) {
+  /** Submit a reconstruction and open its page. @param {any} request */
+  async submit(request) {
     if (this.isSubmitting) return; // double click
     this.isSubmitting = true;
     try {
-      const created = await api.post("/reconstructions", { scan_id: this.scan.id, ...more }, { headers: idempotencyHeaders() });
+      const created = await api.post("/reconstructions", request, { headers: idempotencyHeaders() });
       location.assign(urlOf(`/reconstructions/${created.id}`));
     } catch (error) {
       replace(this.messages, ...errorElements(error));
@@ -131,10 +144,7 @@ export class Controls {
 
   async chooseMask() {
     try {
-      const masks = (await api.get("/masks?limit=50")).items.filter((/** @type {any} */ one) => one.id !== this.scan.mask_id);
-      const select = h("select", { id: "other-mask" }, masks.map((/** @type {any} */ one) => h("option", { value: one.id }, `${one.arrangement.arrangement ?? "mask"}, ${count(one.count)} points (${one.id.slice(0, 7)}…)`)));
-      const body = masks.length ? [h("label", { for: "other-mask" }, "Mask"), select] : [h("p", null, "There is no other mask yet: create one in Design or with the API.")];
-      openConfirmDialog("Retrospective undersampling", "Reconstructs the scan as if only the points of this mask had been measured.", body, masks.length ? "Reconstruct" : "", () => void this.reconstruct({ through: { mask_id: select.value } }));
+      await openUndersampling(this.scan, (request) => void this.submit(request));
     } catch (error) {
       replace(this.messages, ...errorElements(error));
     }
@@ -168,7 +178,7 @@ export class Controls {
   }
 
   confirmStop() {
-    openConfirmDialog("Stop the scan", stopSummary(this.stored, this.total), [], "Stop and keep the data", () => void this.requestState("stopped"));
+    openConfirmDialog("Stop the scan", stopSummary(this.stored, this.total, this.toCome), [], "Stop and keep the data", () => void this.requestState("stopped"));
   }
 
   /** @param {string} state */
@@ -183,6 +193,9 @@ export class Controls {
     }
   }
 }
+
+/** @param {string} from @param {string} to */
+const secondsBetween = (from, to) => (new Date(to).getTime() - new Date(from).getTime()) / 1e3;
 
 /** @param {string} title @param {string} text @param {Node[]} body @param {string} name label of the action; empty: no action @param {() => void} act */
 function openConfirmDialog(title, text, body, name, act) {

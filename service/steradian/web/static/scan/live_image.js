@@ -1,15 +1,22 @@
 // @ts-check
-// Live image of a running scan: projection of the newest revision, with its coverage.
+// Image of a scan: projection of the newest revision of its live reconstruction, else of its newest volume.
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showEmpty, errorElements } from "../panel_states.js";
 import { count, length, mm, percent } from "../units.js";
+import { urlOf } from "../urls.js";
 import { firstVoxelBelow, createSource } from "../volume/volume_data.js";
-import { colourTable } from "../volume/colours.js";
+import { methodText } from "../reconstructions/summary.js";
+import { depthAt } from "./depth_estimate.js";
+import { PlaceMarkers } from "./place_markers.js";
+import { Projection } from "./projection.js";
 
 const MAX_PIXELS = 512;
 const POLL_INTERVAL = 1000; // ms between two polls while the event stream is interrupted
+
+/** @param {any} reconstruction */
+const hasEnded = ({ state }) => ["failed", "cancelled"].includes(state);
 
 export class LiveImage {
   /** @param {HTMLElement} host @param {string} scanId @param {() => Node[]} actions for a finished scan */
@@ -17,7 +24,10 @@ export class LiveImage {
     this.host = host;
     this.scanId = scanId;
     this.actions = actions;
-    this.canvas = h("canvas", { role: "img", "aria-label": "Maximum-intensity projection along z" });
+    this.markers = new PlaceMarkers();
+    this.projection = new Projection(this.markers);
+    this.canvas = this.projection.canvas;
+    this.openLink = h("a", { class: "button", hidden: true }, "Open the volume");
     this.caption = h("p", { class: "dim caption" });
     this.outcome = h("p", { class: "caption", role: "status", hidden: true });
     /** @type {any} live reconstruction */
@@ -39,17 +49,46 @@ export class LiveImage {
     this.hasAny = false;
   }
 
-  /** Find the live reconstruction of the scan, or offer to start one. */
+  /** Find the live reconstruction of the scan or its newest volume, or offer to start one. */
   async findReconstruction() {
     try {
       const item = (await api.get(`/reconstructions?kind=live&scan_id=${this.scanId}&limit=1`)).items[0];
       this.reconstruction = item ?? null;
+      if (!item && !this.running && (await this.showNewestVolume())) return;
       if (!item) this.showOffer();
       else if (this.hasRevision()) await this.readRevisions().then(() => this.showOutcome());
-      else this.showWaiting();
+      else if (this.running || !hasEnded(item) || !(await this.showNewestVolume())) this.showWaiting();
     } catch (error) {
       if (!this.canvas.isConnected) replace(this.host, h("div", { class: "state failed" }, ...errorElements(error)));
     }
+  }
+
+  /** Show the newest volume of a finished scan without a live image; return false if there is none. */
+  async showNewestVolume() {
+    const { items } = await api.get(`/reconstructions?scan_id=${this.scanId}&state=succeeded&kind=reconstruction&limit=1`);
+    const source = items[0] ? createSource(items[0]) : null;
+    if (!source) return false;
+    const axis = source.flat ? "y" : "z";
+    const first = source.flat ? 0 : firstVoxelBelow(source, source.near);
+    const image = await this.fetchImage(source.id, axis, `${first ? `&slab=${first}:` : ""}${source.index === null ? "" : `&index=${source.index}`}`);
+    const size = this.projection.show(axis, image.headers, new Uint8Array(await image.arrayBuffer()));
+    if (!size) return false;
+    this.final = true;
+    this.caption.textContent = `Maximum along ${axis}${first ? " below the near field" : ""}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; newest volume: ${methodText(items[0])}`;
+    this.insert(source.id, true);
+    return true;
+  }
+
+  /** Show the image, if another state is shown. @param {string} id of the reconstruction @param {boolean} isFinal */
+  insert(id, isFinal) {
+    if (!this.canvas.isConnected) replace(this.host, this.projection.element, h("div", { class: "stack image-foot" }, this.caption, this.outcome, this.openLink));
+    this.openLink.href = urlOf(`/volumes/${id}`);
+    this.openLink.hidden = !isFinal;
+  }
+
+  /** @param {string} id @param {string} axis @param {string} query */
+  fetchImage(id, axis, query) {
+    return api.request("GET", `/reconstructions/${id}/mip?axis=${axis}&dtype=uint8&max_size=${MAX_PIXELS}${query}`, undefined, { accept: "application/octet-stream" });
   }
 
   showOffer() {
@@ -106,7 +145,7 @@ export class LiveImage {
         const axis = revision.image.shape.length === 3 ? "z" : "y"; // a line scan has one section
         const slabQuery = revision.final && axis === "z" ? await this.nearFieldQuery() : ""; // earlier revisions do not contain the near field
         if (slabQuery === null) return; // shown after the end of the job
-        const image = await api.request("GET", `/reconstructions/${this.reconstruction.id}/mip?axis=${axis}&dtype=uint8&max_size=${MAX_PIXELS}${slabQuery}`, undefined, { accept: "application/octet-stream" });
+        const image = await this.fetchImage(this.reconstruction.id, axis, slabQuery);
         this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
       }
@@ -126,27 +165,33 @@ export class LiveImage {
 
   /** @param {any} revision @param {"z" | "y"} axis @param {Headers} headers @param {Uint8Array} values [x, y], or [x, z] of a line */
   show(revision, axis, headers, values) {
-    const [nx, ny] = (headers.get("X-Shape") ?? "1,1").split(",").map(Number);
-    const [dx, dy] = (headers.get("X-Spacing") ?? "1,1").split(",").map(Number);
-    if (values.length < nx * ny) return;
-    this.canvas.width = nx;
-    this.canvas.height = ny;
-    const context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
-    const image = context.createImageData(nx, ny);
-    const pixels = new Uint32Array(image.data.buffer);
-    const colours = colourTable("inferno");
-    for (let i = 0; i < nx; i++) for (let j = 0; j < ny; j++) pixels[(axis === "z" ? ny - 1 - j : j) * nx + i] = colours[values[i * ny + j]];
-    context.putImageData(image, 0, 0);
-    this.canvas.style.aspectRatio = `${nx * dx} / ${ny * dy}`;
+    const size = this.projection.show(axis, headers, values);
+    if (!size) return;
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
     const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image from ${of}`;
-    this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(nx * dx, 1)} × ${mm(ny * dy, 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
-    if (!this.canvas.isConnected) replace(this.host, this.canvas, this.caption, this.outcome, h("a", { class: "button", href: `/volumes/${this.reconstruction.id}` }, "Open the volume"));
-    const open = /** @type {HTMLElement} */ (this.host.querySelector(":scope > a.button"));
-    open.hidden = !revision.final;
+    this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    this.insert(this.reconstruction.id, revision.final);
     this.showOutcome();
+  }
+
+  /** Return the depth (m) of the maximum at a place of the shown image; null if it is not known. @param {[number, number]} place x and y in metres */
+  async depthAt(place) {
+    if (!this.etag || this.canvas.width < 2) return null;
+    try {
+      const [x, y, z] = await Promise.all(["x", "y", "z"].map((axis) => this.fetchProjection(axis)));
+      return depthAt({ x, y, z }, place);
+    } catch {
+      return null; // the place keeps its depth, which the user can change
+    }
+  }
+
+  /** @param {string} axis */
+  async fetchProjection(axis) {
+    const answer = await api.request("GET", `/reconstructions/${this.reconstruction.id}/mip?axis=${axis}&dtype=float32&max_size=${MAX_PIXELS}`, undefined, { accept: "application/octet-stream" });
+    const [shape, origin, spacing] = ["X-Shape", "X-Origin", "X-Spacing"].map((name) => (answer.headers.get(name) ?? "").split(",").map(Number));
+    return { values: new Float32Array(await answer.arrayBuffer()), shape, origin, spacing };
   }
 
   /** Show the state of the final image after the end of the scan. */

@@ -10,6 +10,7 @@ import { Interlocks } from "./interlocks.js";
 import { ScanMap } from "./scan_map.js";
 import { Shots } from "./shots.js";
 import { Signals } from "./signals/signals.js";
+import { StagePanel } from "./stage_panel.js";
 import { AlinePlot } from "./aline_plot.js";
 import { FINAL_STATES } from "./states.js";
 
@@ -20,12 +21,14 @@ const SHORT_INTERVAL = 200;
 const LONG_INTERVAL = 1500;
 const FULL_SCALE = 32_767; // 16-bit samples
 const panel = (/** @type {string} */ name, live = true) => h("section", { class: `panel ${live ? "live" : ""} ${name}`, "data-steradian": `scan-${name}` });
-const [head, mapPanel, imagePanel, tracePanel, signalsPanel] = [panel("head"), panel("map"), panel("image"), panel("trace"), panel("signals", false)];
+const [head, stagesHost, mapPanel, imagePanel, tracePanel, signalsPanel] = [panel("head"), panel("stages"), panel("map"), panel("image"), panel("trace"), panel("signals", false)];
 
 /** @type {any} */
 let scan = null;
 /** @type {any} */
 let plan = null;
+/** @type {any} */
+let mask = null;
 /** @type {Shots | null} */
 let shots = null;
 let hasShots = false; // whether shots have been read
@@ -56,15 +59,21 @@ const signals = new Signals(signalsPanel, id, (row) => {
 const imageBody = h("div", { class: "image-body" });
 imagePanel.append(h("h2", null, "Image"), imageBody);
 const liveImage = new LiveImage(imageBody, id, () => controls.imageActions());
+const stagePanel = new StagePanel(stagesHost, liveImage, () => void readScan());
 
 async function readScan() {
   try {
     scan = await api.get(`/scans/${id}`);
     interlocks.scannerId = scan.scanner_id;
+    scanMap.isOver = FINAL_STATES.has(scan.state);
+    interlocks.line.hidden = scanMap.isOver; // they would be those of now; the status bar has them
+    host.classList.toggle("over", scanMap.isOver);
     const hasChanged = isBuilt && liveImage.running === FINAL_STATES.has(scan.state);
     liveImage.running = !FINAL_STATES.has(scan.state);
     if (!isBuilt) await buildPage();
+    else if (scan.mask_id !== mask.id) await loadMask(); // with the points of a further stage
     controls.show(scan, plan, hasShots ? shots?.coverage : null);
+    stagePanel.show(scan, shots, mask);
     signals.setScan(scanMap.pointMap.aperture, !FINAL_STATES.has(scan.state));
     if (hasChanged) void liveImage.findReconstruction(); // the actions depend on whether the scan is running
     await readShots();
@@ -74,15 +83,27 @@ async function readScan() {
 }
 
 async function buildPage() {
-  const [points, planResponse] = await Promise.all([api.get(`/masks/${scan.mask_id}/points`), api.get(`/plans/${scan.plan_id}`)]);
-  const mask = await api.get(`/masks/${scan.mask_id}`);
-  plan = planResponse;
-  scanMap.setPositions(points.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), mask.aperture);
-  replace(host, head, mapPanel, imagePanel, tracePanel, signalsPanel);
-  shots = new Shots(points.count, plan.frames * Math.max(1, plan.excitation.length));
-  scanMap.update(shots, false);
+  plan = await api.get(`/plans/${scan.plan_id}`);
+  scanMap.excitation = plan.excitation;
+  await loadMask();
+  replace(host, head, stagesHost, mapPanel, imagePanel, tracePanel, signalsPanel);
   isBuilt = true;
   void liveImage.findReconstruction();
+}
+
+/** Load the points of the scan's stages so far; a selected A-line stays selected, because earlier points keep their numbers. */
+async function loadMask() {
+  const [points, loadedMask] = await Promise.all([api.get(`/masks/${scan.mask_id}/points`), api.get(`/masks/${scan.mask_id}`)]);
+  const before = shots;
+  mask = loadedMask;
+  shots = new Shots(points.count, plan.frames * Math.max(1, plan.excitation.length));
+  if (before && selectedRow !== null) {
+    selectedRow = Math.floor(selectedRow / before.points) * shots.points + (selectedRow % before.points);
+    scanMap.selectedRow = selectedRow;
+  }
+  if (before) shots.keep(before);
+  scanMap.setPositions(points.positions.map((/** @type {number[]} */ [x, y = 0]) => [x, y]), mask.aperture);
+  scanMap.update(shots, before !== null);
 }
 
 /** Return whether the scan file contains A-lines. */
@@ -105,10 +126,12 @@ async function readShots() {
     lastReadTime = performance.now();
     if (!shots || !hasFile()) continue;
     try {
-      shots.apply(await api.get(shots.path(id)));
+      const reading = shots;
+      if (!shots.apply(await api.get(shots.path(id))) || reading !== shots) continue; // the mask of a further stage is not loaded yet
       hasShots = true;
       scanMap.update(shots, !FINAL_STATES.has(scan.state));
       controls.show(scan, plan, hasShots ? shots?.coverage : null);
+      stagePanel.show(scan, shots, mask);
       await readAline();
     } catch {
       // no file yet, or the status bar shows that the service does not answer

@@ -1,9 +1,9 @@
 // @ts-check
-// Map of a scan: stored, flagged and missing points and the beam position; counts serve as filters.
+// Map of a scan: stored and flagged points, points to come or missing, and the beam position; counts serve as filters.
 import { h, replace } from "../dom.js";
 import { PointMap } from "../point_map.js";
 import { colour, onTheme } from "../theme.js";
-import { count } from "../units.js";
+import { count, wavelengthText } from "../units.js";
 import { FLAGS } from "./shots.js";
 
 /** @typedef {import("../point_map.js").Place} Place */
@@ -24,7 +24,7 @@ export class ScanMap {
     this.frame = h("select", { "aria-label": "Frame", hidden: true, onchange: () => this.draw() });
     const stage = h("div", { class: "stage" });
     host.append(h("div", { class: "row spread" }, this.filters, this.frame), stage);
-    this.pointMap = new PointMap(stage, "Points of the scan: stored, flagged and missing; the left and right arrow keys select an A-line, Escape selects the newest");
+    this.pointMap = new PointMap(stage, "Points of the scan: stored, flagged, and to come or missing; the left and right arrow keys select an A-line, Escape selects the newest");
     this.pointMap.painters.push((context, to) => this.paint(context, to));
     this.filter = "";
     /** @type {Shots | null} */
@@ -32,6 +32,9 @@ export class ScanMap {
     /** @type {number | null} row that the user selected */
     this.selectedRow = null;
     this.isMoving = false;
+    /** @type {number[]} wavelengths of the plan in metres; all frames at the first come first */
+    this.excitation = [];
+    this.isOver = false; // points that are not stored are missing then; before, they are to come
     onTheme(() => this.updateColours());
     this.updateColours();
     this.pointMap.canvas.addEventListener("click", (event) => {
@@ -91,8 +94,17 @@ export class ScanMap {
   /** @param {number} number */
   setFrameCount(number) {
     if (this.frame.options.length === number) return;
-    replace(this.frame, Array.from({ length: number }, (_, n) => h("option", { value: n }, `Frame ${n + 1} of ${number}`)));
+    replace(this.frame, Array.from({ length: number }, (_, n) => h("option", { value: n }, this.frameName(n, number))));
     this.frame.hidden = number < 2;
+  }
+
+  /** Return the name of a frame: its wavelength, if the plan has any, and its number. @param {number} n @param {number} number */
+  frameName(n, number) {
+    const lights = this.excitation.length;
+    const each = lights ? number / lights : number;
+    const name = `frame ${(n % each) + 1} of ${each}`;
+    const light = lights ? wavelengthText(this.excitation[Math.floor(n / each)]) : "";
+    return light ? (each > 1 ? `${light}, ${name}` : light) : `F${name.slice(1)}`;
   }
 
   draw() {
@@ -130,7 +142,7 @@ export class ScanMap {
     }
     for (const button of buttons) {
       const name = button.dataset.filter ?? "";
-      const text = `${name} ${count(counts.get(name))}`;
+      const text = `${name === "missing" && !this.isOver ? "to come" : name} ${count(counts.get(name))}`;
       const label = /** @type {HTMLElement} */ (button.lastElementChild);
       if (label.textContent !== text) label.textContent = text;
       button.setAttribute("aria-pressed", String(this.filter === name));

@@ -24,8 +24,24 @@ export class Shots {
     return `/scans/${id}/shots${this.cursor ? `?since=${encodeURIComponent(this.cursor)}` : ""}`;
   }
 
-  /** @param {any} response an answer of that address */
+  /** Keep the status of the points of earlier stages until the next update. @param {Shots} before */
+  keep(before) {
+    for (let row = 0; row < before.stored.length; row++) {
+      const now = Math.floor(row / before.points) * this.points + (row % before.points);
+      this.stored[now] = before.stored[row];
+      this.quality[now] = before.quality[row];
+      this.timeZero[now] = before.timeZero[row];
+    }
+    const { stored, fired, flags } = before.coverage;
+    this.coverage = { ...this.coverage, stored, fired, flags, missing: this.coverage.points - stored };
+  }
+
+  /**
+   * Apply an update; return false if the file has the points of another mask.
+   * @param {any} response an answer of that address
+   */
   apply(response) {
+    if (response.coverage.points !== this.stored.length) return false;
     for (let n = 0; n < response.points.length; n++) {
       const row = response.frames[n] * this.points + response.points[n];
       this.stored[row] = Number(response.stored[n]);
@@ -35,5 +51,6 @@ export class Shots {
     this.coverage = response.coverage;
     this.newest = response.newest ?? -1;
     this.cursor = response.next;
+    return true;
   }
 }

@@ -16,8 +16,9 @@ export const TRANSITIONS = {
   paused: ["running", "stopped"], interrupted: ["running", "stopped"],
 };
 
-/** Describe the data that a stop keeps. @param {number} stored @param {number} total */
-export function stopSummary(stored, total) {
+/** Describe the data that a stop keeps. @param {number} stored @param {number} total @param {number} toCome points of further stages */
+export function stopSummary(stored, total, toCome = 0) {
   if (!stored) return "Stop keeps no data: no A-line is stored yet.";
-  return `Stop keeps ${count(stored)} of ${count(total)} A-lines for reconstruction; the missing points need another scan. A paused scan can be resumed.`;
+  if (toCome && stored === total) return `Stop keeps the ${count(stored)} A-lines for reconstruction, without the focus.`;
+  return `Stop keeps ${count(stored)} of ${count(total)} A-lines for reconstruction; points not yet measured need another scan. A paused scan can be resumed.`;
 }

@@ -1,9 +1,11 @@
 // @ts-check
 /** Colour maps: tables of 256 colours, and images painted with them.
  *
- * A table is a Uint32Array(256) of pixels in the format of canvases and textures: red in the lowest byte, opaque.
+ * A table is a Uint32Array of pixels, 256 or more,
+ * in the format of canvases and textures: red in the lowest byte, opaque.
  *
- * @typedef {"inferno" | "grey" | "cividis" | "difference" | "depth"} MapName
+ * @typedef {"inferno" | "grey" | "grey-reversed" | "cividis" | "coolwarm" | "difference" | "depth" | Hue} MapName
+ * @typedef {"red" | "green" | "blue" | "cyan" | "magenta" | "yellow"} Hue
  * @typedef {[number, number, number]} Colour  red, green, blue, 0 to 255
  */
 
@@ -15,10 +17,28 @@ const KNOTS = {
   cividis:
     "00234e00285b002e6b0433721c386f273e6e32436d3b496c434e6c4b546c52596d5a5f6e61646f686a716f70737576767c7b78" +
     "8481798b8778938d789b9376a39a75aba072b3a670bbad6dc3b469ccba64d4c15fddc958e6d051efd748f9df3bffe734",
+  coolwarm:
+    "3b4cc0445acc4e68d85875e16282ea6c8ff1779af782a6fb8db0fe98b9ffa3c2feaec9fcb9d0f9c3d5f4ccd9edd5dbe5" +
+    "dddcdce5d8d1ecd3c5f1ccb8f5c4acf7ba9ff7b093f6a586f4987af08b6eeb7d62e46e56dd5f4bd44e41ca3b37be242eb40426",
 };
 
-/** Selectable colour maps; depth and difference have special meanings. */
-export const PRESSURE_MAPS = /** @type {const} */ (["inferno", "grey", "cividis", "depth"]);
+/** Maps from black to one colour, whose sum shows two volumes at once. @type {Record<Hue, Colour>} */
+const HUES = { red: [255, 0, 0], green: [0, 255, 0], blue: [0, 0, 255], cyan: [0, 255, 255], magenta: [255, 0, 255], yellow: [255, 255, 0] };
+
+/** Names of the selectable colour maps; depth has a special meaning. */
+export const MAP_LABELS = /** @type {Record<string, string>} */ ({
+  inferno: "Inferno", grey: "Grey", "grey-reversed": "Grey, reversed", cividis: "Cividis", coolwarm: "Blue–white–red (signed)",
+  red: "Red", green: "Green", blue: "Blue", cyan: "Cyan", magenta: "Magenta", yellow: "Yellow", depth: "Depth as colour",
+});
+
+/** Selectable colour maps. */
+export const PRESSURE_MAPS = Object.keys(MAP_LABELS);
+
+/** Colour maps of a volume laid over another: black at zero, which adds nothing. */
+export const OVERLAY_MAPS = ["cyan", "magenta", "yellow", "red", "green", "blue", "grey", "inferno"];
+
+/** Whether the middle of a colour map is zero. @param {string} name */
+export const isDiverging = (name) => name === "coolwarm" || name === "difference";
 
 /** @type {Map<MapName, Uint32Array>} */
 const tables = new Map();
@@ -39,9 +59,11 @@ export function colourTable(name) {
 /** @param {MapName} name  @param {number} share  @returns {Colour} */
 function colourOf(name, share) {
   if (name === "grey") return [255 * share, 255 * share, 255 * share];
+  if (name === "grey-reversed") return [255 * (1 - share), 255 * (1 - share), 255 * (1 - share)];
+  if (name in HUES) return /** @type {Colour} */ (HUES[/** @type {Hue} */ (name)].map((one) => one * share));
   if (name === "depth") return oklab(0.78, 0.15, 45 + 205 * share);
   if (name === "difference") return differenceColour(2 * share - 1);
-  const knots = KNOTS[name];
+  const knots = KNOTS[/** @type {keyof typeof KNOTS} */ (name)];
   const place = share * (knots.length / 6 - 1);
   const first = Math.min(Math.floor(place), knots.length / 6 - 2);
   const at = (/** @type {number} */ knot, /** @type {number} */ channel) =>
@@ -108,10 +130,11 @@ export function paintRamp(colours, [from, to], window, out) {
  * @param {{up?: boolean, out: Uint32Array}} how  up: the second axis points up
  */
 export function paint({ values, shape: [na, nb] }, [low, high], colours, { up = false, out }) {
-  const scale = high > low ? 255 / (high - low) : 0;
+  const last = colours.length - 1;
+  const scale = high > low ? last / (high - low) : 0;
   for (let i = 0; i < na; i++) {
     for (let j = 0; j < nb; j++) {
-      const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 255);
+      const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), last);
       out[(up ? nb - 1 - j : j) * na + i] = colours[share | 0];
     }
   }
@@ -122,14 +145,14 @@ export function paint({ values, shape: [na, nb] }, [low, high], colours, { up = 
  * @param {{values: ArrayLike<number>, shape: [number, number]}} plane
  * @param {(i: number, j: number) => number} depth  0 to 1, of a voxel of the plane
  * @param {[number, number]} window
- * @param {{up?: boolean, out: Uint32Array}} how
+ * @param {{up?: boolean, out: Uint32Array, transfer?: (share: number) => number}} how  transfer: from share of the window to brightness
  */
-export function paintDepths({ values, shape: [na, nb] }, depth, [low, high], { up = false, out }) {
+export function paintDepths({ values, shape: [na, nb] }, depth, [low, high], { up = false, out, transfer = (share) => share }) {
   const hues = colourTable("depth");
   const scale = high > low ? 1 / (high - low) : 0;
   for (let i = 0; i < na; i++) {
     for (let j = 0; j < nb; j++) {
-      const share = Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 1);
+      const share = transfer(Math.min(Math.max((values[i * nb + j] - low) * scale, 0), 1));
       const hue = hues[Math.min(Math.max(Math.round(255 * depth(i, j)), 0), 255)];
       const dimmed = [hue & 255, (hue >> 8) & 255, (hue >> 16) & 255].map((channel) => channel * share);
       out[(up ? nb - 1 - j : j) * na + i] = toPixel(/** @type {Colour} */ (dimmed));

@@ -1,17 +1,23 @@
 // @ts-check
 // Comparison with a reference volume: difference, blinking and figures of merit.
 import { api, idempotencyHeaders } from "../api.js";
-import { oncePerFrame, h, replace } from "../dom.js";
+import { debounce, oncePerFrame, h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { formatTime, figure, pressure } from "../units.js";
+import { formatTime, figure } from "../units.js";
+import { methodText } from "../reconstructions/summary.js";
+import { frameText } from "../reconstructions/volume_names.js";
 import { PLANES, createSource } from "./volume_data.js";
 import { correlation } from "./measurements.js";
-import { figureList } from "./measure_tools.js";
+import { figureList } from "./measurement_details.js";
+import { overlayOptions } from "./overlay_options.js";
+import { COMPARE_MODES } from "./view_state.js";
 
 /** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 
 const BLINK_INTERVAL = 700; // ms for which each of the two images is shown
+const MAX_LISTED = 60; // volumes of this series
+const METRICS_DELAY = 300; // ms after the last change of the volume; longer than playback shows one
 const BRIGHT_REGION = "over voxels with at least 4 % of the reference's maximum";
 const SHARPNESS_NOTE = "normalised Tenenbaum function: larger is sharper";
 /** Labels and descriptions of the service's figures of merit. */
@@ -32,8 +38,8 @@ export class Compare {
     this.reconstruction = reconstruction;
     this.choice = h("select", { "aria-label": "Reference" }, h("option", { value: "" }, "none"));
     this.choice.addEventListener("change", () => stage.store.change({ against: this.choice.value || null }));
-    this.modeButtons = ["difference", "blink"].map((name) =>
-      h("button", { type: "button", dataset: { how: name }, onclick: () => stage.store.change({ how: name }) }, name === "blink" ? "Blink" : "Difference"));
+    this.modeButtons = COMPARE_MODES.map((name) => h("button", { type: "button", dataset: { how: name }, onclick: () => this.selectMode(name) }, name[0].toUpperCase() + name.slice(1)));
+    this.overlay = overlayOptions(stage);
     this.toggleButton = h("button", { type: "button", onclick: () => this.showReference(!this.isReferenceShown) }, "Show the reference");
     this.status = h("p", { class: "dim small", role: "status" });
     this.correlations = h("div", { class: "stack" });
@@ -41,15 +47,34 @@ export class Compare {
     this.element = h("div", { class: "stack" },
       h("label", { class: "stack" }, "Reference", this.choice),
       h("div", { class: "row", role: "group", "aria-label": "Comparison mode" }, ...this.modeButtons, this.toggleButton),
-      this.status, this.correlations, this.metrics);
+      this.status, this.overlay.element, this.correlations, this.metrics);
     this.isReferenceShown = false;
     this.show = oncePerFrame(() => this.render());
     for (const view of views) view.listeners.add(this.show);
+    const readMetricsSoon = debounce(() => void this.showMetrics(), METRICS_DELAY);
     stage.store.on((_view, changed) => {
       if (changed.has("against")) void this.loadReference();
+      else if (changed.has("index") && stage.reference) {
+        replace(this.metrics);
+        readMetricsSoon();
+      }
       if (changed.has("how")) this.updateBlinking();
       this.show();
     });
+  }
+
+  /** Select a way of comparing; two colours that add to white are the first of an overlay. @param {string} name */
+  selectMode(name) {
+    const { map } = this.stage.view;
+    this.stage.store.change({ how: name, ...(name === "overlay" && map === "inferno" ? { map: "red" } : {}) });
+  }
+
+  /** Return the options of the volumes of this series; of a long one the first at each wavelength. */
+  get seriesOptions() {
+    const frames = this.reconstruction.report.frames ?? [];
+    const seen = new Set();
+    const chosen = frames.map((/** @type {any} */ frame, /** @type {number} */ n) => ({ frame, n })).filter((/** @type {any} */ { frame }) => frames.length <= MAX_LISTED || (!seen.has(frame.excitation_m) && seen.add(frame.excitation_m)));
+    return chosen.map((/** @type {any} */ { frame, n }) => h("option", { value: `${this.reconstruction.id}:${n}` }, frameText(frame)));
   }
 
   /** List the candidates and load the reference of the URL. */
@@ -58,8 +83,9 @@ export class Compare {
       const { items } = await api.get("/reconstructions?state=succeeded&limit=200");
       const candidates = items.filter((/** @type {any} */ one) => one.id !== this.reconstruction.id && one.report?.shape);
       const isSameScan = (/** @type {any} */ one) => one.scan_id === this.reconstruction.scan_id;
-      replace(this.choice, h("option", { value: "" }, candidates.length ? "none" : "no other reconstruction"),
-        ...[["Of the same scan", candidates.filter(isSameScan)], ["Of other scans", candidates.filter((/** @type {any} */ one) => !isSameScan(one))]]
+      const { seriesOptions } = this;
+      replace(this.choice, h("option", { value: "" }, candidates.length || seriesOptions.length ? "none" : "no other reconstruction"),
+        seriesOptions.length ? h("optgroup", { label: "This series" }, seriesOptions) : null, ...[["Of the same scan", candidates.filter(isSameScan)], ["Of other scans", candidates.filter((/** @type {any} */ one) => !isSameScan(one))]]
           .filter(([, group]) => group.length)
           .map(([label, group]) => h("optgroup", { label }, group.map((/** @type {any} */ one) => h("option", { value: one.id }, reconstructionTitle(one))))));
       await this.loadReference();
@@ -70,24 +96,45 @@ export class Compare {
 
   /** Load the reference of the view. */
   async loadReference() {
-    const { against: referenceId } = this.stage.view;
-    this.choice.value = referenceId ?? "";
+    const { against } = this.stage.view;
+    const [referenceId, fixed] = against?.split(":") ?? [null];
+    this.choice.value = against ?? "";
     this.stage.reference = null;
     replace(this.metrics);
     if (referenceId) {
       try {
-        const reference = createSource(await api.get(`/reconstructions/${referenceId}`));
-        if (referenceId !== this.stage.view.against) return; // another reference was selected meanwhile
-        this.stage.reference = reference;
-        await this.readMetrics(referenceId);
+        const view = await api.get(`/reconstructions/${referenceId}`);
+        const reference = createSource(view);
+        if (against !== this.stage.view.against) return; // another reference was selected meanwhile
+        this.stage.setReference(reference, view, fixed === undefined ? null : Number(fixed));
+        await this.showMetrics();
       } catch (error) {
-        if (referenceId !== this.stage.view.against) return;
+        if (against !== this.stage.view.against) return;
         replace(this.metrics, ...errorElements(error));
       }
     }
     this.updateBlinking();
     for (const view of this.views) view.requestData(null);
+    this.stage.store.notify(["difference"]); // captions, and the 3-D overlay
     this.show();
+  }
+
+  /** The two volumes that are compared; changes with reference and index. */
+  get pair() {
+    const { source, reference } = this.stage;
+    return reference ? [reference.id, source.index, reference.index].join() : "";
+  }
+
+  /** Show the figures of merit or the error. */
+  async showMetrics() {
+    const { reference } = this.stage;
+    const { pair } = this;
+    if (!reference) return;
+    try {
+      await this.readMetrics(reference.id);
+    } catch (error) {
+      if (pair === this.pair) replace(this.metrics, ...errorElements(error));
+    }
   }
 
   /** Start or stop blinking; do not blink if the user prefers reduced motion. */
@@ -107,13 +154,22 @@ export class Compare {
     this.updateStatus();
   }
 
+  /** Say which volume of a reference that is a series is shown. */
+  get volumeText() {
+    const { reference, source } = this.stage;
+    if (!reference || reference.index === null) return "";
+    return ` The reference is volume ${reference.index + 1} of ${reference.volumes} of its series${reference.index === source.index && reference.volumes === source.volumes ? ", as here" : ""}: ${this.stage.referenceName}.`;
+  }
+
   updateStatus() {
     const { reference, view } = this.stage;
     const blink = view.how === "blink";
     this.status.textContent = !reference ? "Select a reference reconstruction."
-      : blink ? `Shown now: ${this.isReferenceShown ? "the reference" : "this image"}.`
-        : this.stage.isComparable ? `Blue: below the reference; orange: above; dark: equal. Colour range ±${pressure(this.stage.differenceEnd)}; projections show the difference of the two maxima, 3-D shows this image only`
+      : view.how === "overlay" ? "The colours of both are added."
+        : blink ? `Shown now: ${this.isReferenceShown ? "the reference" : "this image"}.`
+        : this.stage.isComparable ? `Blue: below the reference; orange: above; dark: equal. Colour range ±${this.stage.valueText(this.stage.differenceEnd)}; projections show the difference of the two maxima, 3-D shows this image only.`
           : "The voxel grids differ, so the images cannot be subtracted: use Blink, or reconstruct with the same modes and depth range.";
+    this.status.append(this.volumeText);
   }
 
   render() {
@@ -122,6 +178,7 @@ export class Compare {
       button.setAttribute("aria-pressed", String(button.dataset.how === view.how));
       button.disabled = !reference;
     }
+    this.overlay.show();
     this.toggleButton.hidden = !reference || view.how !== "blink";
     this.updateStatus();
     const rows = /** @type {[string, string, string, number][]} */ ([]);
@@ -130,14 +187,17 @@ export class Compare {
       const value = correlation(one.plane.values, one.other.values);
       rows.push([PLANES[one.axis].join("–"), figure(value), `correlation-${one.axis}`, value]);
     }
-    replace(this.correlations, ...(rows.length ? [h("h3", null, "Correlation of the visible images"), h("p", { class: "dim small" }, "Pearson correlation of the pixels in each view; 1 means identical.")] : []), rows.length ? figureList(rows) : null);
+    replace(this.correlations, ...(rows.length ? [h("h3", null, "Correlation of the images"), h("p", { class: "dim small" }, "Pearson correlation of each view's slice or projection over all of its depths, also those not shown; 1: equal but for a factor and an offset.")] : []), rows.length ? figureList(rows) : null);
   }
 
   /** Show the figures of merit, or a button that computes them. @param {string} reference */
   async readMetrics(reference) {
+    const { pair } = this;
     const { items } = await api.get(`/reconstructions/${this.reconstruction.id}/quality`);
-    if (reference !== this.stage.view.against) return;
-    const metricsEntry = items.find((/** @type {any} */ one) => one.reference_id === reference && one.figures);
+    if (pair !== this.pair) return; // another volume was selected meanwhile
+    const [index, referenceIndex] = [this.stage.source.index ?? 0, this.stage.reference?.index ?? 0];
+    const isPair = (/** @type {any} */ one) => one.reference_id === reference && (one.index ?? 0) === index && (one.reference_index ?? 0) === referenceIndex;
+    const metricsEntry = items.find((/** @type {any} */ one) => isPair(one) && one.figures);
     if (metricsEntry) {
       const rows = Object.entries(metricsEntry.figures).map(([name, value]) => {
         const [label, description] = METRICS[name.replace(/^image_/, "volume_")] ?? [name.replaceAll("_", " "), ""];
@@ -152,13 +212,16 @@ export class Compare {
   /** Compute the figures of merit with the service. @param {string} reference */
   async computeMetrics(reference) {
     replace(this.metrics, h("p", { class: "dim", role: "status" }, "comparing …"));
+    const { pair } = this;
+    const [index, referenceIndex] = [this.stage.source.index, this.stage.reference?.index ?? null];
+    const body = { reference_id: reference, ...(index === null ? {} : { index }), ...(referenceIndex === null ? {} : { reference_index: referenceIndex }) };
     try {
-      let job = await api.post(`/reconstructions/${this.reconstruction.id}/quality`, { reference_id: reference }, { headers: { ...idempotencyHeaders(), Prefer: "wait=20" } });
+      let job = await api.post(`/reconstructions/${this.reconstruction.id}/quality`, body, { headers: { ...idempotencyHeaders(), Prefer: "wait=20" } });
       while (["queued", "running", "cancelling"].includes(job.state)) job = await api.get(job.links.self, { headers: { Prefer: "wait=20" } });
       if (job.state !== "succeeded") throw new Error(job.error?.detail ?? `the comparison ${job.state}`);
-      await this.readMetrics(reference);
+      if (pair === this.pair) await this.readMetrics(reference);
     } catch (error) {
-      replace(this.metrics, ...errorElements(error));
+      if (pair === this.pair) replace(this.metrics, ...errorElements(error));
     }
   }
 
@@ -168,7 +231,5 @@ export class Compare {
 
 /** Describe a reconstruction in one line. @param {any} one */
 export function reconstructionTitle(one) {
-  const { method, modes } = one.parameters ?? {};
-  const kind = one.kind === "reconstruction" ? "" : `${one.kind}, `;
-  return `${formatTime(one.ended ?? one.created)}, ${kind}${method ?? ""}${modes ? ` ${modes} modes` : ""}, ${one.id.slice(-5)}`;
+  return `${formatTime(one.ended ?? one.created)}, ${methodText(one)}, ${one.id.slice(-5)}`;
 }

@@ -16,10 +16,13 @@ const FORMATS = /** @type {[string, string, string, boolean][]} name, what it is
   ["png", "PNG: projections", ".projections", true],
 ]);
 
+const SERIES_FORMATS = ["nifti", "tiff", "ome-zarr", "hdf5"]; // that hold several volumes
+
 export class Downloads {
   /** @param {any} reconstruction the reconstruction, of the API */
   constructor(reconstruction) {
     this.reconstruction = reconstruction;
+    this.isSeries = Boolean(reconstruction.report?.frames?.length);
     this.element = h("div", { class: "stack" });
     /** @type {Map<string, any>} newest export of each format */
     this.jobs = new Map();
@@ -30,7 +33,7 @@ export class Downloads {
 
   /** Size of the values in bytes. */
   get valueBytes() {
-    return 4 * (this.reconstruction.report?.shape ?? []).reduce((/** @type {number} */ all, /** @type {number} */ one) => all * one, 1);
+    return 4 * (this.reconstruction.report?.frames?.length || 1) * (this.reconstruction.report?.shape ?? []).reduce((/** @type {number} */ all, /** @type {number} */ one) => all * one, 1);
   }
 
   async load() {
@@ -38,8 +41,8 @@ export class Downloads {
       const { items } = await api.get("/jobs?kind=export&limit=200");
       this.jobs.clear();
       for (const job of items) {
-        const { format, reconstruction_id: of } = job.asked;
-        const usable = of === this.reconstruction.id && !["failed", "cancelled"].includes(job.state);
+        const { format, reconstruction_id: of, index } = job.asked;
+        const usable = of === this.reconstruction.id && (index ?? null) === null && !["failed", "cancelled"].includes(job.state);
         if (usable && !this.jobs.has(format)) this.jobs.set(format, job);
       }
       this.show();
@@ -49,12 +52,13 @@ export class Downloads {
   }
 
   show() {
-    const numpyRow = h("tr", null, h("td", null, "NumPy: values only"), h("td", { class: "number nowrap" }, bytes(this.valueBytes + 128)),
+    const numpyRow = this.isSeries ? null : h("tr", null, h("td", null, "NumPy: values only"), h("td", { class: "number nowrap" }, bytes(this.valueBytes + 128)),
       h("td", null, h("a", { class: "button", href: `${BASE}/reconstructions/${this.reconstruction.id}/volume`, download: `${this.reconstruction.id}.npy` }, "Download")));
     replace(this.element,
       h("table", null,
-        h("thead", null, h("tr", null, h("th", null, "Format"), h("th", { class: "number" }, "Size"), h("th", null, ""))),
-        h("tbody", null, FORMATS.map((format) => this.row(format)), numpyRow)),
+        h("thead", null, h("tr", null, h("th", null, "Format"), h("th", { class: "number" }, "Size"), h("th", null, h("span", { class: "visually-hidden" }, "Action")))),
+        h("tbody", null, FORMATS.filter(([name]) => !this.isSeries || SERIES_FORMATS.includes(name)).map((format) => this.row(format)), numpyRow)),
+      this.isSeries ? h("p", { class: "dim small" }, this.reconstruction.kind === "unmixing" ? "A file contains all maps, with their names." : "A file contains all volumes, with their wavelengths and times.") : null,
       h("p", { class: "dim small" }, "All formats except NumPy contain the voxel size. Creating a file takes a job of a few seconds."));
   }
 

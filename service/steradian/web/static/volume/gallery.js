@@ -4,16 +4,20 @@ import { api, request } from "../api.js";
 import { byId, h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showEmpty, showError, showLoading } from "../panel_states.js";
-import { formatTime, length } from "../units.js";
+import { formatTime, length, pressure } from "../units.js";
 import { methodText, scanNames, soundSpeedText } from "../reconstructions/summary.js";
+import { volumeName } from "../reconstructions/volume_names.js";
+import { wavelengthsOf } from "./series_player.js";
 import { firstVoxelBelow, createSource } from "./volume_data.js";
-import { paint, colourTable } from "./colours.js";
+import { drawProjection, numbersOf, readProjection, WHITE_LEVEL } from "./projection_image.js";
 
 const THUMBNAIL_PIXELS = 256;
 const MAX_LISTED = 200; // maximum page size of the service
-const WHITE_LEVEL = 190; // of 255: value of full brightness
+const MAX_SHOWN = 3; // volumes of a series
 const panel = byId("volumes");
 const search = h("input", { type: "search", placeholder: "Search: labels, method, identifier", "aria-label": "Search", dataset: { search: "" } });
+const oneScale = h("input", { type: "checkbox", id: "one-scale", onchange: () => paintAll() });
+const scaleText = h("span", { dataset: { scale: "" } });
 /** @type {any[]} */
 let items = [];
 let listedCount = 0; // number of listed reconstructions
@@ -39,10 +43,11 @@ async function load() {
 function show() {
   const searchText = search.value.trim().toLowerCase();
   const matches = items.filter((one) => [one.id, one.scan_id, scanLabels.get(one.scan_id), methodText(one), ...(one.report.notes ?? [])].join(" ").toLowerCase().includes(searchText));
-  const note = h("p", { class: "dim small" }, `Maximum-intensity projections along z (line scans: sections), each with its own colour scale.${listedCount === MAX_LISTED ? ` The search covers the newest ${MAX_LISTED} volumes.` : ""}`);
+  const note = h("p", { class: "dim small" }, "Maximum-intensity projections along z (line scans: sections). ", scaleText, `${listedCount === MAX_LISTED ? `. The search covers the newest ${MAX_LISTED} volumes.` : ""}`);
   const grid = h("div", { class: "stack" }, matches.length ? [note, h("ul", { class: "gallery" }, matches.map(createCard))] : h("p", { class: "dim" }, "No volume matches the search."));
   if (panel.contains(search)) panel.lastElementChild?.replaceWith(grid);
-  else replace(panel, h("header", null, search), grid);
+  else replace(panel, h("header", { class: "row" }, search, h("label", { class: "row nowrap" }, oneScale, "One colour scale")), grid);
+  paintAll();
 }
 
 /** @param {any} one */
@@ -51,8 +56,31 @@ function createCard(one) {
   const extent = shape.map((/** @type {number} */ count, /** @type {number} */ n) => length(count * spacing[n])).join(" × ");
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
-    thumbnail(one, axis),
-    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("span", { class: "thumbs" }, shownIndices(one).map((index) => thumbnail(one, axis, index))),
+    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), one.report.frames?.length ? h("span", { dataset: { shown: "" } }, shownIndices(one).map((index) => volumeName(one, index)).join(" | ")) : null, h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+}
+
+/** Values of the loaded thumbnails in bytes, with the values of 0 and 255. @type {Map<HTMLCanvasElement, {values: Uint8Array, shape: [number, number], window: [number, number], isMap: boolean}>} */
+const loaded = new Map();
+
+/** Paint a thumbnail: with its own colours, or over a range of values that is common to all of pressure. @param {HTMLCanvasElement} canvas @param {number | null} end */
+function paintThumbnail(canvas, end) {
+  const thumb = loaded.get(canvas);
+  if (!thumb) return;
+  const { values, shape, window: [low, high], isMap } = thumb;
+  const inBytes = (/** @type {number} */ value) => (255 * (value - low)) / (high - low || 1);
+  drawProjection(canvas, { values, shape }, canvas.dataset.axis, end === null || isMap ? [0, WHITE_LEVEL] : [inBytes(0), inBytes(end)]);
+}
+
+/** Value at the bright end of a thumbnail that has its own colours. @param {{window: [number, number]}} thumb */
+const ownEnd = ({ window: [low, high] }) => low + (WHITE_LEVEL / 255) * (high - low);
+
+/** Paint all loaded thumbnails; on request with one scale, whose end is that of the brightest. */
+function paintAll() {
+  const shown = [...loaded].filter(([canvas, { isMap }]) => panel.contains(canvas) && !isMap);
+  const end = oneScale.checked && shown.length ? Math.max(...shown.map(([, thumb]) => ownEnd(thumb))) : null;
+  scaleText.textContent = end === null ? "Each has its own colour scale" : `Colours from 0 to ${pressure(end)}, the brightest of those loaded`;
+  for (const canvas of loaded.keys()) paintThumbnail(canvas, end);
 }
 
 /** Loads thumbnails when they become visible. */
@@ -64,6 +92,13 @@ const observer = new IntersectionObserver((entries) => {
   }
 }, { rootMargin: "200px" });
 
+/** Return the volumes of a series that the gallery shows: the first at each wavelength, at most three. @param {any} one @returns {number[]} */
+function shownIndices(one) {
+  const frames = one.report.frames ?? [];
+  const lights = wavelengthsOf(frames).slice(0, MAX_SHOWN);
+  return lights.length ? lights.map((light) => frames.findIndex((/** @type {any} */ frame) => frame.excitation_m === light)) : [0];
+}
+
 /** Return the first voxel along z below the near field. @param {any} one */
 function firstVoxel(one) {
   const source = createSource(one);
@@ -73,13 +108,13 @@ function firstVoxel(one) {
 /** Created thumbnails, reused by the search. @type {Map<string, HTMLElement>} */
 const thumbnails = new Map();
 
-/** @param {any} one @param {string} axis */
-function thumbnail(one, axis) {
-  const cached = thumbnails.get(one.id);
+/** @param {any} one @param {string} axis @param {number} index */
+function thumbnail(one, axis, index) {
+  const cached = thumbnails.get(`${one.id} ${index}`);
   if (cached) return cached;
-  const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": `Maximum along ${axis}`, dataset: { of: one.id, axis, first: String(firstVoxel(one)) } });
+  const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": [`Maximum along ${axis}`, volumeName(one, index)].filter(Boolean).join(", "), dataset: { of: one.id, axis, first: String(firstVoxel(one)), index: one.report.frames?.length ? String(index) : "", kind: one.kind } });
   const element = h("span", { class: "thumb" }, canvas, h("span", null, "loading …"));
-  thumbnails.set(one.id, element);
+  thumbnails.set(`${one.id} ${index}`, element);
   observer.observe(canvas);
   return element;
 }
@@ -91,19 +126,17 @@ function setCaption(canvas, text) {
 
 /** Draw the projection of a volume. @param {HTMLCanvasElement} canvas */
 async function drawThumbnail(canvas) {
-  const { of, axis } = canvas.dataset;
+  const { of, axis, index } = canvas.dataset;
   const slab = axis === "z" ? `&slab=${canvas.dataset.first}:` : ""; // without the near field, as in the volume view
-  const query = `axis=${axis}&max_size=${THUMBNAIL_PIXELS}&dtype=uint8${slab}`;
+  const query = `axis=${axis}&max_size=${THUMBNAIL_PIXELS}&dtype=uint8${slab}${index ? `&index=${index}` : ""}`;
   try {
     const answer = await request("GET", `/reconstructions/${of}/mip?${query}`, undefined, { accept: "application/octet-stream" });
-    const shape = /** @type {[number, number]} */ ((answer.headers.get("X-Shape") ?? "").split(",").map(Number));
-    const pixels = new ImageData(shape[0], shape[1]);
-    const options = { up: axis === "z", out: new Uint32Array(pixels.data.buffer) };
-    const values = new Uint8Array(await answer.arrayBuffer());
-    paint({ values, shape }, [0, WHITE_LEVEL], colourTable("inferno"), options);
-    Object.assign(canvas, { width: shape[0], height: shape[1] });
-    canvas.getContext("2d")?.putImageData(pixels, 0, 0);
-    setCaption(canvas, values.some((value) => value > 0) ? "" : "empty: no value above 0");
+    const window = /** @type {[number, number]} */ (numbersOf(answer.headers, "X-Window", "0,1"));
+    const plane = await readProjection(answer);
+    loaded.set(canvas, { ...plane, window, isMap: canvas.dataset.kind === "unmixing" });
+    if (oneScale.checked) paintAll(); // it may be the brightest
+    else paintThumbnail(canvas, null);
+    setCaption(canvas, plane.values.some((value) => value > 0) ? "" : "empty: no value above 0");
   } catch {
     setCaption(canvas, "image unavailable");
     canvas.setAttribute("aria-label", "Image unavailable");

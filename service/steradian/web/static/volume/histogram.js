@@ -24,14 +24,15 @@ export class Histogram {
     this.ends = [h("span", { dataset: { end: "least" } }), h("span", { dataset: { end: "greatest" } })];
     this.depths = [h("span"), h("span")];
     this.depthScale = h("div", { class: "scale dim small" }, this.depths[0], h("span", null, "depth colour scale"), this.depths[1]);
-    this.element = h("div", { class: "histogram" },
+    this.name = h("p", { class: "small", dataset: { volumeName: "" } });
+    this.element = h("div", { class: "histogram" }, this.name,
       h("div", { class: "handles" }, this.canvas, ...this.handles),
-      h("div", { class: "scale dim small" }, this.ends[0], h("span", null, `initial pressure (${PRESSURE})`), this.ends[1]),
+      h("div", { class: "scale dim small" }, this.ends[0], h("span", null, stage.isMaps ? "value" : `initial pressure (${PRESSURE})`), this.ends[1]),
       this.bar, this.depthScale,
       h("div", { class: "row nowrap" }, ...this.inputs.map((input, n) => h("label", null, n ? "to" : "from", input)),
         h("button", { type: "button", title: "Window from 0 to the 99.9th percentile", onclick: () => stage.store.change({ window: null }) }, "auto")));
     this.draw = oncePerFrame(() => this.render());
-    stage.store.on((_view, changed) => (changed.has("window") || changed.has("map")) && this.draw());
+    stage.store.on((_view, changed) => ["window", "map", "gamma", "log"].some((name) => changed.has(name)) && this.draw());
     onTheme(() => this.draw());
   }
 
@@ -109,6 +110,8 @@ export class Histogram {
       this.handles[n].setAttribute("aria-valuetext", figure(value));
       if (document.activeElement !== this.inputs[n]) this.inputs[n].value = String(Number(value.toPrecision(4)));
     });
+    this.name.textContent = this.stage.nameText;
+    this.name.hidden = !this.name.textContent;
     [low, high].forEach((value, n) => (this.ends[n].textContent = figure(value)));
     this.drawBar();
   }

@@ -1,7 +1,9 @@
 // @ts-check
 // Overlay of a slice: ticks in mm, crosshair, marks, scale bar.
 import { PLANES, axisIndex } from "./volume_data.js";
+import { MARKS } from "./view_state.js";
 import { paintRamp, colourTable } from "./colours.js";
+import { isPlaneShown } from "./measurement_details.js";
 import { lengthOf, roundDown, ticks } from "./scale.js";
 
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
@@ -11,7 +13,8 @@ const LINE_COLOUR = "#ffffff";
 const SHADOW = "rgb(0 0 0 / .75)";
 const DEPTH_BAR_WIDTH = 110; // pixels of the depth colour bar
 const CROSSHAIR_GAP = 7; // pixels around the crosshair that stay free
-export const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
+const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
+const ELSEWHERE = 0.45; // opacity of measurements in other slices
 
 /** @param {SliceView} view */
 export function drawOverlay(view) {
@@ -55,8 +58,8 @@ function drawTicks(context, view) {
   const [across, up] = PLANES[view.axis];
   const [left, right] = [view.toPosition(0, 0)[0], view.toPosition(view.width, 0)[0]];
   const vertical = [view.toPosition(0, 0)[1], view.toPosition(0, view.height)[1]].sort((one, other) => one - other);
-  const [x0, x1] = view.stage.ends(across);
-  const [y0, y1] = view.stage.ends(up);
+  const [x0, x1] = view.stage.shownEnds(across);
+  const [y0, y1] = view.stage.shownEnds(up);
   context.textAlign = "center";
   context.textBaseline = "top";
   for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 70)) {
@@ -91,19 +94,45 @@ function drawCrosshair(context, view) {
 
 /** @param {CanvasRenderingContext2D} context @param {SliceView} view */
 function drawMarks(context, view) {
-  for (const name of /** @type {const} */ (["line", "region", "background"])) {
+  for (const name of MARKS) {
     const mark = view.stage.view[name];
-    if (!mark || mark.plane !== view.axis) continue;
-    const [x0, y0] = view.toPixels(...mark.from);
-    const [x1, y1] = view.toPixels(...mark.to);
-    context.setLineDash(name === "background" ? [5, 4] : []);
-    strokeOutlined(context, MARK_COLOURS[name], 2, () => {
-      if (name === "line") { context.moveTo(x0, y0); context.lineTo(x1, y1); }
-      else context.rect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
-    });
-    context.setLineDash([]);
+    if (mark?.plane === view.axis) drawMark(context, view, name, mark.from, mark.to);
   }
+  drawMeasurements(context, view);
   drawPoints(context, view);
+}
+
+/** @param {CanvasRenderingContext2D} context @param {SliceView} view @param {"line" | "region" | "background"} kind @param {Pair} from @param {Pair} to mm @param {number} [width] */
+function drawMark(context, view, kind, from, to, width = 2) {
+  const [x0, y0] = view.toPixels(...from);
+  const [x1, y1] = view.toPixels(...to);
+  context.setLineDash(kind === "background" ? [5, 4] : []);
+  strokeOutlined(context, MARK_COLOURS[kind], width, () => {
+    if (kind === "line") { context.moveTo(x0, y0); context.lineTo(x1, y1); }
+    else context.rect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
+  });
+  context.setLineDash([]);
+}
+
+/** Draw the measurements of the plane with their names. @param {CanvasRenderingContext2D} context @param {SliceView} view */
+function drawMeasurements(context, view) {
+  const { stage } = view;
+  const inMm = (/** @type {Pair} */ place) => /** @type {Pair} */ (place.map((metres) => 1e3 * metres));
+  for (const item of stage.measurements?.items ?? []) {
+    const { kind, name, axis, start, end = start, background_start: from, background_end: to } = item.measurement;
+    if (axis !== view.axis) continue;
+    context.globalAlpha = isPlaneShown(stage, item) ? 1 : ELSEWHERE;
+    const width = stage.measurements?.selectedName === name ? 3 : 1.5;
+    const [x, y] = view.toPixels(...inMm(end));
+    if (kind === "point") strokeOutlined(context, LINE_COLOUR, width, () => { context.moveTo(x - 5, y); context.lineTo(x + 5, y); context.moveTo(x, y - 5); context.lineTo(x, y + 5); });
+    else drawMark(context, view, kind === "profile" ? "line" : "region", inMm(start), inMm(end), width);
+    if (from && to) drawMark(context, view, "background", inMm(from), inMm(to), width);
+    const isRight = x > view.width / 2;
+    context.textAlign = isRight ? "right" : "left";
+    context.textBaseline = "bottom";
+    drawLabel(context, name, x + (isRight ? -4 : 4), Math.max(y - 3, 14));
+    context.globalAlpha = 1;
+  }
 }
 
 /** Draw the numbered points of interest. @param {CanvasRenderingContext2D} context @param {SliceView} view */

@@ -1,6 +1,7 @@
 // @ts-check
 // Panes of the four views with their controls for slice position and slab thickness.
 import { h } from "../dom.js";
+import { signed } from "../units.js";
 import { AXES, PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
 import { lengthOf } from "./scale.js";
 
@@ -8,9 +9,6 @@ import { lengthOf } from "./scale.js";
 /** @typedef {import("./view_state.js").Triple} Triple */
 
 const SLAB_STEPS = 40; // of the slab slider, between a slice and the whole volume
-
-/** @param {number} mm @param {number} [decimals] */
-const signed = (mm, decimals = 1) => mm.toFixed(decimals).replace("-", "−");
 
 /** Format a coordinate in mm without its unit. @param {number} mm */
 export const formatMm = (mm) => signed(mm, 2);
@@ -45,8 +43,8 @@ export function slicePane(view) {
     slab.value = String(sliderPosition(slabThickness, source.spacing[n], stage.extent(axis)));
     const thicknessText = slabThickness === Infinity ? "all" : slabThickness === 0 ? "slice" : lengthOf(slabThickness);
     slab.setAttribute("aria-valuetext", thicknessText);
-    caption.textContent = view.isDifference ? "difference, " : "";
-    caption.textContent += slabThickness === Infinity ? `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`;
+    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
+    caption.title = caption.textContent;
   };
   store.on(show);
   view.listeners.add(show);
@@ -89,8 +87,8 @@ export function pane3d(view3d) {
     const clip = view3d.clip;
     const sides = AXES.map((axis, n) => [0, 1].map((side) => place(axis, clip[2 * n + side])));
     const whole = () => sides.map(([from, to]) => (to - from).toFixed(1)).join(" × ");
-    const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one)).join("…")}`).join(", ");
-    caption.textContent = `${stage.view.clip ? cut() : whole()} mm`;
+    const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one, 1)).join("…")}`).join(", ");
+    caption.textContent = [stage.nameText, `${stage.view.clip ? cut() : whole()} mm`].filter(Boolean).join(", ");
   };
   stage.store.on(updateCaption);
   updateCaption();

@@ -1,10 +1,11 @@
 // @ts-check
 // Pointer and keyboard input of a slice view.
-import { PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
+import { AXES, PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
 import { sample } from "./measurements.js";
-import { MAX_POINTS } from "./view_state.js";
+import { MARKS, MAX_POINTS } from "./view_state.js";
 
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
+/** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {import("./view_state.js").Triple} Triple */
 /** @typedef {{x: number, y: number}} Point */
 
@@ -22,13 +23,17 @@ export function addPointerHandlers(view) {
   /** @type {((to: Point) => void) | null} */
   let drag = null;
   let { points } = view.stage.view;
+  let before = view.stage.view;
 
   target.addEventListener("pointerdown", (event) => {
     if (event.button === 2) return; // opens the browser's context menu
     target.focus({ preventScroll: true });
     target.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, pointOf(event));
-    if (pointers.size === 1) ({ points } = view.stage.view);
+    if (pointers.size === 1) {
+      before = view.stage.view;
+      ({ points } = before);
+    }
     else view.stage.store.change({ points }); // undo the effect of the first finger of a pinch
     drag = pointers.size === 2 ? startPinch(view, [...pointers.values()]) : startDrag(view, event);
     drag?.(pointOf(event));
@@ -45,12 +50,12 @@ export function addPointerHandlers(view) {
   for (const kind of ["pointerup", "pointercancel"]) {
     target.addEventListener(kind, (event) => {
       pointers.delete(/** @type {PointerEvent} */ (event).pointerId);
+      if (drag) reportMark(view, before);
       drag = null;
     });
   }
   target.addEventListener("pointerleave", () => view.onHover(null));
   target.addEventListener("wheel", (event) => onWheel(view, event), { passive: false });
-  target.addEventListener("dblclick", () => toggleSlab(view));
   target.addEventListener("keydown", (event) => onKey(view, event));
 }
 
@@ -112,6 +117,11 @@ function dragMark(view, from, tool) {
   };
 }
 
+/** Report the mark that a drag has changed. @param {SliceView} view @param {import("./view_state.js").View} before */
+function reportMark({ stage }, before) {
+  for (const tool of MARKS) if (stage.view[tool] && stage.view[tool] !== before[tool]) stage.onMark(tool);
+}
+
 /** Drag the window: to the right narrower, downwards lower. @param {SliceView} view @param {Point} from */
 function dragWindow(view, from) {
   const [low, high] = view.stage.window;
@@ -144,8 +154,9 @@ function startPinch(view, [one, other]) {
   const middle = { x: (one.x + other.x) / 2, y: (one.y + other.y) / 2 };
   return (/** @type {any} */ to) => {
     if (!to.apart) return;
-    view.stage.store.change({ zoom: clampZoom(zoom * (to.apart / startDistance)) });
-    panBy(view, centre, (to.x - middle.x) / scale, (to.y - middle.y) / scale);
+    const wanted = clampZoom(zoom * (to.apart / startDistance));
+    view.stage.store.change({ zoom: wanted });
+    panBy(view, centreAfter(view.stage, centre, wanted / zoom), (to.x - middle.x) / scale, (to.y - middle.y) / scale);
   };
 }
 
@@ -160,21 +171,26 @@ export const clampZoom = (zoom) => Math.min(Math.max(zoom, 0.25), 64);
 /** @param {SliceView} view @param {WheelEvent} event */
 function onWheel(view, event) {
   event.preventDefault();
-  if (event.ctrlKey || event.metaKey) zoomAt(view, 2 ** (-event.deltaY / 300), pointOf(event));
+  if (event.ctrlKey || event.metaKey) zoomBy(view.stage, 2 ** (-event.deltaY / 300));
   else if (event.deltaY) stepSlice(view, Math.sign(event.deltaY));
 }
 
-/** Zoom around a point. @param {SliceView} view @param {number} factor @param {Point} point */
-function zoomAt(view, factor, point) {
-  const { stage } = view;
+/** Zoom all views around the crosshair, which keeps its place in each; at 1 and below everything is in the middle.
+ *
+ * @param {VolumeState} stage @param {number} factor
+ */
+export function zoomBy(stage, factor) {
   const zoom = clampZoom(stage.view.zoom * factor);
-  const ratio = 1 - stage.view.zoom / zoom;
-  const [a, b] = view.toPosition(point.x, point.y);
-  const [across, up] = PLANES[view.axis];
-  const centre = /** @type {Triple} */ ([...stage.centre]);
-  centre[axisIndex(across)] += (a - centre[axisIndex(across)]) * ratio;
-  centre[axisIndex(up)] += (b - centre[axisIndex(up)]) * ratio;
-  stage.store.change({ zoom, centre });
+  stage.store.change({ zoom, centre: zoom > 1 ? centreAfter(stage, stage.centre, zoom / stage.view.zoom) : null });
+}
+
+/** Return the centre of the views after a zoom around the crosshair, within what is shown. @param {VolumeState} stage @param {Triple} centre @param {number} factor */
+function centreAfter(stage, centre, factor) {
+  return /** @type {Triple} */ (AXES.map((axis, n) => {
+    const [first, last] = stage.shownEnds(axis);
+    const place = stage.position[n];
+    return Math.min(Math.max(place + (centre[n] - place) / factor, first), last);
+  }));
 }
 
 /** Step to another slice; from the full projection, switch to the slice at the crosshair.
@@ -206,11 +222,10 @@ function onKey(view, event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const { stage } = view;
   const arrow = ARROW_STEPS[event.key];
-  const middle = { x: view.width / 2, y: view.height / 2 };
   if (arrow) moveCrosshair(view, arrow, event.shiftKey ? 10 : 1);
   else if (event.key === "PageUp" || event.key === "PageDown") stepSlice(view, event.key === "PageUp" ? -1 : 1);
-  else if (event.key === "+" || event.key === "=") zoomAt(view, 1.25, middle);
-  else if (event.key === "-") zoomAt(view, 0.8, middle);
+  else if (event.key === "+" || event.key === "=") zoomBy(stage, 1.25);
+  else if (event.key === "-") zoomBy(stage, 0.8);
   else if (event.key === "0") stage.store.change({ zoom: 1, centre: null });
   else if (event.key === "m") toggleSlab(view);
   else return;
@@ -244,6 +259,7 @@ function reportValue(view, point) {
   /** @type {Partial<Record<import("./view_state.js").Axis, number | null>>} */
   const place = { [across]: a, [up]: b };
   place[view.axis] = slice ? voxelPosition(view.stage.source, view.axis, range.from) : null;
-  const volumeName = !view.other ? "" : plane === view.other ? "the reference" : "this image";
-  view.onHover({ value, place, of: view.name, whose: volumeName });
+  const second = plane === view.plane && view.other && view.isOverlay ? sample(view.other, a, b) : null;
+  const volumeName = !view.other || view.isOverlay ? "" : plane === view.other ? "the reference" : "this image";
+  view.onHover({ value, second, place, whose: volumeName, view: view.element, low: point.y > view.height / 2 });
 }

@@ -1,10 +1,11 @@
 // @ts-check
 // Provenance of a volume: sources, parameters, versions, and the commands that repeat the reconstruction.
 import { api } from "../api.js";
+import { LineChart } from "../charts.js";
 import { copyText, h, replace } from "../dom.js";
 import { showError } from "../panel_states.js";
 import { formatTime, count, duration, identifierElement } from "../units.js";
-import { optionsOf, curlCommand, shellCommand } from "../reconstructions/command.js";
+import { isUnmixingCommandComplete, optionsOf, curlCommand, shellCommand } from "../reconstructions/command.js";
 import { differences, parameterGroups, displayPath, formatValue, valueAt } from "../reconstructions/schema.js";
 import { SERVICE_URL } from "../urls.js";
 
@@ -32,11 +33,21 @@ async function load(element, reconstruction) {
       entry("Created", reconstruction.ended ? `${formatTime(reconstruction.ended)}${seconds ? `, computed in ${duration(seconds)}` : ""}` : null),
       entry("Method", reconstruction.parameters.method), entry("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
+    ...noiseGain(report?.noise_gain ?? []),
     h("h3", null, "Parameters that differ from the defaults"), parameters(groups, reconstruction.parameters),
     h("div", { class: "row" },
-      h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Rerun …"),
+      reconstruction.kind === "unmixing" ? null : h("a", { class: "button primary", href: `/reconstructions?again=${reconstruction.id}` }, "Rerun …"),
       h("a", { class: "button", href: `/reconstructions/${reconstruction.id}` }, "Log and attempts")),
     ...rerunCommands(groups, reconstruction));
+}
+
+/** Return a chart of the noise gain against depth. @param {number[][]} pairs depth in m, and gain */
+function noiseGain(pairs) {
+  if (!pairs.length) return [];
+  const host = h("div", { class: "chart noise-gain" });
+  const line = { name: "noise gain", x: pairs.map(([depth]) => 1e3 * depth), y: pairs.map(([, gain]) => gain) };
+  new LineChart(host).show([line], { x: "depth (mm)", y: "noise gain" });
+  return [h("h3", null, "Noise gain of the compensation of attenuation"), host];
 }
 
 /** @param {import("../reconstructions/schema.js").Group[]} groups @param {any} values */
@@ -50,9 +61,10 @@ function parameters(groups, values) {
 function rerunCommands(groups, reconstruction) {
   const { options, missing } = optionsOf(groups, reconstruction.parameters);
   const parts = [];
-  if (!reconstruction.mask_id) {
+  const { unmixing } = reconstruction;
+  if (!reconstruction.mask_id && (!unmixing || isUnmixingCommandComplete(unmixing))) {
     parts.push(h("h3", null, "Command line"), copyableText(shellCommand(SERVICE_URL, reconstruction, options), "shell"));
-    if (missing.length) parts.push(h("p", { class: "dim small" }, `The command line has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below contains all parameters.`));
+    if (missing.length && !unmixing) parts.push(h("p", { class: "dim small" }, `The command line has no option for ${missing.map((field) => field.path.join(".")).join(", ")}; the request below contains all parameters.`));
   }
   return [...parts, h("h3", null, "HTTP request"), copyableText(curlCommand(SERVICE_URL, reconstruction), "request")];
 }

@@ -7,9 +7,11 @@
  * @typedef {[number, number, number]} Triple
  * @typedef {{values: Float32Array | Uint8Array, shape: Triple, origin: Triple, spacing: Triple}} Block  mm; C order
  * @typedef {{camera: Triple, clip: readonly number[], window: [number, number], colours: Uint32Array, depth: boolean,
- *            depths: [number, number]}} RenderSettings
+ *            depths: [number, number], fit?: readonly number[],
+ *            transfer?: {gamma: number, log: number}, twoSided?: boolean, smooth?: boolean}} RenderSettings
  *   camera: azimuth and elevation in degrees, zoom; clip: shares of the extent, x from and to, then y and z;
- *   depths: in mm, at the ends of the hues
+ *   depths: in mm, at the ends of the hues; fit: shares of the extent that fill the image;
+ *   transfer: exponent, and range of a logarithmic scale in dB (0: none); twoSided: to either side of the colours' middle
  */
 
 const VERTEX = `#version 300 es
@@ -28,13 +30,18 @@ in vec2 place;
 out vec4 colour;
 uniform sampler3D volume;
 uniform sampler2D colours;
-uniform vec3 right, up, along, extent, first, last;
+uniform vec3 right, up, along, extent, first, last, offset;
 uniform vec2 half_size, window, depths;
 uniform float spacing;
-uniform bool by_depth;
+uniform bool by_depth, two_sided;
+uniform float gamma, decibels;
+
+float transfer(float share) {
+  return decibels > 0.0 ? max(0.0, 1.0 + 20.0 / decibels * log2(max(share, 1e-9)) / log2(10.0)) : pow(share, gamma);
+}
 
 void main() {
-  vec3 start = right * (place.x * half_size.x) + up * (place.y * half_size.y);
+  vec3 start = offset + right * (place.x * half_size.x) + up * (place.y * half_size.y);
   vec3 low = (first - 0.5) * extent, high = (last - 0.5) * extent;
   vec3 slope = mix(along, vec3(1e-9), lessThan(abs(along), vec3(1e-9)));
   vec3 one = (low - start) / slope, other = (high - start) / slope;
@@ -51,6 +58,7 @@ void main() {
     if (value > greatest) { greatest = value; depth = at.z; }
   }
   float share = clamp((greatest - window.x) / (window.y - window.x), 0.0, 1.0);
+  share = two_sided ? 0.5 + 0.5 * sign(share - 0.5) * transfer(abs(2.0 * share - 1.0)) : transfer(share);
   if (by_depth) {
     float hue = clamp((depth - depths.x) / (depths.y - depths.x), 0.0, 1.0);
     colour = vec4(texture(colours, vec2(hue * 255.0 / 256.0 + 0.5 / 256.0, 0.5)).rgb * share, 1.0);
@@ -91,21 +99,24 @@ export function extentOf({ shape, origin, spacing }) {
  * @param {{shape: Triple, origin: Triple, spacing: Triple}} block
  * @param {Triple} camera
  * @param {{width: number, height: number}} size
+ * @param {readonly number[]} fit  shares of the extent as a clip, whose box is in the middle and fills the image
  */
-export function projection(block, camera, size) {
+export function projection(block, camera, size, fit = [0, 1, 0, 1, 0, 1]) {
   const { extent, middle } = extentOf(block);
   const { right, up, along } = directions(camera[0], camera[1]);
-  const scale = (Math.min(size.width, size.height) / (MARGIN * Math.hypot(...extent))) * camera[2];
+  const diagonal = Math.hypot(...extent.map((one, n) => one * (fit[2 * n + 1] - fit[2 * n])));
+  const offset = /** @type {Triple} */ (extent.map((one, n) => one * ((fit[2 * n] + fit[2 * n + 1]) / 2 - 0.5)));
+  const scale = (Math.min(size.width, size.height) / (MARGIN * diagonal)) * camera[2];
   /** @param {readonly number[]} place */
   const project = (place) => {
-    const from = place.map((value, n) => value - middle[n]);
+    const from = place.map((value, n) => value - middle[n] - offset[n]);
     return {
       x: size.width / 2 + scale * dot(right, from),
       y: size.height / 2 - scale * dot(up, from),
       away: dot(along, from),
     };
   };
-  return { scale, project, extent, middle, right, up, along };
+  return { scale, project, extent, middle, offset, right, up, along };
 }
 
 /** Ray caster on a canvas, created by {@link createRaycaster}. */
@@ -191,7 +202,7 @@ class Raycaster {
     const { gl, block, canvas } = this;
     if (!block || gl.isContextLost()) return;
     const { width, height } = canvas;
-    const { scale, extent, middle, right, up, along } = projection(block, shown.camera, canvas);
+    const { scale, extent, middle, offset, right, up, along } = projection(block, shown.camera, canvas, shown.fit);
     gl.viewport(0, 0, width, height);
     gl.useProgram(this.program ?? null);
     this.uploadColours(shown.colours);
@@ -199,6 +210,7 @@ class Raycaster {
     gl.uniform3fv(this.uniform("up"), up);
     gl.uniform3fv(this.uniform("along"), along);
     gl.uniform3fv(this.uniform("extent"), extent);
+    gl.uniform3fv(this.uniform("offset"), offset);
     gl.uniform3fv(this.uniform("first"), [0, 2, 4].map((n) => shown.clip[n]));
     gl.uniform3fv(this.uniform("last"), [1, 3, 5].map((n) => shown.clip[n]));
     gl.uniform2f(this.uniform("half_size"), width / 2 / scale, height / 2 / scale);
@@ -207,6 +219,13 @@ class Raycaster {
     gl.uniform2fv(this.uniform("depths"), shown.depths.map((depth) => (depth - top) / extent[2]));
     gl.uniform1f(this.uniform("spacing"), Math.min(...block.spacing));
     gl.uniform1i(this.uniform("by_depth"), Number(shown.depth));
+    gl.uniform1i(this.uniform("two_sided"), Number(shown.twoSided ?? false));
+    gl.uniform1f(this.uniform("gamma"), shown.transfer?.gamma ?? 1);
+    gl.uniform1f(this.uniform("decibels"), shown.transfer?.log ?? 0);
+    const filter = shown.smooth ?? true ? gl.LINEAR : gl.NEAREST;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_3D, this.volume ?? null);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_3D, name, filter);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 

@@ -5,6 +5,7 @@ import { onTheme } from "../theme.js";
 import { showError, showLoading } from "../panel_states.js";
 import { PLANES, axisIndex, fetchDepths, firstVoxelBelow, voxelPosition, fetchPlane } from "./volume_data.js";
 import { paint, paintDepths, colourTable } from "./colours.js";
+import { transferFunction } from "./transfer.js";
 import { latestOnly } from "./latest_only.js";
 import { drawOverlay } from "./overlay.js";
 import { addPointerHandlers } from "./pointer.js";
@@ -13,8 +14,8 @@ import { addPointerHandlers } from "./pointer.js";
 /** @typedef {import("./measurements.js").Plane} Plane */
 /** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 
-const CRISP_PIXELS = 4; // pixels per voxel above which voxel edges are drawn sharp
-const REDRAW_KEYS = new Set(["difference", "window", "map", "how", "centre", "zoom", "at", "cut", "line", "region", "background", "points", "tool"]);
+const REPAINT_KEYS = new Set(["window", "overlayWindow", "overlayMap", "map", "gamma", "log", "how", "cut", "difference"]);
+const REDRAW_KEYS = new Set([...REPAINT_KEYS, "opacity", "smooth", "centre", "zoom", "at", "line", "region", "background", "points", "tool", "depth", "large"]);
 
 export class SliceView {
   /** @param {VolumeState} stage @param {Axis} axis @param {(hovered: any) => void} onHover receives position and value under the cursor */
@@ -41,6 +42,7 @@ export class SliceView {
     showLoading(this.message);
     this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
     this.bitmap = document.createElement("canvas");
+    this.overlayBitmap = document.createElement("canvas");
     /** @type {Set<() => void>} */
     this.listeners = new Set();
     this.isStale = true;
@@ -74,6 +76,11 @@ export class SliceView {
     return this.other !== null && this.stage.view.how === "difference" && this.stage.isComparable;
   }
 
+  /** Whether the view shows the reference over the image. */
+  get isOverlay() {
+    return this.other !== null && this.stage.isOverlay;
+  }
+
   get width() {
     return this.overlay.clientWidth;
   }
@@ -84,8 +91,8 @@ export class SliceView {
 
   /** @param {Set<string>} changed */
   onViewChange(changed) {
-    if (changed.has("at") || changed.has("slab") || changed.has("cut") || changed.has("map")) this.requestData(null);
-    if (changed.has("window") || changed.has("map") || changed.has("how") || changed.has("cut") || changed.has("difference")) this.isStale = true;
+    if (["at", "slab", "cut", "map", "index"].some((name) => changed.has(name))) this.requestData(null);
+    for (const name of changed) if (REPAINT_KEYS.has(name)) this.isStale = true;
     for (const name of changed) if (REDRAW_KEYS.has(name)) this.draw();
   }
 
@@ -93,7 +100,7 @@ export class SliceView {
   async readData(signal) {
     const { source, reference, isDepthMap: byDepth } = this.stage;
     const range = this.stage.range(this.axis);
-    const key = [reference?.id, range.from, range.to, byDepth].join();
+    const key = [source.index, reference?.id, reference?.index, range.from, range.to, byDepth].join();
     if (key === this.shownKey) return;
     const [plane, other, depth] = await Promise.all([
       fetchPlane(source, this.axis, range, signal),
@@ -101,11 +108,20 @@ export class SliceView {
       byDepth && this.axis === "z" && range.to - range.from > 1 ? fetchDepths(source, range, signal) : null,
     ]);
     this.shownKey = key;
-    Object.assign(this, { plane, other, depth, range, stale: true });
+    Object.assign(this, { plane, other, depth, range, isStale: true });
     if (other && this.stage.isComparable) this.stage.setDifference(this.axis, plane.values.map((value, n) => Math.abs(value - other.values[n])));
     this.message.hidden = true;
     for (const act of this.listeners) act();
     this.render();
+  }
+
+  /** Read the plane of another volume of the series, and of the reference that follows it. @param {number} index */
+  async prefetch(index) {
+    const { source, reference } = this.stage;
+    await Promise.all([
+      fetchPlane({ ...source, index }, this.axis, this.stage.range(this.axis)),
+      this.stage.referenceIndex === null && reference?.index !== null && reference?.volumes === source.volumes ? fetchPlane({ ...reference, index }, this.axis, this.stage.range(this.axis, reference)) : null,
+    ]);
   }
 
   /** Keep the last image and show the error. @param {unknown} error */
@@ -123,7 +139,7 @@ export class SliceView {
       canvas.height = Math.max(1, Math.round(this.element.clientHeight * ratio));
     }
     const size = { axis: this.axis, width: this.width, height: this.height };
-    this.stage.sizes = [...this.stage.sizes.filter((one) => one.axis !== this.axis), size];
+    this.stage.sizes = [...this.stage.sizes.filter((one) => one.axis !== this.axis), ...(size.width && size.height ? [size] : [])]; // a hidden view has no size
     for (const act of this.listeners) act();
     document.dispatchEvent(new Event("steradian:resized"));
     this.draw();
@@ -138,23 +154,45 @@ export class SliceView {
     if (this.plane) {
       const shownPlane = this.other && this.isReferenceShown ? this.other : this.plane;
       if (this.isStale) this.paint(shownPlane, this.plane);
-      this.drawImage(context, shownPlane);
+      context.globalAlpha = this.isOverlay ? this.stage.view.opacity[0] : 1;
+      this.drawImage(context, shownPlane, this.bitmap);
+      if (this.other && this.isOverlay) this.drawOver(context, this.other);
+      context.globalAlpha = 1;
     }
     drawOverlay(this);
   }
 
-  /** @param {CanvasRenderingContext2D} context @param {Plane} plane */
-  drawImage(context, { shape, origin, spacing }) {
+  /** Add the colours of the reference to those of the image; each lies where its voxels do. @param {CanvasRenderingContext2D} context @param {Plane} plane */
+  drawOver(context, plane) {
+    context.globalCompositeOperation = "lighter";
+    context.globalAlpha = this.stage.view.opacity[1];
+    this.drawImage(context, plane, this.overlayBitmap);
+    context.globalCompositeOperation = "source-over";
+  }
+
+  /** @param {CanvasRenderingContext2D} context @param {Plane} plane @param {HTMLCanvasElement} bitmap */
+  drawImage(context, { shape, origin, spacing }, bitmap) {
     const first = origin.map((one, n) => one - spacing[n] / 2);
     const last = first.map((one, n) => one + shape[n] * spacing[n]);
     const [x0, y0] = this.toPixels(first[0], first[1]);
     const [x1, y1] = this.toPixels(last[0], last[1]);
-    context.imageSmoothingEnabled = Math.min(...spacing) * this.stage.scale < CRISP_PIXELS;
-    context.drawImage(this.bitmap, x0, Math.min(y0, y1), x1 - x0, Math.abs(y1 - y0));
+    context.imageSmoothingEnabled = this.stage.view.smooth === "linear" || Math.min(...spacing) * this.stage.scale < 1; // several voxels in a pixel are averaged
+    context.save();
+    if (!this.up) {
+      const [from, to] = this.visibleDepths.map((mm) => this.toPixels(0, mm)[1]);
+      context.beginPath();
+      context.rect(0, from, this.width, to - from);
+      context.clip();
+    }
+    context.drawImage(bitmap, x0, Math.min(y0, y1), x1 - x0, Math.abs(y1 - y0));
+    context.restore();
+  }
+
+  /** Depths (mm) between which a view with a depth axis shows the volume: below the near field, within the crop. */
+  get visibleDepths() {
     const { source, cut } = this.stage;
-    if (this.up || !firstVoxelBelow(source, cut)) return;
-    const edge = voxelPosition(source, "z", firstVoxelBelow(source, cut)) - source.spacing[2] / 2;
-    context.clearRect(x0, y0, x1 - x0, this.toPixels(0, edge)[1] - y0); // hidden near field
+    const [from, to] = this.stage.shownEnds("z");
+    return [Math.max(from, voxelPosition(source, "z", firstVoxelBelow(source, cut)) - source.spacing[2] / 2), to];
   }
 
   /** @param {Plane} shownPlane @param {Plane} plane */
@@ -168,10 +206,20 @@ export class SliceView {
     if (other && this.isDifference) {
       const values = plane.values.map((value, n) => value - other.values[n]);
       paint({ values, shape: plane.shape }, [-differenceEnd, differenceEnd], colourTable("difference"), { up: this.up, out });
-    } else if (byDepth) paintDepths(shownPlane, this.depthShare(shownPlane), window, { up: this.up, out });
+    } else if (byDepth) paintDepths(shownPlane, this.depthShare(shownPlane), window, { up: this.up, out, transfer: transferFunction(this.stage.view) });
     else paint(shownPlane, window, colours, { up: this.up, out });
     /** @type {CanvasRenderingContext2D} */ (this.bitmap.getContext("2d")).putImageData(pixels, 0, 0);
+    if (other && this.isOverlay) this.paintOver(other);
     this.isStale = false;
+  }
+
+  /** Paint the reference in its own colours. @param {Plane} plane */
+  paintOver(plane) {
+    const [na, nb] = plane.shape;
+    Object.assign(this.overlayBitmap, { width: na, height: nb });
+    const pixels = new ImageData(na, nb);
+    paint(plane, this.stage.overlayWindow, this.stage.overlayColours, { up: this.up, out: new Uint32Array(pixels.data.buffer) });
+    /** @type {CanvasRenderingContext2D} */ (this.overlayBitmap.getContext("2d")).putImageData(pixels, 0, 0);
   }
 
   /** Return a function from voxel to relative depth. @param {Plane} plane @returns {(i: number, j: number) => number} */

@@ -27,7 +27,7 @@ export function soundSpeedPanel(reconstruction) {
   async function load() {
     try {
       const { items } = await api.get(`/jobs?kind=sound-speed&scan_id=${reconstruction.scan_id}&limit=20`);
-      const finished = items.find((/** @type {any} */ job) => job.state === "succeeded" && job.result?.sharpness);
+      const finished = items.find((/** @type {any} */ job) => job.state === "succeeded" && (job.result?.sharpness || job.result?.parameters));
       const running = items.find((/** @type {any} */ job) => ["queued", "running"].includes(job.state));
       if (finished) show(finished);
       if (running) await waitForJob(running);
@@ -39,7 +39,8 @@ export function soundSpeedPanel(reconstruction) {
   async function startSearch() {
     button.disabled = true;
     const { sound_speed: _speed, ...parameters } = reconstruction.parameters;
-    const body = { kind: "sound-speed", scan_id: reconstruction.scan_id, first: first.valueAsNumber, last: last.valueAsNumber, steps: 21, parameters };
+    const range = parameters.medium ? {} : { first: first.valueAsNumber, last: last.valueAsNumber, steps: 21 };
+    const body = { kind: "sound-speed", scan_id: reconstruction.scan_id, ...range, parameters };
     try {
       await waitForJob(await api.post("/jobs", body, { headers: idempotencyHeaders() }));
     } catch (error) {
@@ -60,16 +61,29 @@ export function soundSpeedPanel(reconstruction) {
 
   /** @param {any} job */
   function show(job) {
+    if (job.result.parameters) {
+      status.textContent = `Layers, computed ${formatTime(job.ended)}.`;
+      replace(curve, ...job.result.parameters.map(parameterText), ...noteElements(job));
+      return;
+    }
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
     status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
     const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
       h("a", { class: "button", href: rerunUrl(best) }, `Rerun at ${best.toFixed(1)} m/s`),
-      ...(job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`)),
+      ...noteElements(job),
       h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed line: this volume, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or select a point of the curve.`));
   }
 
   return { element, open: load };
+}
+
+/** @param {any} job */
+const noteElements = (job) => (job.result.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "dim small" }, `Note: ${note}.`));
+
+/** @param {any} found one parameter of the medium, of the API */
+function parameterText({ name, value, standard_error: error, unit, at_edge: edge }) {
+  return h("p", null, `${name}: ${value.toPrecision(5)}${error ? ` ± ${error.toPrecision(2)}` : ""} ${unit}${edge ? ", at the end of the range" : ""}`);
 }
 
 /** @param {number[]} speeds @param {number[]} sharpness @param {number | undefined} startSpeed @param {(speed: number) => string} rerunUrl */

@@ -3,8 +3,9 @@
 import { oncePerFrame, h, debounce } from "../dom.js";
 import { showError, showLoading } from "../panel_states.js";
 import { AXES, fetchBlock, firstVoxelBelow } from "./volume_data.js";
-import { colourTable } from "./colours.js";
+import { colourTable, isDiverging } from "./colours.js";
 import { drawDepthBar, drawScaleBar, drawLabel, strokeOutlined } from "./overlay.js";
+import { Overlay3D } from "./overlay_3d.js";
 import { clampZoom } from "./pointer.js";
 import { boxEdges, createRaycaster, projection } from "./raycast.js";
 import { colourEnd } from "./volume_state.js";
@@ -17,7 +18,7 @@ const WHOLE_BOX = /** @type {Clip} */ ([0, 1, 0, 1, 0, 1]);
 const TURNING_RESOLUTION = 0.5; // resolution relative to CSS pixels during rotation
 const REST_DELAY = 180; // ms after which the full resolution is drawn
 const DEGREES_PER_PIXEL = 0.4; // rotation per pixel
-const REDRAW_KEYS = new Set(["window", "map", "camera", "clip", "cut"]);
+const REDRAW_KEYS = new Set(["window", "map", "camera", "clip", "cut", "depth", "large", "smooth", "gamma", "log"]);
 
 export class View3D {
   /** @param {VolumeState} stage */
@@ -28,7 +29,12 @@ export class View3D {
       class: "overlay", tabindex: 0, role: "application", "aria-label": "3-D view, the arrow keys rotate it", dataset: { view: "3-D" },
     });
     this.message = h("div", { class: "message" });
-    this.element = h("div", { class: "canvases" }, this.image, this.overlay, this.message);
+    this.staleNote = h("p", { class: "stale-note small", hidden: true });
+    this.added = new Overlay3D(stage, () => this.draw(), (block, end) => this.dimFactorOf(block, end));
+    this.element = h("div", { class: "canvases" }, this.image, this.added.canvas, this.overlay, this.staleNote, this.message);
+    this.loads = 0; // newest call of load
+    /** @type {number | null} index of the volume in the block */
+    this.shownIndex = null;
     this.isCoarse = this.wasTurned = false;
     /** @type {Awaited<ReturnType<typeof fetchBlock>> | null} */
     this.block = null;
@@ -44,9 +50,22 @@ export class View3D {
     stage.store.on((_view, changed) => {
       for (const name of changed) if (REDRAW_KEYS.has(name)) this.draw();
       if (changed.has("at")) this.drawOverlaySoon(); // the crosshair alone needs no ray casting
+      if (changed.has("index")) this.showStale();
     });
     this.image.addEventListener("restored", () => this.draw());
     this.addHandlers();
+  }
+
+  /** Whether the block is of another volume of the series than the slices. */
+  get isStale() {
+    return this.block !== null && this.shownIndex !== this.stage.source.index;
+  }
+
+  /** Dim a block of another volume, as during playback. */
+  showStale() {
+    this.element.classList.toggle("stale", this.isStale);
+    this.staleNote.hidden = !this.isStale;
+    this.staleNote.textContent = this.isStale ? `still volume ${(this.shownIndex ?? 0) + 1} of the series` : "";
   }
 
   /** Load the low-resolution copy and show it. */
@@ -55,20 +74,29 @@ export class View3D {
       showError(this.message, new Error("this browser does not support WebGL 2; the slices show the same values"));
       return;
     }
-    showLoading(this.message, "loading a low-resolution copy …");
+    const load = ++this.loads;
+    if (!this.block) showLoading(this.message, "loading a low-resolution copy …");
     try {
-      this.block = await fetchBlock(this.stage.source, this.stage.maxValue);
+      const { source } = this.stage;
+      const block = await fetchBlock(source, this.stage.maxValue);
+      if (load !== this.loads) return; // another volume was selected meanwhile
+      this.block = block;
+      this.shownIndex = source.index;
+      this.image.dataset.index = String(source.index ?? "");
       this.raycaster.upload(this.block);
       this.dimFactor = this.dimFactorOf(this.block);
       this.message.hidden = true;
+      this.showStale();
       this.draw();
     } catch (error) {
+      if (load !== this.loads) return;
+      this.message.hidden = false;
       showError(this.message, error, () => void this.load());
     }
   }
 
-  /** Return the factor by which averaging dims thin structures relative to the slices. @param {NonNullable<typeof this.block>} block */
-  dimFactorOf({ values, shape, origin, spacing, window: [minValue, maxIntensity] }) {
+  /** Return the factor by which averaging dims thin structures relative to the slices. @param {NonNullable<typeof this.block>} block @param {number} [fullEnd] end of the colour scale at full resolution */
+  dimFactorOf({ values, shape, origin, spacing, window: [minValue, maxIntensity] }, fullEnd = this.stage.projectedEnd) {
     const [nx, ny, nz] = shape;
     const first = firstVoxelBelow({ shape, origin, spacing }, this.stage.cut);
     const projected = new Uint8Array(nx * ny);
@@ -76,7 +104,7 @@ export class View3D {
       for (let k = n * nz + first; k < (n + 1) * nz; k++) if (values[k] > projected[n]) projected[n] = values[k];
     }
     const end = minValue + ((maxIntensity - minValue) * colourEnd(projected.sort())) / 255;
-    return Math.min(1, end / this.stage.defaultWindow[1]) || 1;
+    return Math.min(1, end / fullEnd) || 1;
   }
 
   /** Window of the slices in units of the block. @returns {[number, number]} */
@@ -86,12 +114,21 @@ export class View3D {
     return [inBytes(this.stage.window[0]), inBytes(this.stage.window[1])];
   }
 
-  /** Visible shares of the extent: the clipping box below the near field. @returns {Clip} */
+  /** Visible shares of the extent: the clipping box within the shown depths, below the near field. @returns {Clip} */
   get clip() {
     const clip = /** @type {Clip} */ ([...(this.stage.view.clip ?? WHOLE_BOX)]);
     const [first, last] = this.stage.ends("z");
-    clip[4] = Math.max(clip[4], Math.min((this.stage.cut - first) / (last - first), 1));
+    const [, , , , from, to] = this.fit;
+    clip[4] = Math.max(clip[4], from, Math.min((this.stage.cut - first) / (last - first), 1));
+    clip[5] = Math.max(Math.min(clip[5], to), clip[4]);
     return clip;
+  }
+
+  /** Shares of the extent that fill the view: the shown depths. @returns {Clip} */
+  get fit() {
+    const [first, last] = this.stage.ends("z");
+    const [from, to] = this.stage.shownEnds("z").map((mm) => (mm - first) / (last - first));
+    return [0, 1, 0, 1, from, to];
   }
 
   render() {
@@ -103,8 +140,11 @@ export class View3D {
     Object.assign(this.image, { width: Math.max(1, Math.round(width * resolution)), height: Math.max(1, Math.round(height * resolution)) });
     this.raycaster.draw({
       camera: stage.view.camera, clip: this.clip, window: this.window, depth: stage.isDepthMap,
-      colours: stage.isDepthMap ? colourTable("depth") : stage.colours, depths: stage.depths,
+      colours: colourTable(stage.mapName), depths: stage.depths, fit: this.fit,
+      transfer: stage.view, twoSided: isDiverging(stage.mapName), smooth: stage.view.smooth === "linear",
     });
+    this.image.style.opacity = stage.isOverlay ? String(stage.view.opacity[0]) : "";
+    this.added.render({ width: this.image.width, height: this.image.height, clip: this.clip, fit: this.fit });
     this.drawOverlay(this.block);
   }
 
@@ -116,7 +156,7 @@ export class View3D {
     const context = /** @type {CanvasRenderingContext2D} */ (this.overlay.getContext("2d"));
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.font = "12px system-ui, sans-serif";
-    const { project, scale } = projection(block, this.stage.view.camera, { width, height });
+    const { project, scale } = projection(block, this.stage.view.camera, { width, height }, this.fit);
     context.globalAlpha = 0.6;
     for (const { from, to } of boxEdges(block, this.clip)) {
       const [one, other] = [project(from), project(to)];

@@ -1,7 +1,10 @@
 // @ts-check
 /** View state and its encoding in the URL fragment; defaults are omitted.
  *
- * Lengths are in mm. `slab` is the thickness of the maximum: 0 is a slice, Infinity the whole volume.
+ * Lengths are in mm. `slab` is the thickness of the maximum: 0 is a slice, Infinity the whole volume. `large` is the
+ * enlarged view, `depth` the range of depths that is shown; null: where the volume has signal. `smooth`
+ * is the interpolation, `log` the range of a logarithmic colour scale in dB; 0: none. `against` is the
+ * reference, of a series with a volume that is fixed: identifier:index; `opacity` is that of the image and of the overlay.
  *
  * @typedef {"x" | "y" | "z"} Axis
  * @typedef {[number, number, number]} Triple
@@ -11,16 +14,20 @@
  *   centre: Triple | null, zoom: number, camera: Triple,
  *   clip: [number, number, number, number, number, number] | null,
  *   line: Mark | null, region: Mark | null, background: Mark | null, points: Triple[],
- *   against: string | null, how: string, tool: string,
+ *   against: string | null, how: string, tool: string, index: number, large: "x" | "y" | "z" | "3d" | null, depth: [number, number] | null,
+ *   smooth: string, gamma: number, log: number, overlayMap: string, overlayWindow: [number, number] | null, opacity: [number, number],
  * }} View
  */
 
-import { PRESSURE_MAPS } from "./colours.js";
+import { OVERLAY_MAPS, PRESSURE_MAPS } from "./colours.js";
 
-const MAPS = /** @type {readonly string[]} */ (PRESSURE_MAPS);
 export const TOOLS = ["crosshair", "line", "region", "background", "point"];
+export const MARKS = /** @type {const} */ (["line", "region", "background"]);
 export const MAX_POINTS = 8;
-export const COMPARE_MODES = ["difference", "blink"];
+export const COMPARE_MODES = ["difference", "blink", "overlay"];
+export const INTERPOLATIONS = ["linear", "nearest"];
+export const GAMMAS = [0.1, 5];
+export const DECIBELS = [10, 80];
 const MAX_ZOOM = 64;
 
 /** @returns {View} */
@@ -28,7 +35,9 @@ export function defaultView() {
   return {
     at: null, slab: [Infinity, Infinity, Infinity], window: null, map: "inferno", cut: null,
     centre: null, zoom: 1, camera: [-35, 25, 1], clip: null, line: null, region: null, background: null,
-    points: [], against: null, how: "difference", tool: "crosshair",
+    points: [], against: null, how: "difference", tool: "crosshair", index: 0,
+    large: null, depth: null, smooth: "linear", gamma: 1, log: 0,
+    overlayMap: "cyan", overlayWindow: null, opacity: [1, 1],
   };
 }
 
@@ -85,7 +94,7 @@ const PARTS = {
   at: { write: formatList, read: (text) => parseNumbers(text, 3) },
   slab: { write: formatList, read: (text) => parseNumbers(text, 3, (value) => value >= 0) },
   window: { write: formatList, read: (text) => validWindow(parseNumbers(text, 2)) },
-  map: { write: String, read: choiceOf(MAPS) },
+  map: { write: String, read: choiceOf(PRESSURE_MAPS) },
   cut: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= 0 && value < 1e6)?.[0] ?? null },
   centre: { write: formatList, read: (text) => parseNumbers(text, 3) },
   zoom: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= 0.25 && value <= MAX_ZOOM)?.[0] ?? null },
@@ -95,9 +104,18 @@ const PARTS = {
   region: { write: formatMark, read: parseMark },
   background: { write: formatMark, read: parseMark },
   points: { write: (/** @type {Triple[]} */ all) => all.map(formatList).join(";"), read: parsePoints },
-  against: { write: String, read: (text) => (/^[A-Za-z0-9]{1,64}$/.test(text) ? text : null) },
+  against: { write: String, read: (text) => (/^[A-Za-z0-9]{1,64}(:[0-9]{1,6})?$/.test(text) ? text : null) },
   how: { write: String, read: choiceOf(COMPARE_MODES) },
   tool: { write: String, read: choiceOf(TOOLS) },
+  large: { write: String, read: choiceOf(["x", "y", "z", "3d"]) },
+  depth: { write: formatList, read: (text) => validWindow(parseNumbers(text, 2, (value) => value >= 0)) },
+  smooth: { write: String, read: choiceOf(INTERPOLATIONS) },
+  gamma: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= GAMMAS[0] && value <= GAMMAS[1])?.[0] ?? null },
+  log: { write: formatNumber, read: (text) => parseNumbers(text, 1, (value) => value >= DECIBELS[0] && value <= DECIBELS[1])?.[0] ?? null },
+  overlayMap: { write: String, read: choiceOf(OVERLAY_MAPS) },
+  overlayWindow: { write: formatList, read: (text) => validWindow(parseNumbers(text, 2)) },
+  opacity: { write: formatList, read: (text) => parseNumbers(text, 2, (value) => value >= 0 && value <= 1) },
+  index: { write: String, read: (text) => (/^[0-9]{1,6}$/.test(text) ? Number(text) : null) },
 };
 
 /** @param {[number, number] | null} window */

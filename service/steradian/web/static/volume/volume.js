@@ -1,38 +1,46 @@
 // @ts-check
 // Volume view: three linked slice views, the 3-D view and the tool panels.
 import { api } from "../api.js";
+import { designQueryAround } from "../design/fields.js";
 import { byId, copyText, h, pathIdentifier, replace } from "../dom.js";
 import { addShortcut } from "../shortcuts.js";
 import { showEmpty, showError, showLoading } from "../panel_states.js";
 import { methodText } from "../reconstructions/summary.js";
-import { formatTime, identifierElement, pressure } from "../units.js";
+import { formatTime, identifierElement } from "../units.js";
+import { urlOf } from "../urls.js";
 import { AXES, findBrightest, createSource } from "./volume_data.js";
-import { PRESSURE_MAPS } from "./colours.js";
 import { Compare } from "./compare.js";
+import { depthControls, displayOptions } from "./display_options.js";
 import { Downloads } from "./downloads.js";
+import { figureForm } from "./figure_form.js";
 import { Histogram } from "./histogram.js";
 import { latestOnly } from "./latest_only.js";
+import { addEnlarging, addLayout } from "./layout.js";
 import { provenance } from "./provenance.js";
 import { mmText, slicePane, pane3d } from "./panes.js";
+import { createReadout } from "./readout.js";
 import { SliceView } from "./slice_view.js";
 import { View3D } from "./view_3d.js";
+import { SeriesPlayer, wavelengthsOf } from "./series_player.js";
 import { soundSpeedPanel } from "./sound_speed.js";
+import { unmixingForm, unmixingResult } from "./unmixing.js";
 import { VolumeState } from "./volume_state.js";
 import { ViewStore } from "./view_store.js";
 import { tabs } from "./tabs.js";
 import { MeasureTools } from "./measure_tools.js";
-import { TOOLS } from "./view_state.js";
+import { MeasurementStore } from "./measurement_store.js";
+import { measurementTable } from "./measurement_table.js";
+import { loadOrigin } from "./scan_origin.js";
+import { TOOLS, decode } from "./view_state.js";
 
 /** @typedef {import("./view_state.js").Axis} Axis */
-
-const COLOUR_MAP_NAMES = /** @type {Record<string, string>} */ ({ inferno: "Inferno", grey: "Grey", cividis: "Cividis", depth: "Depth as colour" });
 
 async function openVolume() {
   const panel = byId("volume");
   showLoading(panel, "loading the volume …");
   try {
     const reconstruction = await api.get(`/reconstructions/${pathIdentifier()}`);
-    const source = reconstruction.state === "succeeded" ? createSource(reconstruction) : null;
+    const source = reconstruction.state === "succeeded" ? createSource(reconstruction, decode(location.hash).index) : null;
     if (source) await show(panel, reconstruction, source);
     else showAbsent(panel, reconstruction);
   } catch (error) {
@@ -49,44 +57,69 @@ function showAbsent(panel, reconstruction) {
 /** @param {HTMLElement} panel @param {any} reconstruction @param {import("./volume_data.js").Source} source */
 async function show(panel, reconstruction, source) {
   const store = new ViewStore();
-  const stage = new VolumeState(source, store);
-  const cursor = h("output", { class: "cursor", dataset: { cursor: "" }, "aria-live": "off" });
-  const showPosition = (/** @type {any} */ hovered) => (cursor.textContent = hovered ? positionText(hovered) : "");
+  const stage = new VolumeState(source, store, windowsOf(reconstruction, source), reconstruction);
+  const showPosition = createReadout(stage);
   const axes = /** @type {Axis[]} */ (source.flat ? ["y"] : ["z", "y", "x"]);
   const views = axes.map((axis) => new SliceView(stage, axis, showPosition));
   const view3d = source.flat ? null : new View3D(stage);
+  const frames = reconstruction.report.frames ?? [];
+  const player = frames.length ? new SeriesPlayer(stage, views, frames) : null;
   const histogram = new Histogram(stage, () => views.map((view) => view.plane?.values ?? null));
-  const tools = new MeasureTools(stage, views, reconstruction);
+  const measurements = (stage.measurements = new MeasurementStore(stage, reconstruction));
+  const tools = new MeasureTools(stage, views, measurements);
   const compare = new Compare(stage, views, reconstruction);
   const downloads = new Downloads(reconstruction);
   const provenancePanel = provenance(reconstruction);
   const speed = soundSpeedPanel(reconstruction);
   const side = tabs([
-    ["View", h("div", { class: "stack" }, histogram.element, colourChoice(stage), nearFieldControl(stage), positionControls(stage)), histogram.draw],
+    ["View", h("div", { class: "stack" }, histogram.element, displayOptions(stage), depthControls(stage), positionControls(stage, reconstruction.scan_id)), histogram.draw],
     ["Measure", tools.element, null],
     ["Compare", compare.element, null],
-    ["Speed", speed.element, speed.open],
+    ...unmixingTab(reconstruction),
+    ...(reconstruction.kind === "unmixing" ? [] : [tab("Speed", speed.element, speed.open)]),
     ["Made", provenancePanel.element, provenancePanel.open, "Origin"],
-    ["Files", downloads.element, () => void downloads.load()],
+    ["Files", h("div", { class: "stack" }, downloads.element, figureForm(stage, reconstruction)), () => void downloads.load()],
   ]);
+  const [firstPane, ...panes] = views.map((view) => addEnlarging(stage, view.axis, view.name, slicePane(view)));
+  const grid = h("div", { class: "views" }, firstPane, view3d ? addEnlarging(stage, "3d", "3-D", pane3d(view3d)) : null, ...panes);
+  addLayout(stage, panel, grid);
   replace(panel,
-    createHeading(reconstruction, cursor),
-    h("div", { class: source.flat ? "volume flat" : "volume" },
-      h("div", { class: "views" }, slicePane(views[0]), view3d ? pane3d(view3d) : null, ...views.slice(1).map(slicePane)),
-      h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
-    h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection."));
+    createHeading(reconstruction, stage), player?.element,
+    h("div", { class: source.flat ? "volume flat" : "volume" }, h("div", { class: "column" }, grid, measurementTable(measurements)), h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
+    h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection, f enlarges the view, Escape shows all views."));
   const overview = loadOverview(stage, views, histogram); // before the views request the same data
   for (const view of views) {
     view.listeners.add(histogram.draw);
     view.requestData(null);
   }
   document.addEventListener("steradian:resized", () => views.forEach((view) => view.draw()));
-  const reloadOverview = latestOnly(() => loadOverview(stage, views, histogram), () => null); // the views show their own errors
-  store.on((_view, changed) => (changed.has("cut") || changed.has("map")) && reloadOverview(null));
+  const reload = async () => {
+    await loadOverview(stage, views, histogram);
+    if (view3d?.isStale && !player?.isPlaying) await view3d.load();
+  };
+  const reloadOverview = latestOnly(reload, () => null); // the views show their own errors
+  store.on((_view, changed) => (changed.has("cut") || changed.has("map") || (changed.has("index") && !player?.isPlaying)) && reloadOverview(null));
   void overview.catch(() => null).then(() => view3d?.load());
   addShortcuts(stage, side);
   void compare.loadReferences();
+  void measurements.load();
   document.dispatchEvent(new CustomEvent("steradian:volume", { detail: { about: reconstruction, stage, views, store } }));
+}
+
+/** Return the colour scale of each volume of a series: one for all images, 0 to 1 for saturation. @param {any} reconstruction @param {import("./volume_data.js").Source} source */
+function windowsOf(reconstruction, source) {
+  const { frames } = reconstruction.report;
+  if (!frames?.length) return null;
+  return frames.map((/** @type {any} */ { name }) => (name?.startsWith("saturation") ? [0, 1] : !name && source.peak ? [0, source.peak] : null));
+}
+
+/** @param {string} name @param {HTMLElement} element @param {(() => unknown) | null} act @returns {[string, HTMLElement, (() => unknown) | null]} */
+const tab = (name, element, act = null) => [name, element, act];
+
+/** Return the tab that unmixes a series of several wavelengths, or shows an unmixing. @param {any} reconstruction */
+function unmixingTab(reconstruction) {
+  if (reconstruction.kind === "unmixing") return [tab("Oxygen", unmixingResult(reconstruction))];
+  return wavelengthsOf(reconstruction.report.frames ?? []).length > 1 ? [tab("Unmix", unmixingForm(reconstruction))] : [];
 }
 
 /** Read the overview of the volume and update all views. @param {VolumeState} stage @param {SliceView[]} views @param {Histogram} histogram */
@@ -99,57 +132,25 @@ async function loadOverview(stage, views, histogram) {
   byId("volume").dataset.surveyed = "";
 }
 
-/** @param {any} reconstruction @param {HTMLElement} cursor */
-function createHeading(reconstruction, cursor) {
+/** @param {any} reconstruction @param {VolumeState} stage */
+function createHeading(reconstruction, stage) {
+  const toFigure = h("button", { type: "button", dataset: { toFigure: "" }, title: "Figure of the views for a paper: PDF, SVG, PNG", onclick: () => {
+    /** @type {HTMLElement | null} */ (document.querySelector('[role="tab"][data-tab="Files"]'))?.click();
+    document.getElementById("figure-format")?.focus();
+  } }, "Figure …");
   const link = h("button", { type: "button", title: "The URL contains the complete view", onclick: () => copyText(link, location.href, "Link copied") }, "Copy link");
   const sample = h("strong", { dataset: { sample: "" } });
+  const showTitle = () => (document.title = [stage.nameText, "Volume · Steradian"].filter(Boolean).join(" · "));
+  showTitle();
+  stage.store.on((_view, changed) => changed.has("index") && showTitle());
   void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
-  return h("header", { class: "volume-head" }, sample, h("span", null, methodText(reconstruction)),
+  return h("header", { class: "volume-head" }, sample, h("span", { class: "method", title: methodText(reconstruction) }, methodText(reconstruction)),
     h("span", null, reconstruction.simulated ? "simulated, " : "", `created ${formatTime(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
-    h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), cursor, link);
+    h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), h("span", { class: "row nowrap" }, toFigure, link));
 }
 
-/** @param {{value: number, place: Partial<Record<Axis, number | null>>, of: string, whose: string}} hovered */
-function positionText({ value, place, whose: volumeName }) {
-  const coordinates = AXES.map((axis) => {
-    const mm = place[axis];
-    return mm === null || mm === undefined ? `${axis} (maximum)` : `${axis} ${mmText(mm)}`;
-  });
-  return `${coordinates.join("  ")}  value ${pressure(value, 4)}${volumeName ? ` in ${volumeName}` : ""}`;
-}
-
-/** @param {VolumeState} stage */
-function colourChoice(stage) {
-  const legend = h("p", { class: "dim small" });
-  const choice = h("select", { id: "map", onchange: () => stage.store.change({ map: choice.value }) },
-    PRESSURE_MAPS.filter((name) => name !== "depth" || !stage.source.flat).map((name) => h("option", { value: name }, COLOUR_MAP_NAMES[name])));
-  const show = () => {
-    choice.value = stage.view.map;
-    legend.textContent = stage.isDepthMap ? "Hue shows depth, brightness shows the value." : "";
-  };
-  stage.store.on(show);
-  show();
-  return h("div", { class: "stack" }, h("label", { for: "map" }, "Colours"), choice, legend);
-}
-
-/** @param {VolumeState} stage */
-function nearFieldControl(stage) {
-  const [first, last] = stage.ends("z");
-  const slider = h("input", { type: "range", min: 0, max: Math.max(last, first), step: stage.source.spacing[2], "aria-label": "Hidden near field, up to (mm)" });
-  const status = h("output", null);
-  slider.addEventListener("input", () => stage.store.change({ cut: Number(slider.value) }));
-  const show = () => {
-    slider.value = String(stage.cut);
-    status.textContent = stage.cut ? `up to ${mmText(stage.cut)}` : "none";
-  };
-  stage.store.on(show);
-  show();
-  const autoButton = h("button", { type: "button", title: "End of the near field as determined by the reconstruction", onclick: () => stage.store.change({ cut: null }) }, "auto");
-  return h("div", { class: "stack" }, h("div", { class: "row spread" }, h("span", null, "Hidden near field: ", status), autoButton), slider);
-}
-
-/** Create the crosshair controls. @param {VolumeState} stage */
-function positionControls(stage) {
+/** Create the crosshair controls. @param {VolumeState} stage @param {string} scanId */
+function positionControls(stage, scanId) {
   const show = h("dl", { class: "figures", dataset: { place: "" } });
   const update = () => replace(show, AXES.flatMap((axis, n) => (stage.source.flat && axis === "y" ? [] : [h("dt", null, axis), h("dd", { dataset: { axis, value: String(stage.position[n]) } }, mmText(stage.position[n]))])));
   stage.store.on(update);
@@ -158,7 +159,14 @@ function positionControls(stage) {
     h("button", { type: "button", title: "Shortcut: b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
     h("button", { type: "button", title: "Shortcut: 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
     h("button", { type: "button", onclick: () => stage.store.change({ slab: [0, 0, 0], at: stage.position }) }, "Slices"),
-    h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections")));
+    h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections"),
+    h("button", { type: "button", class: "primary", title: "Design a scan with a mask around the crosshair", onclick: () => void scanHere(stage, scanId) }, "Scan here")));
+}
+
+/** Open the design of a scan around the crosshair. @param {VolumeState} stage @param {string} scanId */
+async function scanHere(stage, scanId) {
+  const query = designQueryAround([stage.position], stage.source.flat, await loadOrigin(scanId));
+  location.assign(urlOf(`/design?${query}`));
 }
 
 /** @param {VolumeState} stage */
@@ -176,7 +184,7 @@ function addShortcuts(stage, side) {
   addShortcut("0", "Reset the view", () => stage.store.change({ zoom: 1, centre: null }));
   for (const [key, description] of /** @type {[string, string][]} */ ([
     ["←", "Move the crosshair (in a view; with Shift by ten voxels)"], ["PageDown", "Next slice"], ["m", "Slice or projection"],
-    ["+", "Zoom"], ["Shift drag", "Set the window: width horizontally, level vertically"], ["Alt drag", "Pan the image"],
+    ["+", "Zoom around the crosshair"], ["Shift drag", "Set the window: width horizontally, level vertically"], ["Alt drag", "Pan the image"],
   ])) addShortcut(key, description, null);
 }
 

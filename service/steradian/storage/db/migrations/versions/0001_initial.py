@@ -58,7 +58,9 @@ def _scans() -> None:
         sa.Column("id", sa.String(40), nullable=False, unique=True),
         sa.Column("revision", sa.Integer, nullable=False),
         sa.Column("plan_id", sa.String(40), sa.ForeignKey("plans.id"), nullable=False, index=True),
+        sa.Column("measured_plan_id", sa.String(40), sa.ForeignKey("plans.id"), index=True),
         sa.Column("mask_id", sa.String(40), nullable=False, index=True),
+        sa.Column("stages", sa.JSON),
         sa.Column("scanner_id", sa.String(40), index=True),
         sa.Column("completes", sa.String(40)),
         sa.Column("request_id", sa.String(64)),
@@ -118,6 +120,7 @@ def _jobs() -> None:
         sa.Column("error", sa.Text),
         sa.Column("result", sa.JSON),
         sa.Column("history", sa.JSON, nullable=False),
+        sa.Column("measurements", sa.JSON),
     )
     op.create_table(
         "batches",

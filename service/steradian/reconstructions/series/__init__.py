@@ -1,0 +1,1 @@
+"""Series of volumes: one reconstruction of a scan with several frames (wavelengths, repetitions)."""

@@ -1,0 +1,1 @@
+"""Images and proposals between the stages of a scan."""
