@@ -1,6 +1,7 @@
 // @ts-check
 // Display options of the View tab: colour map, transfer function, interpolation, and depths that are shown.
 import { h } from "../dom.js";
+import { signed } from "../units.js";
 import { MAP_LABELS, PRESSURE_MAPS } from "./colours.js";
 import { mmText } from "./panes.js";
 import { DECIBELS, GAMMAS } from "./view_state.js";
@@ -64,16 +65,17 @@ export function depthControls(stage) {
   });
   const show = () => {
     slider.value = String(stage.cut);
-    status.textContent = stage.cut ? `up to ${mmText(stage.cut)}` : "none";
+    status.textContent = stage.cut ? `to ${mmText(stage.cut)}` : "none";
     stage.shownEnds("z").forEach((mm, n) => inputs[n] !== document.activeElement && (inputs[n].value = String(Math.max(0, Number(mm.toFixed(2))))));
   };
   stage.store.on(show);
   show();
+  const [least, most] = [Math.max(0, first), last].map((mm) => signed(mm, 1));
   return h("div", { class: "stack options", dataset: { depths: "" } },
-    h("div", { class: "row nowrap" }, "Depths", inputs[0], "to", inputs[1], "mm"),
-    h("div", { class: "row" },
-      h("button", { type: "button", title: "Depths in which the volume has signal", onclick: () => stage.store.change({ depth: null, centre: null }) }, "Object"),
-      h("button", { type: "button", title: "All depths of the volume", onclick: () => stage.store.change({ depth: [0, Infinity], centre: null }) }, "All depths")),
-    h("div", { class: "row spread" }, h("span", null, "Hidden near field: ", status),
-      h("button", { type: "button", title: "End of the near field as determined by the reconstruction", onclick: () => stage.store.change({ cut: null }) }, "auto")), slider);
+    h("div", { class: "option" }, h("span", null, "Shown depths"), h("span", { class: "choice" }, inputs[0], "to", inputs[1], "mm")),
+    h("div", { class: "option" }, h("span"), h("span", { class: "choice" },
+      h("button", { type: "button", title: "Depths in which the volume has signal, with a margin", onclick: () => stage.store.change({ depth: null, centre: null }) }, "Object"),
+      h("button", { type: "button", title: "All depths of the volume", "aria-label": `All depths, ${least} to ${most} mm`, onclick: () => stage.store.change({ depth: [0, Infinity], centre: null }) }, `All, ${least} to ${most} mm`))),
+    h("div", { class: "option", title: "Above this depth, the views and projections leave the volume out" }, h("span", null, "Near field off"), h("span", { class: "choice" }, slider, status,
+      h("button", { type: "button", title: "End of the near field as determined by the reconstruction", onclick: () => stage.store.change({ cut: null }) }, "auto"))));
 }

@@ -72,7 +72,7 @@ async function show(panel, reconstruction, source) {
   const provenancePanel = provenance(reconstruction);
   const speed = soundSpeedPanel(reconstruction);
   const side = tabs([
-    ["View", h("div", { class: "stack" }, histogram.element, displayOptions(stage), depthControls(stage), positionControls(stage, reconstruction.scan_id)), histogram.draw],
+    ["View", h("div", { class: "stack view-tab" }, histogram.element, displayOptions(stage), depthControls(stage), positionControls(stage, reconstruction.scan_id)), histogram.draw],
     ["Measure", tools.element, null],
     ["Compare", compare.element, null],
     ...unmixingTab(reconstruction),
@@ -151,16 +151,17 @@ function createHeading(reconstruction, stage) {
 
 /** Create the crosshair controls. @param {VolumeState} stage @param {string} scanId */
 function positionControls(stage, scanId) {
-  const show = h("dl", { class: "figures", dataset: { place: "" } });
-  const update = () => replace(show, AXES.flatMap((axis, n) => (stage.source.flat && axis === "y" ? [] : [h("dt", null, axis), h("dd", { dataset: { axis, value: String(stage.position[n]) } }, mmText(stage.position[n]))])));
+  const show = h("dl", { class: "place", dataset: { place: "" } });
+  const update = () => replace(show, AXES.flatMap((axis, n) => (stage.source.flat && axis === "y" ? [] : [h("div", null, h("dt", null, axis), h("dd", { dataset: { axis, value: String(stage.position[n]) } }, mmText(stage.position[n])))])));
   stage.store.on(update);
   update();
-  return h("div", { class: "stack" }, h("h3", null, "Crosshair"), show, h("div", { class: "row" },
-    h("button", { type: "button", title: "Shortcut: b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
-    h("button", { type: "button", title: "Shortcut: 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
-    h("button", { type: "button", onclick: () => stage.store.change({ slab: [0, 0, 0], at: stage.position }) }, "Slices"),
-    h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections"),
-    h("button", { type: "button", class: "primary", title: "Design a scan with a mask around the crosshair", onclick: () => void scanHere(stage, scanId) }, "Scan here")));
+  return h("div", { class: "stack crosshair" },
+    h("div", { class: "row spread nowrap" }, h("h3", null, "Crosshair"), h("button", { type: "button", class: "primary", title: "Design a scan with a mask around the crosshair", onclick: () => void scanHere(stage, scanId) }, "Scan here")), show,
+    h("div", { class: "row nowrap" },
+      h("button", { type: "button", title: "Shortcut: b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
+      h("button", { type: "button", title: "Shortcut: 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
+      h("button", { type: "button", onclick: () => stage.store.change({ slab: [0, 0, 0], at: stage.position }) }, "Slices"),
+      h("button", { type: "button", onclick: () => stage.store.change({ slab: [Infinity, Infinity, Infinity] }) }, "Projections")));
 }
 
 /** Open the design of a scan around the crosshair. @param {VolumeState} stage @param {string} scanId */
