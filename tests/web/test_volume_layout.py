@@ -1,5 +1,7 @@
 """Layout of the volume view: what its tabs and views show without scrolling, at the sizes of common screens."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -9,6 +11,15 @@ from support.series_scan import write_scan
 from support.views import drawn
 
 DESKTOP, LARGE, TABLET = ({"width": w, "height": h} for w, h in ((1280, 720), (1440, 900), (1024, 768)))
+
+LETTERS = """(() => { window.letters = {};
+  const proto = CanvasRenderingContext2D.prototype, {fillText, clearRect} = proto;
+  const texts = (context) => (window.letters[context.canvas.dataset?.view] ??= []);
+  proto.clearRect = function (...box) { texts(this).length = 0; clearRect.apply(this, box); };
+  proto.fillText = function (text, x, y) { texts(this).push({text, x, y}); fillText.call(this, text, x, y); };
+})()"""
+"""What is written on each view's canvas since it was cleared."""
+MICROMETRES = {"µm": 1, "mm": 1000}
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +56,47 @@ def test_whole_view_tab_is_visible_without_scrolling(service, open_page, series,
     tops = {tab.bounding_box()["y"] for tab in page.get_by_role("tab").all()}
     assert len(tops) == 1, "the tabs are in one line"
     expect(page.locator("[data-where='x–y']")).to_be_visible()
+
+
+@pytest.mark.parametrize("size", [DESKTOP, TABLET], ids=["desktop", "tablet"])
+def test_depth_views_beside_measurements_have_ticks_and_scale_bar(service, open_page, volume, size):
+    """With three kept measurements: at least 120 pixels, two depths in numbers, a bar shorter than the shown depth."""
+    points = [
+        {"kind": "point", "name": f"point {n}", "axis": "z", "slab": [1.2e-3] * 2, "start": [0, 0]} for n in range(3)
+    ]
+    with Client(service.url) as client:
+        client.reconstructions.set_measurements(volume, points)
+    page = open_page(service, "/scans", viewport=size)
+    page.add_init_script(LETTERS)
+    page.goto(f"{service.url}/volumes/{volume}")
+    drawn(page)
+    page.click("[data-tab='Measure']")
+    expect(page.locator("[data-measurement]")).to_have_count(3)
+    depths = page.get_attribute("#volume", "data-depths").split(",")
+    for view in ("x–z", "y–z"):
+        assert page.locator(f"[data-view='{view}']").bounding_box()["height"] >= 120
+        letters = page.evaluate("(view) => window.letters[view]", view)
+        assert len([one for one in letters if one["x"] == 8 and re.fullmatch(r"[0-9.]+", one["text"])]) >= 2
+        (bar,) = (told for one in letters if (told := re.fullmatch(r"([0-9.]+) (mm|µm)", one["text"])))
+        length = float(bar[1]) * MICROMETRES[bar[2]] / 1000
+        assert length < 0.6 * (float(depths[1]) - float(depths[0]))
+    rows = page.get_by_role("region", name="Table of measurements")
+    assert rows.locator("tbody tr").nth(1).bounding_box()["y"] < size["height"] - 30
+
+
+def test_line_of_the_address_that_is_kept_is_not_measured_again(service, open_page, volume):
+    """As after a reload: its name is said, and nothing is offered."""
+    with Client(service.url) as client:
+        client.reconstructions.set_measurements(volume, [])
+    address = f"/volumes/{volume}#tool=line&slab=0,0,0&at=0,0,1.2&line=z,-0.7,0,1.1,0.1"
+    page = drawn(open_page(service, address))
+    page.click("[data-tab='Measure']")
+    page.get_by_role("button", name="Measure the line").click()
+    expect(page.locator("[data-measurement='profile 1']")).to_be_visible()
+    expect(page.get_by_role("button", name="Measure the line")).to_have_count(0)
+    page = drawn(open_page(service, address))
+    page.click("[data-tab='Measure']")
+    expect(page.get_by_text("This line is kept as profile 1.")).to_be_visible()
+    expect(page.get_by_role("button", name="Measure the line")).to_have_count(0)
+    with Client(service.url) as client:
+        client.reconstructions.set_measurements(volume, [])

@@ -6,7 +6,7 @@ import { addShortcut } from "../shortcuts.js";
 /** @typedef {import("./volume_state.js").VolumeState} VolumeState */
 /** @typedef {"x" | "y" | "z" | "3d"} ViewName */
 
-const MIN_ROW_SHARE = 0.34; // of the height, that either row of views has at least
+const MIN_ROW_SHARE = 0.27; // of the height of the images, that either row of views has at least
 
 /** Enlarge a view, or show all again. @param {VolumeState} stage @param {ViewName} name */
 function toggleLarge(stage, name) {
@@ -44,9 +44,9 @@ export function addLayout(stage, root, views) {
     root.classList.toggle("large", stage.large !== null);
     const [y, z] = [stage.extent("y"), stage.shownExtent("z")];
     const share = Math.min(Math.max(y / (y + z), MIN_ROW_SHARE), 1 - MIN_ROW_SHARE);
-    views.style.setProperty("--first-row", `${share.toFixed(3)}fr`);
+    views.style.setProperty("--first-share", share.toFixed(3));
     root.dataset.depths = stage.shownEnds("z").map((mm) => mm.toFixed(4)).join();
-    views.style.setProperty("--second-row", `${(1 - share).toFixed(3)}fr`);
+    views.style.setProperty("--second-share", (1 - share).toFixed(3));
   };
   stage.store.on((_view, changed) => (changed.has("large") || changed.has("depth")) && show());
   show();

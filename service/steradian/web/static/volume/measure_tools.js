@@ -49,19 +49,34 @@ export class MeasureTools {
   async measure(tool) {
     const mark = this.stage.view[tool];
     if (!mark) return;
-    const definition = tool === "background" ? this.store.contrastOf(mark) : this.store.definitionOf(tool === "line" ? "profile" : "region", mark);
+    const definition = this.definitionOf(tool);
     this.message.textContent = definition ? "" : "Draw a region in the same view first.";
-    if (!definition || !(await this.store.add(definition))) return;
+    if (!definition || this.store.keptAs(definition) || !(await this.store.add(definition))) return;
     if (this.stage.view[tool] === mark) this.stage.store.change({ [tool]: null });
+  }
+
+  /** Return the definition, without a name, of a mark. @param {"line" | "region" | "background"} tool */
+  definitionOf(tool) {
+    const mark = this.stage.view[tool];
+    if (!mark) return null;
+    return tool === "background" ? this.store.contrastOf(mark) : this.store.definitionOf(tool === "line" ? "profile" : "region", mark);
+  }
+
+  /** Return what can be done with a mark; one that is kept as a measurement already, as after a reload, is only named. @param {"line" | "region" | "background"} tool */
+  draftElement(tool) {
+    const definition = this.definitionOf(tool);
+    const kept = definition && this.store.keptAs(definition);
+    if (kept) return h("p", { class: "small", dataset: { kept: tool } }, `This ${tool} is kept as ${kept.measurement.name}.`);
+    return h("div", { class: "row" },
+      h("button", { type: "button", class: "primary", onclick: () => void this.measure(tool) }, `Measure the ${tool}`),
+      h("button", { type: "button", class: "quiet", "aria-label": `Remove the ${tool}`, onclick: () => this.stage.store.change({ [tool]: null }) }, "remove"));
   }
 
   render() {
     const { view } = this.stage;
     for (const button of this.buttons) button.setAttribute("aria-pressed", String(button.dataset.tool === view.tool));
     this.hint.textContent = TOOL_TEXTS[/** @type {keyof typeof TOOL_TEXTS} */ (view.tool)][1];
-    const drafts = MARKS.filter((tool) => view[tool]).map((tool) => h("div", { class: "row" },
-      h("button", { type: "button", class: "primary", onclick: () => void this.measure(tool) }, `Measure the ${tool}`),
-      h("button", { type: "button", class: "quiet", "aria-label": `Remove the ${tool}`, onclick: () => this.stage.store.change({ [tool]: null }) }, "remove")));
+    const drafts = MARKS.filter((tool) => view[tool]).map((tool) => this.draftElement(tool));
     const { selected } = this.store;
     const parts = [view.tool === "crosshair" && h("button", { type: "button", onclick: () => void this.store.add(this.store.definitionOfCrosshair()) }, "Keep the value at the crosshair"),
       ...drafts, selected && measurementDetails(this.stage, this.views, selected, ["region", "contrast"].includes(selected.measurement.kind) ? this.courses.resultFor(selected.measurement) : null),

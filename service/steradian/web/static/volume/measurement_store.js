@@ -13,8 +13,17 @@ import { voxelIndex, voxelPosition } from "./volume_data.js";
  * @typedef {{measurement: Definition, figures: Record<string, number | null>, ends: number[][], reason: string, state: string | null, correction: any, links: {job?: string}}} Measured
  */
 
+const TOLERANCE = 1e-9; // m, within which positions are equal
 const UNFINISHED = ["queued", "running", "cancelling"];
 const metres = (/** @type {Pair} */ place) => /** @type {Pair} */ (place.map((mm) => 1e-3 * mm));
+
+/** Return whether two definitions measure the same. @param {Omit<Definition, "name">} one @param {Omit<Definition, "name">} other */
+function isSame(one, other) {
+  const numbers = (/** @type {Omit<Definition, "name">} */ { slab, start, end, background_start: from, background_end: to }) => [slab, start, end, from, to].flatMap((pair) => pair ?? [NaN, NaN]);
+  const others = numbers(other);
+  return one.kind === other.kind && one.index === other.index && one.axis === other.axis
+    && numbers(one).every((value, n) => Object.is(value, others[n]) || Math.abs(value - others[n]) < TOLERANCE);
+}
 
 export class MeasurementStore {
   /** @param {import("./volume_state.js").VolumeState} stage @param {any} reconstruction the reconstruction, of the API */
@@ -130,6 +139,11 @@ export class MeasurementStore {
     }
     this.notify();
     return this.error === null;
+  }
+
+  /** Return the measurement that has a definition; null if none has. @param {Omit<Definition, "name">} definition */
+  keptAs(definition) {
+    return this.items.find(({ measurement }) => isSame(measurement, definition)) ?? null;
   }
 
   /** Return the definition, without a name, of a mark in the slice or slab that its view shows. @param {Kind} kind @param {Mark} mark @returns {Omit<Definition, "name">} */

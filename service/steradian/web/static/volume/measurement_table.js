@@ -27,10 +27,10 @@ export function measurementTable(store) {
     element.hidden = !store.items.length && !store.error;
     const focused = element.contains(document.activeElement) ? /** @type {HTMLElement} */ (document.activeElement).dataset.field : null;
     replaceKeepingFocus(element,
-      h("header", { class: "row spread" }, h("h2", null, "Measurements"), h("span", { class: "row" }, downloadButton(store, "csv"), downloadButton(store, "json"))),
+      h("h2", { class: "visually-hidden" }, "Measurements"),
       store.error ? h("div", { role: "alert", class: "fault" }, ...errorElements(store.error)) : null,
       h("div", { class: "scrolled", tabindex: 0, role: "region", "aria-label": "Table of measurements" }, h("table", null,
-        h("thead", null, h("tr", null, ...["Name", "Kind", "Value", "Width ± repeatability", "Corrected width"].map((name) => h("th", null, name)), h("th", null, h("span", { class: "visually-hidden" }, "Actions")))),
+        h("thead", null, h("tr", null, ...["Measurement", "Kind", "Value", "Width ± repeatability", "Corrected width"].map((name) => h("th", null, name)), h("th", null, h("span", { class: "row nowrap" }, downloadButton(store, "csv"), downloadButton(store, "json"))))),
         h("tbody", null, store.items.map((item, n) => row(store, item, n, show))))));
     if (focused) /** @type {HTMLElement | null} */ (element.querySelector(`[data-field="${focused}"]`))?.focus({ preventScroll: true });
   };

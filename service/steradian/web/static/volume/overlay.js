@@ -14,6 +14,8 @@ const SHADOW = "rgb(0 0 0 / .75)";
 const DEPTH_BAR_WIDTH = 110; // pixels of the depth colour bar
 const CROSSHAIR_GAP = 7; // pixels around the crosshair that stay free
 const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
+const BAR_SHARES = { width: 0.25, height: 0.5 }; // of a view's width and of the height of its image, that the scale bar has at most
+const LEAST_TICKS = 3; // for which a vertical axis has room
 const ELSEWHERE = 0.45; // opacity of measurements in other slices
 
 /** @param {SliceView} view */
@@ -26,7 +28,8 @@ export function drawOverlay(view) {
   drawTicks(context, view);
   drawCrosshair(context, view);
   drawMarks(context, view);
-  drawScaleBar(context, view.stage.scale, view.width, view.height);
+  const { stage } = view;
+  drawScaleBar(context, stage.scale, view.width, view.height, stage.shownExtent(PLANES[view.axis][1]) * stage.scale);
 }
 
 /** Draw a path with a dark outline, so that it is visible on any colour.
@@ -62,14 +65,14 @@ function drawTicks(context, view) {
   const [y0, y1] = view.stage.shownEnds(up);
   context.textAlign = "center";
   context.textBaseline = "top";
-  for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 70)) {
+  for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 56)) {
     const [x] = view.toPixels(mm, 0);
     strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
     if (x > 22 && x < view.width - 22) drawLabel(context, String(mm).replace("-", "−"), x, 7);
   }
   context.textAlign = "left";
   context.textBaseline = "middle";
-  for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), view.height / 44)) {
+  for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), Math.max(view.height / 44, LEAST_TICKS))) {
     const [, y] = view.toPixels(0, mm);
     strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
     if (y > 22 && y < view.height - 32) drawLabel(context, String(mm).replace("-", "−"), 8, y);
@@ -147,9 +150,12 @@ function drawPoints(context, view) {
   });
 }
 
-/** @param {CanvasRenderingContext2D} context @param {number} scale pixels a mm @param {number} width @param {number} height */
-export function drawScaleBar(context, scale, width, height) {
-  const mm = roundDown(Math.max(width / 4, 40) / scale);
+/** Draw the scale bar, which fits into the shorter side of the image.
+ *
+ * @param {CanvasRenderingContext2D} context @param {number} scale pixels a mm @param {number} width @param {number} height @param {number} [imageHeight] pixels
+ */
+export function drawScaleBar(context, scale, width, height, imageHeight = height) {
+  const mm = roundDown(Math.min(BAR_SHARES.width * width, BAR_SHARES.height * Math.min(height, imageHeight)) / scale);
   const [right, y] = [width - 12, height - 12];
   strokeOutlined(context, LINE_COLOUR, 3, () => { context.moveTo(right - mm * scale, y); context.lineTo(right, y); });
   context.textAlign = "right";
