@@ -100,3 +100,21 @@ def test_line_of_the_address_that_is_kept_is_not_measured_again(service, open_pa
     expect(page.get_by_role("button", name="Measure the line")).to_have_count(0)
     with Client(service.url) as client:
         client.reconstructions.set_measurements(volume, [])
+
+
+def test_every_depth_says_what_it_is(service, open_page, volume):
+    """Shown depths, box of the 3-D view and projection agree with the volume; a hidden near field moves all three."""
+    page = drawn(open_page(service, f"/volumes/{volume}"))
+    shown = [max(0, float(one)) for one in page.get_attribute("#volume", "data-depths").split(",")]
+    first, last = page.get_by_label("Shown depth, from (mm)"), page.get_by_label("Shown depth, to (mm)")
+    assert [float(one.input_value()) for one in (first, last)] == pytest.approx(shown, abs=0.01)
+    box = re.search(r", z (\S+) to (\S+) mm$", page.inner_text("[data-where='3-D']"))
+    assert [float(one) for one in box.groups()] == pytest.approx(shown, abs=0.06)
+    expect(page.get_by_role("button", name="All depths, 0.0 to 4.0 mm")).to_be_visible()
+    page.get_by_label("Hidden near field, up to (mm)").fill("0.5")
+    expect(page.locator("[data-where='x–y']")).to_have_text(re.compile(r"^maximum along z, 0\.49 to 4\.0\d\smm$"))
+    expect(page.locator("#volume")).to_have_attribute("data-depths", re.compile(r"^0\.[45]"))
+    expect(page.locator("[data-where='3-D']")).to_have_text(re.compile(r", z 0\.5 to "))
+    page.goto(f"{service.url}/volumes")
+    card = page.get_by_role("link").filter(has=page.locator(f"canvas[data-of='{volume}']"))
+    expect(card).to_contain_text(re.compile(r"mm, z 0\.00 to 4\.0\d\smm"))

@@ -6,7 +6,8 @@ import { live } from "../event_stream.js";
 import { showEmpty, errorElements } from "../panel_states.js";
 import { count, length, mm, percent } from "../units.js";
 import { urlOf } from "../urls.js";
-import { firstVoxelBelow, createSource } from "../volume/volume_data.js";
+import { depthsText } from "../volume/scale.js";
+import { createSource, firstVoxelBelow, projectedDepths } from "../volume/volume_data.js";
 import { methodText } from "../reconstructions/summary.js";
 import { depthAt } from "./depth_estimate.js";
 import { PlaceMarkers } from "./place_markers.js";
@@ -47,6 +48,7 @@ export class LiveImage {
     setInterval(() => live.state.is === "cut" && !document.hidden && this.reconstruction && !this.final && void this.findReconstruction(), POLL_INTERVAL);
     this.final = false;
     this.hasAny = false;
+    this.depths = ""; // of the projection, for its caption
   }
 
   /** Find the live reconstruction of the scan or its newest volume, or offer to start one. */
@@ -74,7 +76,7 @@ export class LiveImage {
     const size = this.projection.show(axis, image.headers, new Uint8Array(await image.arrayBuffer()));
     if (!size) return false;
     this.final = true;
-    this.caption.textContent = `Maximum along ${axis}${first ? " below the near field" : ""}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; newest volume: ${methodText(items[0])}`;
+    this.caption.textContent = `Maximum along ${axis}${axis === "z" ? `, ${depthsText(projectedDepths(source))}` : ""}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; newest volume: ${methodText(items[0])}`;
     this.insert(source.id, true);
     return true;
   }
@@ -143,9 +145,11 @@ export class LiveImage {
       if (answer.status === 200) {
         const revision = await answer.json();
         const axis = revision.image.shape.length === 3 ? "z" : "y"; // a line scan has one section
-        const slabQuery = revision.final && axis === "z" ? await this.nearFieldQuery() : ""; // earlier revisions do not contain the near field
-        if (slabQuery === null) return; // shown after the end of the job
-        const image = await this.fetchImage(this.reconstruction.id, axis, slabQuery);
+        const source = revision.final && axis === "z" ? await this.finalSource() : null; // earlier revisions do not contain the near field
+        if (source === undefined) return; // shown after the end of the job
+        const first = source ? firstVoxelBelow(source, source.near) : 0;
+        const image = await this.fetchImage(this.reconstruction.id, axis, first ? `&slab=${first}:` : "");
+        this.depths = axis === "y" ? "" : source ? `, ${depthsText(projectedDepths(source))}` : " below the near field";
         this.show(revision, axis, image.headers, new Uint8Array(await image.arrayBuffer()));
         this.etag = answer.headers.get("ETag") ?? "";
       }
@@ -154,13 +158,10 @@ export class LiveImage {
     }
   }
 
-  /** Return the query that excludes the near field from the final image; null until the report is available. */
-  async nearFieldQuery() {
+  /** Return the volume of the final image; undefined until the report is available, null if it has no positions. */
+  async finalSource() {
     const view = await api.get(`/reconstructions/${this.reconstruction.id}`);
-    if (view.state !== "succeeded") return null;
-    const source = createSource(view);
-    const first = source ? firstVoxelBelow(source, source.near) : 0;
-    return first ? `&slab=${first}:` : "";
+    return view.state === "succeeded" ? createSource(view) : undefined;
   }
 
   /** @param {any} revision @param {"z" | "y"} axis @param {Headers} headers @param {Uint8Array} values [x, y], or [x, z] of a line */
@@ -171,7 +172,7 @@ export class LiveImage {
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
     const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image from ${of}`;
-    this.caption.textContent = `Maximum along ${axis}${axis === "z" ? " below the near field" : ""}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
+    this.caption.textContent = `Maximum along ${axis}${this.depths}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     this.insert(this.reconstruction.id, revision.final);
     this.showOutcome();
   }

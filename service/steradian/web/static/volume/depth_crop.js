@@ -32,7 +32,7 @@ export function signalDepths(source, { values, shape: [nx, nz] }, end, cut) {
   }
   if (last < first) return null;
   const half = source.spacing[2] / 2;
-  const ends = [voxelPosition(source, "z", 0) - half, voxelPosition(source, "z", nz - 1) + half];
+  const ends = [voxelPosition(source, "z", firstVoxelBelow(source, cut)) - half, voxelPosition(source, "z", nz - 1) + half];
   let [from, to] = [voxelPosition(source, "z", first) - half, voxelPosition(source, "z", last) + half];
   const lateral = Math.max(source.shape[0] * source.spacing[0], source.flat ? 0 : source.shape[1] * source.spacing[1]);
   const margin = Math.max(MARGIN_SHARE * (to - from), (MIN_SHARE * lateral - (to - from)) / 2);

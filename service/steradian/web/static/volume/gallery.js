@@ -4,11 +4,12 @@ import { api, request } from "../api.js";
 import { byId, h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showEmpty, showError, showLoading } from "../panel_states.js";
-import { formatTime, length, pressure } from "../units.js";
+import { formatTime, pressure, signed } from "../units.js";
 import { methodText, scanNames, soundSpeedText } from "../reconstructions/summary.js";
 import { volumeName } from "../reconstructions/volume_names.js";
 import { wavelengthsOf } from "./series_player.js";
-import { firstVoxelBelow, createSource } from "./volume_data.js";
+import { depthsText } from "./scale.js";
+import { createSource, firstVoxelBelow, projectedDepths, rangeEnds } from "./volume_data.js";
 import { drawProjection, numbersOf, readProjection, WHITE_LEVEL } from "./projection_image.js";
 
 const THUMBNAIL_PIXELS = 256;
@@ -53,11 +54,20 @@ function show() {
 /** @param {any} one */
 function createCard(one) {
   const { shape, spacing_m: spacing } = one.report;
-  const extent = shape.map((/** @type {number} */ count, /** @type {number} */ n) => length(count * spacing[n])).join(" × ");
+  const extents = shape.slice(0, -1).map((/** @type {number} */ count, /** @type {number} */ n) => signed(1e3 * count * spacing[n], 1)).join(" × ");
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
     h("span", { class: "thumbs" }, shownIndices(one).map((index) => thumbnail(one, axis, index))),
-    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), one.report.frames?.length ? h("span", { dataset: { shown: "" } }, shownIndices(one).map((index) => volumeName(one, index)).join(" | ")) : null, h("span", { class: "dim" }, extent), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), one.report.frames?.length ? h("span", { dataset: { shown: "" } }, shownIndices(one).map((index) => volumeName(one, index)).join(" | ")) : null, h("span", { class: "dim" }, `${extents} mm${depthsOf(one)}`), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+}
+
+/** Describe the depths of a volume, and those that its projection covers. @param {any} one */
+function depthsOf(one) {
+  const source = createSource(one);
+  if (!source) return "";
+  const whole = depthsText(rangeEnds(source, "z", { from: 0, to: source.shape[2] }));
+  const shown = depthsText(projectedDepths(source));
+  return source.flat || shown === whole ? `, z ${whole}` : `, z ${whole}; maximum of ${shown}`;
 }
 
 /** Values of the loaded thumbnails in bytes, with the values of 0 and 255. @type {Map<HTMLCanvasElement, {values: Uint8Array, shape: [number, number], window: [number, number], isMap: boolean}>} */

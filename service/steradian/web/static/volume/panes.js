@@ -2,8 +2,8 @@
 // Panes of the four views with their controls for slice position and slab thickness.
 import { h } from "../dom.js";
 import { signed } from "../units.js";
-import { AXES, PLANES, axisIndex, voxelIndex, voxelPosition } from "./volume_data.js";
-import { lengthOf } from "./scale.js";
+import { AXES, PLANES, axisIndex, rangeEnds, voxelIndex, voxelPosition } from "./volume_data.js";
+import { depthsText, lengthOf } from "./scale.js";
 
 /** @typedef {import("./slice_view.js").SliceView} SliceView */
 /** @typedef {import("./view_state.js").Triple} Triple */
@@ -43,7 +43,7 @@ export function slicePane(view) {
     slab.value = String(sliderPosition(slabThickness, source.spacing[n], stage.extent(axis)));
     const thicknessText = slabThickness === Infinity ? "all" : slabThickness === 0 ? "slice" : lengthOf(slabThickness);
     slab.setAttribute("aria-valuetext", thicknessText);
-    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
+    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? `maximum along ${axis}${axis === "z" ? `, ${depthsText(rangeEnds(source, axis, view.stage.range(axis)))}` : ""}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
     caption.title = caption.textContent;
   };
   store.on(show);
@@ -86,8 +86,8 @@ export function pane3d(view3d) {
   const updateCaption = () => {
     const clip = view3d.clip;
     const sides = AXES.map((axis, n) => [0, 1].map((side) => place(axis, clip[2 * n + side])));
-    const whole = () => sides.map(([from, to]) => (to - from).toFixed(1)).join(" × ");
-    const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one, 1)).join("…")}`).join(", ");
+    const whole = () => `${sides.slice(0, 2).map(([from, to]) => signed(to - from, 1)).join(" × ")} mm, z ${sides[2].map((one) => signed(one, 1)).join(" to ")}`;
+    const cut = () => AXES.map((axis, n) => `${axis} ${sides[n].map((one) => signed(one, 1)).join(" to ")}`).join(", ");
     caption.textContent = [stage.nameText, `${stage.view.clip ? cut() : whole()} mm`].filter(Boolean).join(", ");
   };
   stage.store.on(updateCaption);

@@ -1,5 +1,6 @@
 // @ts-check
-/** Round lengths for scale bars and axis ticks. */
+/** Round lengths for scale bars and axis ticks, and their texts. */
+import { signed } from "../units.js";
 
 /** Return the largest 1, 2 or 5 times a power of ten that does not exceed a length.
  *
@@ -18,6 +19,9 @@ export function roundDown(length) {
 export function lengthOf(mm) {
   return mm < 0.999 ? `${Number((mm * 1e3).toPrecision(3))} µm` : `${Number(mm.toPrecision(3))} mm`;
 }
+
+/** Format a range of depths, from the film downwards. @param {readonly number[]} ends  mm */
+export const depthsText = (ends) => `${ends.map((mm) => signed(Math.max(0, mm), 2)).join(" to ")}\u00a0mm`;
 
 /** Format a length with its error: one digit of the error, or two if it starts with 1.
  *

@@ -80,6 +80,15 @@ export function slabRange(source, axis, mm, thickness, cut) {
   return { from, to: Math.min(Math.max(Math.round(middle + half), from), source.shape[n] - 1) + 1 };
 }
 
+/** Return the positions (mm) of the outer edges of a range of voxels. @param {Source} source @param {Axis} axis @param {Range} range @returns {[number, number]} */
+export function rangeEnds(source, axis, { from, to }) {
+  const half = source.spacing[axisIndex(axis)] / 2;
+  return [voxelPosition(source, axis, from) - half, voxelPosition(source, axis, to - 1) + half];
+}
+
+/** Return the depths (mm) that a projection along z covers: those below the near field. @param {Source} source */
+export const projectedDepths = (source) => rangeEnds(source, "z", slabRange(source, "z", 0, Infinity, source.near));
+
 /** Return the query that selects a volume of a series. @param {Pick<Source, "index">} source */
 const indexQuery = ({ index }) => (index === null ? {} : { index });
 
