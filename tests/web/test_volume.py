@@ -226,7 +226,7 @@ def test_compare_tab_shows_correlation_and_difference_to_reference(page, made):
     for n, axis in enumerate(AXES):
         one, other = (volume.values.max(axis=n).ravel().astype(float) for volume in volumes)
         assert figure(page, f"correlation-{axis}") == pytest.approx(np.corrcoef(one, other)[0, 1], abs=1e-4)
-    assert page.inner_text("[data-where='x–y']") == "difference, maximum along z, 0.00 to 4.00\u00a0mm"
+    assert page.inner_text("[data-where='x–y']") == "difference, maximum of z 0.00 to 4.00\u00a0mm"
     page.get_by_role("button", name="Compare the whole volumes").click()
     page.wait_for_selector("[data-figure='volume_correlation']")
     whole = np.corrcoef(*(volume.values.ravel().astype(float) for volume in volumes))[0, 1]
@@ -234,7 +234,7 @@ def test_compare_tab_shows_correlation_and_difference_to_reference(page, made):
     assert all(one.get_attribute("title") for one in page.locator("dt:has(+ [data-figure^='volume_'])").all())
     page.click("[data-how='blink']")
     page.wait_for_function("() => document.querySelector('#panel-Compare').innerText.includes('now: the reference')")
-    expect(page.locator("[data-where='x–y']")).to_have_text("maximum along z, 0.00 to 4.00 mm")
+    expect(page.locator("[data-where='x–y']")).to_have_text("maximum of z 0.00 to 4.00 mm")
 
 
 def test_images_of_other_voxels_are_not_subtracted(page, made):

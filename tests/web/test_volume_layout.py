@@ -1,4 +1,4 @@
-"""Layout of the volume view: what its tabs and views show without scrolling, at the sizes of common screens."""
+"""Layout of volumes, one and side by side: what is visible without scrolling, at the sizes of common screens."""
 
 import re
 
@@ -112,9 +112,42 @@ def test_every_depth_says_what_it_is(service, open_page, volume):
     assert [float(one) for one in box.groups()] == pytest.approx(shown, abs=0.06)
     expect(page.get_by_role("button", name="All depths, 0.0 to 4.0 mm")).to_be_visible()
     page.get_by_label("Hidden near field, up to (mm)").fill("0.5")
-    expect(page.locator("[data-where='x–y']")).to_have_text(re.compile(r"^maximum along z, 0\.49 to 4\.0\d\smm$"))
+    expect(page.locator("[data-where='x–y']")).to_have_text(re.compile(r"^maximum of z 0\.49 to 4\.0\d\smm$"))
     expect(page.locator("#volume")).to_have_attribute("data-depths", re.compile(r"^0\.[45]"))
     expect(page.locator("[data-where='3-D']")).to_have_text(re.compile(r", z 0\.5 to "))
     page.goto(f"{service.url}/volumes")
     card = page.get_by_role("link").filter(has=page.locator(f"canvas[data-of='{volume}']"))
     expect(card).to_contain_text(re.compile(r"mm, z 0\.00 to 4\.0\d\smm"))
+
+
+@pytest.mark.parametrize("fragment", ["", "#camera=-35,25,1.6"], ids=["whole", "near"])
+def test_axis_names_of_the_3d_view_are_whole(service, open_page, series, fragment):
+    """On a tablet, also where the box exceeds the view."""
+    page = open_page(service, "/scans", viewport=TABLET)
+    page.add_init_script(LETTERS)
+    page.goto(f"{service.url}/volumes/{series}{fragment}")
+    drawn(page)
+    page.wait_for_function("() => window.letters['3-D']?.length")
+    box = page.locator("[data-view='3-D']").bounding_box()
+    names = [one for one in page.evaluate("() => window.letters['3-D']") if one["text"] in {"x", "y", "z"}]
+    assert len(names) == 3
+    for one in names:
+        assert 6 <= one["x"] <= box["width"] - 6
+        assert 6 <= one["y"] <= box["height"] - 6
+
+
+@pytest.mark.parametrize(("size", "share"), [(DESKTOP, 0.8), (TABLET, 0.7)], ids=["desktop", "tablet"])
+def test_images_side_by_side_fill_the_window(service, open_page, volume, size, share):
+    """Two square images have most of the height under them; long ones the width; *Close* is at the right end."""
+    page = open_page(service, f"/reconstructions?side={volume},{volume}", viewport=size)
+    page.wait_for_function("() => document.querySelectorAll('.message').length === 2")
+    first, second = (page.locator("[data-view]").nth(n) for n in (0, 1))
+    box, panel = first.bounding_box(), page.locator("#side").bounding_box()
+    assert min(box["width"], box["height"]) > min(share * (size["height"] - box["y"]), 0.44 * panel["width"])
+    assert box["y"] + box["height"] < size["height"]
+    assert second.bounding_box()["y"] == box["y"]
+    close = page.get_by_role("link", name="Close").bounding_box()
+    assert panel["x"] + panel["width"] - close["x"] - close["width"] < 20
+    page.get_by_label("Plane").select_option("y")
+    expect(page.locator("[data-where='x–z']").first).to_be_visible()
+    assert first.bounding_box()["width"] > 0.9 * panel["width"]

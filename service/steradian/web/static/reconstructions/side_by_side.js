@@ -5,7 +5,7 @@ import { h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showError, showLoading } from "../panel_states.js";
 import { count, duration, figure, pressure } from "../units.js";
-import { createSource } from "../volume/volume_data.js";
+import { PLANES, createSource } from "../volume/volume_data.js";
 import { slicePane } from "../volume/panes.js";
 import { createReadout } from "../volume/readout.js";
 import { SliceView } from "../volume/slice_view.js";
@@ -15,6 +15,10 @@ import { differences, parameterGroups, displayPath, formatValue, valueAt } from 
 import { methodText, runSeconds, stateElement } from "./summary.js";
 
 /** @typedef {import("../volume/view_state.js").Axis} Axis */
+
+const MIN_IMAGE = 160; // pixels
+const TILE_FRAME = { width: 22, height: 90 }; // pixels of a tile around its image, with the gap
+const BELOW = 40; // pixels of the window that stay free, for the beginning of the table
 
 /** Show reconstructions, at once or as soon as all have ended. @param {HTMLElement} panel @param {string[]} identifiers */
 export async function showSideBySide(panel, identifiers) {
@@ -97,12 +101,35 @@ function fillPanel(panel, groups, reconstructions, stages, store) {
     const axis = /** @type {Axis} */ (choice.value);
     for (const stage of stages) stage.sizes = [];
     replace(tiles, stages.map((stage, n) => createTile(stage, axis, reconstructions[n])));
+    arrange();
+  };
+  const arrange = () => {
+    const [across, up] = PLANES[/** @type {Axis} */ (choice.value)];
+    arrangeTiles(tiles, stages.length, Math.max(...stages.map((stage) => stage.extent(across) / stage.shownExtent(up))));
   };
   choice.addEventListener("change", show);
-  const close = h("a", { class: "button", href: "/reconstructions" }, "Close");
+  const close = h("a", { class: "button close", href: "/reconstructions" }, "Close");
   if (!stages.length) return replace(panel, h("header", null, h("h2", null, "Side by side"), close));
   replace(panel, h("header", null, h("h2", null, "Side by side"), choice, h("span", { class: "dim", dataset: { scale: "" } }, `common colour scale: 0 to ${(reconstructions.every((one) => one.kind === "unmixing") ? figure : pressure)(stages[0]?.defaultWindow[1] ?? NaN)}`), close), tiles, comparisonTable(groups, reconstructions));
   show();
+  new ResizeObserver(arrange).observe(panel);
+  addEventListener("resize", arrange);
+}
+
+/** Lay out tiles so that their images are as large as the window allows: columns, and heights of the images. @param {HTMLElement} tiles @param {number} count @param {number} aspect width of an image over its height */
+function arrangeTiles(tiles, count, aspect) {
+  const { width } = tiles.getBoundingClientRect();
+  const top = tiles.getBoundingClientRect().top + scrollY;
+  let best = { columns: 1, size: 0, height: MIN_IMAGE };
+  for (let columns = 1; columns <= count; columns++) {
+    const tile = width / columns - TILE_FRAME.width;
+    const room = (innerHeight - top - BELOW) / Math.ceil(count / columns) - TILE_FRAME.height;
+    const height = Math.max(Math.min(tile / aspect, room), MIN_IMAGE);
+    const size = Math.min(tile, height * aspect);
+    if (size > best.size * 1.02) best = { columns, size, height };
+  }
+  tiles.style.setProperty("--columns", String(best.columns));
+  tiles.style.setProperty("--image-height", `${Math.floor(best.height)}px`);
 }
 
 /** Return the depths (mm) in which any of the volumes has signal; null: all. @param {VolumeState[]} stages @returns {[number, number] | null} */

@@ -43,7 +43,7 @@ export function slicePane(view) {
     slab.value = String(sliderPosition(slabThickness, source.spacing[n], stage.extent(axis)));
     const thicknessText = slabThickness === Infinity ? "all" : slabThickness === 0 ? "slice" : lengthOf(slabThickness);
     slab.setAttribute("aria-valuetext", thicknessText);
-    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? `maximum along ${axis}${axis === "z" ? `, ${depthsText(rangeEnds(source, axis, view.stage.range(axis)))}` : ""}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
+    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? axis === "z" ? `maximum of z ${depthsText(rangeEnds(source, axis, view.stage.range(axis)))}` : `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
     caption.title = caption.textContent;
   };
   store.on(show);

@@ -17,6 +17,7 @@ import { colourEnd } from "./volume_state.js";
 const WHOLE_BOX = /** @type {Clip} */ ([0, 1, 0, 1, 0, 1]);
 const TURNING_RESOLUTION = 0.5; // resolution relative to CSS pixels during rotation
 const REST_DELAY = 180; // ms after which the full resolution is drawn
+const LABEL_EDGE = 9; // pixels, least distance of an axis name from the edge of the view
 const DEGREES_PER_PIXEL = 0.4; // rotation per pixel
 const REDRAW_KEYS = new Set(["window", "map", "camera", "clip", "cut", "depth", "large", "smooth", "gamma", "log"]);
 
@@ -172,7 +173,8 @@ export class View3D {
       const length = Math.hypot(other.x - one.x, other.y - one.y);
       if (length < 24) continue; // the edge points at the viewer
       const beyond = 1 + 12 / length;
-      drawLabel(context, AXES[axis], one.x + (other.x - one.x) * beyond, one.y + (other.y - one.y) * beyond);
+      const within = (/** @type {number} */ value, /** @type {number} */ size) => Math.min(Math.max(value, LABEL_EDGE), size - LABEL_EDGE);
+      drawLabel(context, AXES[axis], within(one.x + (other.x - one.x) * beyond, width), within(one.y + (other.y - one.y) * beyond, height));
     }
     const { x, y } = project(this.stage.position);
     strokeOutlined(context, "#ffffff", 1, () => context.arc(x, y, 10, 0, 2 * Math.PI));
