@@ -38,6 +38,11 @@ def figure(page, name):
     return float(page.get_attribute(f"[data-figure='{name}']", "data-value"))
 
 
+def number_in(field):
+    """Number in a text field of the page, which shows a typographic minus."""
+    return float(field.input_value().replace("−", "-"))
+
+
 def spacing(volume):
     return [1e3 * (line[1] - line[0]) for line in (volume.x, volume.y, volume.z)]
 

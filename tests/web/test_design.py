@@ -8,6 +8,7 @@ from playwright.sync_api import expect
 
 from steradian.storage.db.database import Database, metadata_url
 from steradian.storage.repositories.scanner_lease_and_stop import ScannerRepository
+from support.views import number_in
 from support.waiting import until
 
 FIELD = "#field-{}"
@@ -131,16 +132,16 @@ def test_the_point_goes_where_it_is_dragged(service, open_page):
     page.mouse.up()
     per = 13.56 * 1.04 / (min(box["width"], box["height"]) - 52)  # mm of a pixel: the frame is drawn 26 pixels inside
     moved = (x - box["x"] - box["width"] / 2, box["y"] + box["height"] / 2 - y)
-    assert [float(page.locator(FIELD.format(name)).input_value()) for name in "xy"] == [
+    assert [number_in(page.locator(FIELD.format(name))) for name in "xy"] == [
         pytest.approx(per * one, abs=1.1 * per) for one in moved
     ]
     canvas.press("ArrowLeft")
     ready(page)
-    offset = [float(page.locator(FIELD.format(name)).input_value()) for name in "xy"]
+    offset = [number_in(page.locator(FIELD.format(name))) for name in "xy"]
     expect(page).to_have_url(re.compile(r"[?&]x="))
     page.reload()
     ready(page)
-    assert [float(page.locator(FIELD.format(name)).input_value()) for name in "xy"] == offset
+    assert [number_in(page.locator(FIELD.format(name))) for name in "xy"] == offset
 
 
 @pytest.mark.parametrize("arrangement", ["combined", "grid", "hexagonal", "poisson-disc", "random", "equiangular"])

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from fabry_perot.simulator import launch
 from support.page_modules import modules_of
 from support.services import Service
-from support.views import drawn
+from support.views import drawn, number_in
 from support.waiting import until
 
 BALLS = ((1.0, -0.8, 1.6), (-1.2, 0.9, 2.4))
@@ -54,7 +54,7 @@ def is_complete(service, scan):
 
 
 def chosen_place(page):
-    return [float(page.locator(f"#place-{axis}").input_value()) for axis in ("x", "y", "depth")]
+    return [number_in(page.locator(f"#place-{axis}")) for axis in ("x", "y", "depth")]
 
 
 def click_at(page, x, y):
@@ -78,6 +78,13 @@ def test_place_chosen_by_click_on_growing_image_is_focused(service, open_page):
     expect(choice.locator("tbody tr")).to_have_count(2)
     expect(page.locator("[data-marker=proposal]")).to_have_count(2)
     assert chosen_place(page) == pytest.approx(BALLS[0], abs=0.15)
+    expect(page.locator("section.image .scale-bar")).to_be_visible()
+    assert page.locator(".stage-choice button").count() == 4
+    for button in page.locator(".stage-choice button").all():
+        expect(button).to_contain_text("(laser on)")
+    expect(choice.locator("button.primary")).to_have_text("Focus here (laser on)")
+    expect(choice).to_contain_text("Each choice starts the focus at once: the laser goes on.")
+    expect(page.locator("#place-y")).to_have_value(re.compile("^−0"))
     x, y, depth = BALLS[1]
     click_at(page, x + 0.2, y - 0.25)
     expect(choice).to_contain_text("estimated from the projections")
@@ -116,7 +123,7 @@ def test_proposal_is_accepted_with_keys(service, open_page):
     x = chosen_place(page)[0]
     markers.press("Shift+ArrowRight")
     assert chosen_place(page)[0] == pytest.approx(x + 0.05 * SIDE, abs=0.01)
-    page.get_by_role("button", name="Accept proposal 1").press("Enter")
+    page.get_by_role("button", name="proposal 1").press("Enter")
     until(lambda: page.evaluate("1") and is_complete(service, scan))
     focus = stages(service, scan)[1]
     assert focus["points_of_interest"] == [focus["proposals"][0]["position"]]
@@ -193,7 +200,7 @@ def test_scan_here_opens_design_around_place_of_volume(service, open_page):
     expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
     expect(page.locator("#arrangement")).to_have_value("equi-steradian")
     fields = {"aperture": 5, "x": -1.2, "y": 0.9, "depth": 2.4, "samples": 400, "sampling_interval": 16}
-    assert {name: float(page.locator(f"#field-{name}").input_value()) for name in fields} == pytest.approx(fields)
+    assert {name: number_in(page.locator(f"#field-{name}")) for name in fields} == pytest.approx(fields)
 
 
 def test_depth_of_maximum_is_found_in_projections(chromium, service):

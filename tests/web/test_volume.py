@@ -13,7 +13,18 @@ from playwright.sync_api import expect
 import steradian
 from steradian_client import Client
 from support.recordings import INTERVAL, RADIUS, SOUND_SPEED, ball
-from support.views import AXES, VIEWS, brightest_pixel, crosshair, drawn, figure, pixel_of, shown_depths, spacing
+from support.views import (
+    AXES,
+    VIEWS,
+    brightest_pixel,
+    crosshair,
+    drawn,
+    figure,
+    number_in,
+    pixel_of,
+    shown_depths,
+    spacing,
+)
 
 PLACE = (0.3, -0.15, 1.2)
 """Of the ball, in mm."""
@@ -334,7 +345,7 @@ def test_selected_points_in_volume_fill_mask_design(service, page, made):
     lead.click()
     expect(page.locator("#arrangement")).to_have_value("combined")
     for n, point in (("", deep), ("2", shallow)):
-        told = [float(page.locator(f"#field-{name}{n}").input_value()) for name in ("x", "y", "depth")]
+        told = [number_in(page.locator(f"#field-{name}{n}")) for name in ("x", "y", "depth")]
         assert told == pytest.approx(point, abs=0.05)
     expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
 

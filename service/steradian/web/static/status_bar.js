@@ -7,7 +7,7 @@ import { live } from "./event_stream.js";
 import { lastStatus, startPolling, onTick } from "./scanner_status.js";
 import { startRenewal, signedOut, onSession } from "./session.js";
 import { stopWarning, laserStatus, startStop, stopLabel, onStop, acceptedSince } from "./emergency_stop.js";
-import { formatTime, count, duration } from "./units.js";
+import { formatTime, count, duration, signed } from "./units.js";
 import { urlOf } from "./urls.js";
 
 export { onScanners } from "./scanner_status.js";
@@ -59,7 +59,7 @@ function showScanners() {
   } else if (scanners.length > 1) updatePill(...describeScanners(scanners));
   else updatePill(...describeScanner(scanners[0]));
   const statusAge = failure && !stopped ? null : maxAge(scanners);
-  const text = statusAge === null ? "" : `updated ${Math.max(0, statusAge).toFixed(1)} s ago`;
+  const text = statusAge === null ? "" : `updated ${signed(Math.max(0, statusAge), 1)} s ago`;
   if (age.textContent !== text) age.textContent = text;
   if (age.parentNode !== pill) pill.append(age);
 }

@@ -5,6 +5,15 @@ import { copyText, h } from "./dom.js";
 const NONE = "–";
 const NBSP = "\u00a0"; // keeps the unit on the line of its value
 
+/** Replace the minus of a number's text by the typographic one, which zero does not have. @param {string} text */
+const withMinus = (text) => text.replace(/^-(?=[0.]*$)/, "").replace("-", "−");
+
+/** Format a number with fixed decimals. @param {number} value @param {number} decimals */
+export const signed = (value, decimals) => withMinus(value.toFixed(decimals));
+
+/** Format a number with as many decimals as it has, at most some significant digits. @param {number} value @param {number} [digits] */
+export const decimalText = (value, digits = 7) => (Number.isFinite(value) ? withMinus(String(Number(value.toPrecision(digits)))) : "");
+
 /** Unit of the values of an image. */
 export const PRESSURE = `arb.${NBSP}u.`;
 
@@ -14,10 +23,10 @@ export function figure(value, digits = 3) {
   const size = Math.abs(value);
   if (size !== 0 && (size >= 1e6 || size < 1e-3)) {
     const [mantissa, exponent] = value.toExponential(digits - 1).split("e");
-    return `${mantissa.replace("-", "−")} × 10${superscript(Number(exponent))}`;
+    return `${withMinus(mantissa)} × 10${superscript(Number(exponent))}`;
   }
   const decimals = size === 0 ? 0 : Math.max(0, digits - 1 - Math.floor(Math.log10(size)));
-  return Number(value.toFixed(Math.min(decimals, 12))).toLocaleString("en", { maximumFractionDigits: 12 }).replace("-", "−");
+  return withMinus(Number(value.toFixed(Math.min(decimals, 12))).toLocaleString("en", { maximumFractionDigits: 12 }));
 }
 
 /** @param {number} exponent */
@@ -47,9 +56,6 @@ export function pressure(value, digits = 3) {
   return Number.isFinite(value) ? `${figure(value, digits)}${NBSP}${PRESSURE}` : NONE;
 }
 
-/** Format a number with fixed decimals and a typographic minus, which zero does not have. @param {number} value @param {number} decimals */
-export const signed = (value, decimals) => value.toFixed(decimals).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
-
 /** Format a length in millimetres, for coordinates. @param {number} metres @param {number} [decimals] */
 export function mm(metres, decimals = 2) {
   return Number.isFinite(metres) ? `${signed(metres * 1e3, decimals)}${NBSP}mm` : NONE;
@@ -63,17 +69,17 @@ export const wavelengthText = (metres) => `${nanometres(metres)} nm`;
 
 /** @param {number | null | undefined} value */
 export function count(value) {
-  return value === null || value === undefined ? NONE : value.toLocaleString("en");
+  return value === null || value === undefined ? NONE : withMinus(value.toLocaleString("en"));
 }
 
 /** @param {number | null | undefined} share @param {number} [decimals] */
 export function percent(share, decimals = 0) {
-  return share === null || share === undefined || !Number.isFinite(share) ? NONE : `${(100 * share).toFixed(decimals)}${NBSP}%`;
+  return share === null || share === undefined || !Number.isFinite(share) ? NONE : `${signed(100 * share, decimals)}${NBSP}%`;
 }
 
 /** @param {number | null | undefined} radians */
 export function degrees(radians) {
-  return radians === null || radians === undefined ? NONE : `${((radians * 180) / Math.PI).toFixed(0)}°`;
+  return radians === null || radians === undefined ? NONE : `${signed((radians * 180) / Math.PI, 0)}°`;
 }
 
 /** Format a duration: 0.42 s, 38 s, 4 min 05 s, 2 h 10 min. @param {number | null | undefined} seconds */

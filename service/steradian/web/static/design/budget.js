@@ -3,7 +3,7 @@
 import { api } from "../api.js";
 import { h, replace, s } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { count, duration, length, percent } from "../units.js";
+import { count, duration, length, percent, signed } from "../units.js";
 
 /** @typedef {import("./fields.js").Design} Design */
 /** @typedef {{points: number, averages: number, seconds: number, contrast_db: number, side_lobes_db: number | null, width: number | null, width_scatter: number | null, resolution: number | null, usable: boolean, proposed: boolean}} Split */
@@ -112,7 +112,7 @@ export function budgetPanel(host, design, changed) {
     const use = h("button", { type: "button", class: "quiet" }, "Use it");
     const first = Math.max(0, splits.findIndex(({ proposed }) => proposed));
     const plot = splitPlot(splits, first, choose, take);
-    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${budget.noise_db.toFixed(1)} dB each. Drag the point, or use the arrow keys, to set points and averages.`), plot, h("div", { class: "row" }, text, use), iterative);
+    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB each. Drag the point, or use the arrow keys, to set points and averages.`), plot, h("div", { class: "row" }, text, use), iterative);
     choose(first);
   }
 
@@ -131,8 +131,8 @@ export function budgetPanel(host, design, changed) {
 
 /** Return the figures of a split as text. @param {Split} split @param {any} budget */
 function splitText(split, { max_contrast_db: most }) {
-  const side = split.side_lobes_db === null ? "" : ` (${split.side_lobes_db.toFixed(1)} dB without noise)`;
-  const contrast = split.side_lobes_db === null && split.contrast_db >= most ? `above ${most} dB` : `${split.contrast_db.toFixed(1)} dB${side}`;
+  const side = split.side_lobes_db === null ? "" : ` (${signed(split.side_lobes_db, 1)} dB without noise)`;
+  const contrast = split.side_lobes_db === null && split.contrast_db >= most ? `above ${most} dB` : `${signed(split.contrast_db, 1)} dB${side}`;
   const width = split.width === null ? "no width" : `width ${length(split.width)}${split.width_scatter === null ? ", often none" : ` ± ${percent(split.width_scatter, 1)}`}`;
   const resolution = split.resolution === null ? "" : `, resolution ${length(split.resolution)}`;
   return `${count(split.points)} points × ${count(split.averages)} averages, ${duration(split.seconds)}: contrast ${contrast}, ${width}${resolution}${split.proposed ? "; proposed" : ""}`;
@@ -166,7 +166,7 @@ function splitPlot(splits, first, choose, adopt) {
     s("circle", { r: 14, class: "grip" }), s("circle", { r: 6 }));
   const plot = s("svg", { viewBox: `0 0 ${width} ${height}`, class: "trade", role: "group", "aria-label": "Contrast over the number of points" },
     s("path", { d: `M${left},${top}V${height - bottom}H${width - right}`, class: "axis" }),
-    [low + 2, high - 2].map((level) => s("text", { x: left - 6, y: y(level) + 4, class: "tick end" }, `${level.toFixed(0)} dB`)),
+    [low + 2, high - 2].map((level) => s("text", { x: left - 6, y: y(level) + 4, class: "tick end" }, `${signed(level, 0)} dB`)),
     splits.map(({ points }, n) => s("text", { x: x(n), y: height - bottom + 16, class: "tick middle" }, count(points))),
     s("text", { x: (left + width - right) / 2, y: height - 3, class: "tick middle" }, "points"),
     splits.some(({ side_lobes_db: one }) => one !== null) ? s("path", { d: path((split) => split.side_lobes_db), class: "limit" }, s("title", null, "without noise")) : null,
@@ -182,7 +182,7 @@ function splitPlot(splits, first, choose, adopt) {
     const { points, averages, contrast_db: contrast } = splits[next];
     handle.setAttribute("transform", `translate(${x(next)} ${y(contrast)})`);
     handle.setAttribute("aria-valuenow", String(next));
-    handle.setAttribute("aria-valuetext", `${count(points)} points × ${count(averages)} averages, ${contrast.toFixed(1)} dB`);
+    handle.setAttribute("aria-valuetext", `${count(points)} points × ${count(averages)} averages, ${signed(contrast, 1)} dB`);
     choose(next);
   };
   const nearest = (/** @type {PointerEvent} */ event) => {

@@ -1,8 +1,10 @@
 // @ts-check
 // Design form: a slider and a number for each field, with the service's errors below the field.
+import { decimalInput, decimalOf, showDecimal } from "../decimal_input.js";
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
 import { convertRange } from "../allowed_ranges.js";
+import { decimalText } from "../units.js";
 import { displayUnit } from "../reconstructions/schema.js";
 import { changeArrangement, resizeGrid } from "./arrangement_change.js";
 import { addPoint, ARRANGEMENTS, fieldsOfPoint, furtherPoints, toSi, maskField, MAX_POINTS, PLAN_FIELDS, removePoint } from "./fields.js";
@@ -137,16 +139,16 @@ export class DesignForm {
         field.choices.map(([value, text]) => h("option", { value, selected: value === values[key] }, text)));
       return h("div", { class: "field" }, label, select, remarks);
     }
-    const number = h("input", { type: "number", id: `field-${key}`, step: "any", title: field.help, "aria-describedby": remarks.id });
+    const number = decimalInput({ id: `field-${key}`, title: field.help, "aria-describedby": remarks.id });
     const slider = h("input", { type: "range", "aria-label": field.label, ...rangeOf(field) });
     const show = () => {
       const value = Number(values[key]) / field.scale;
-      if (document.activeElement !== number) number.value = String(Number(value.toPrecision(7)));
+      showDecimal(number, value);
       slider.value = String(toSlider(field, value));
-      slider.setAttribute("aria-valuetext", `${Number(value.toPrecision(4))} ${field.unit}`);
+      slider.setAttribute("aria-valuetext", `${decimalText(value, 4)} ${field.unit}`);
     };
     number.addEventListener("input", () => {
-      if (number.value !== "") this.set(values, key, toSi(field, Number(number.value)));
+      if (Number.isFinite(decimalOf(number))) this.set(values, key, toSi(field, decimalOf(number)));
       show();
     });
     number.addEventListener("blur", show);

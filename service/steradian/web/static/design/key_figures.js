@@ -1,6 +1,6 @@
 // @ts-check
 // Key figures of a design: points, metrics of the mask, time and data of the scan.
-import { bytes, count, degrees, duration, length, percent } from "../units.js";
+import { bytes, count, degrees, duration, length, percent, signed } from "../units.js";
 
 /** Return the points of a scan; of one in stages the survey's, and the focus's at most. @param {any} preview of the API */
 export function pointsText({ stages }) {
@@ -19,7 +19,7 @@ export function keyFigures({ mask, plan, stages, visible_share: visible }) {
   return [
     ["Points", pointsText({ stages })],
     ["Spacing", mask.coarsest - mask.finest > 1e-9 ? `${length(mask.finest)} to ${length(mask.coarsest)}` : length(mask.finest)],
-    ["Weight ratio", mask.weight_ratio.toFixed(2)],
+    ["Weight ratio", signed(mask.weight_ratio, 2)],
     ["Opening angle", degrees(mask.opening_angle)],
     ["Visible edges", percent(visible)],
     ["Scan", timeText(plan, stages)],

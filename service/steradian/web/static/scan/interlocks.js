@@ -2,7 +2,7 @@
 // Laser, interlock, key, shutter and lease of a scanner, with the age of these values.
 import { h, replace } from "../dom.js";
 import { statusOf, lastStatus, onTick } from "../scanner_status.js";
-import { formatTime } from "../units.js";
+import { formatTime, signed } from "../units.js";
 
 /** Values at which the laser may fire; other known values are shown as faults. */
 const SAFE_VALUES = /** @type {Record<string, string>} */ ({ interlock: "closed", key: "on" });
@@ -25,7 +25,7 @@ export class Interlocks {
     const { scanners, failure } = lastStatus();
     const one = scanners.find(({ id }) => id === this.scannerId) ?? (this.scannerId === null && scanners.length === 1 ? scanners[0] : null);
     const now = one && statusOf(one);
-    this.age.textContent = now && now.age !== null ? `updated ${Math.max(0, now.age).toFixed(1)} s ago` : "";
+    this.age.textContent = now && now.age !== null ? `updated ${signed(Math.max(0, now.age), 1)} s ago` : "";
     const lease = failure ? null : one?.lease;
     const heldText = lease ? `reserved by ${lease.holder} until ${formatTime(lease.ends)}${lease.note ? `: ${lease.note}` : ""}` : "not reserved";
     this.leaseText.textContent = one && !failure ? heldText : "";

@@ -1,9 +1,10 @@
 // @ts-check
 // Choice of the points of interest of a stage: proposals to accept, or a place on the live image.
 import { api } from "../api.js";
+import { decimalInput, decimalOf, showDecimal } from "../decimal_input.js";
 import { debounce, h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { figure } from "../units.js";
+import { figure, signed } from "../units.js";
 import { readLease } from "./scanner_choice.js";
 import { placeText, promiseName, promiseText } from "./stages.js";
 
@@ -14,6 +15,7 @@ import { placeText, promiseName, promiseText } from "./stages.js";
 const DEFAULT_DEPTH = 3e-3; // m, where neither a proposal nor the mask has one
 const ESTIMATE_DELAY = 250;
 const AXES = ["x", "y", "depth"];
+const LASER = "(laser on)"; // what the action of a button does, at the end of its name
 
 export class StageChoice {
   /** @param {import("./live_image.js").LiveImage} liveImage @param {() => void} chosen */
@@ -30,14 +32,16 @@ export class StageChoice {
     this.title = h("strong");
     this.explanation = h("span");
     this.proposals = h("div", { class: "scrolls" });
-    this.inputs = AXES.map((axis, n) => h("input", { type: "number", step: "any", id: `place-${axis}`, "aria-describedby": "place-note", oninput: () => this.onTyped(n) }));
+    this.inputs = AXES.map((axis, n) => decimalInput({ id: `place-${axis}`, "aria-describedby": "place-note", oninput: () => this.onTyped(n) }));
     this.note = h("p", { class: "dim small", id: "place-note" });
     this.messages = h("div", { class: "remarks", role: "alert" });
+    this.consequence = h("strong", { id: "choice-consequence" });
+    this.focusButton = h("button", { class: "primary", "aria-describedby": "choice-consequence" });
     this.form = h("form", { class: "row", onsubmit: (/** @type {Event} */ event) => this.submitPlace(event) },
       h("strong", null, "Place"),
       AXES.map((axis, n) => h("span", { class: "row tight-row" }, h("label", { for: `place-${axis}` }, axis), this.inputs[n], h("span", { class: "dim" }, "mm"))),
-      h("button", { class: "primary" }, "Focus here"));
-    this.element = h("div", { class: "stage-choice", hidden: true, dataset: { steradian: "stage-choice" } }, h("p", { role: "status" }, this.title, " ", this.explanation), this.proposals, this.form, this.note, this.messages);
+      this.focusButton);
+    this.element = h("div", { class: "stage-choice", hidden: true, dataset: { steradian: "stage-choice" } }, h("p", { role: "status" }, this.title, " ", this.explanation, " ", this.consequence), this.proposals, this.form, this.note, this.messages);
     this.estimateDepthSoon = debounce(() => void this.estimateDepth(), ESTIMATE_DELAY);
     liveImage.markers.onPick = (picked) => this.onPicked(picked);
   }
@@ -53,10 +57,12 @@ export class StageChoice {
     const isInterrupted = scan.state === "interrupted";
     this.title.textContent = isInterrupted ? "The scan is interrupted; its points of interest can be chosen." : "The laser is off: choose the point of interest.";
     const found = stage.proposals.length ? "Accept a proposal, or click another place on the image." : "Nothing in the image of the survey stands out of the noise; choose a place on the image or enter one.";
-    this.explanation.textContent = `${found}${isInterrupted ? " Then resume the scan." : ""}`;
+    this.explanation.textContent = found;
+    this.consequence.textContent = isInterrupted ? "Then resume the scan." : "Each choice starts the focus at once: the laser goes on.";
+    this.focusButton.textContent = isInterrupted ? "Focus here" : `Focus here ${LASER}`;
     this.note.textContent = "On the image, a click or the arrow keys move the place.";
     replace(this.messages);
-    replace(this.proposals, stage.proposals.length ? this.table(stage.proposals) : null);
+    replace(this.proposals, stage.proposals.length ? this.table(stage.proposals, isInterrupted ? "" : LASER) : null);
     const [first] = stage.proposals;
     this.liveImage.markers.aperture = mask.aperture;
     this.setPlace(first?.position ?? [0, 0, mask.depth ?? DEFAULT_DEPTH]);
@@ -68,31 +74,28 @@ export class StageChoice {
     this.liveImage.markers.hideChoice();
   }
 
-  /** @param {Proposal[]} proposals */
-  table(proposals) {
-    const accept = (/** @type {number[]} */ numbers, /** @type {string} */ text, /** @type {string} */ name) => h("button", { type: "button", class: "primary", "aria-label": name, onclick: () => void this.submit({ proposals: numbers }) }, text);
+  /** @param {Proposal[]} proposals @param {string} ending of the buttons' names */
+  table(proposals, ending) {
+    const accept = (/** @type {number[]} */ numbers, /** @type {string} */ text, /** @type {string} */ name) => h("button", { type: "button", class: "nowrap", "aria-label": `${[text, ending].filter(Boolean).join(" ")}: ${name}`, "aria-describedby": "choice-consequence", onclick: () => void this.submit({ proposals: numbers }) }, [text, ending].filter(Boolean).join(" "));
     const all = proposals.map((_, n) => n + 1);
-    const inMm = (/** @type {number} */ metres) => (metres * 1e3).toFixed(2).replace("-", "−");
     return h("table", { dataset: { proposals: "" } },
-      h("thead", null, h("tr", null, ["", "x (mm)", "y (mm)", "depth (mm)", "signal-to-noise"].map((name) => h("th", { scope: "col", class: "number" }, name || h("span", { class: "visually-hidden" }, "Proposal"))), h("th", { scope: "col", class: "number", title: "Full width at half maximum of the image of a small ball at this place, expected after the focus" }, promiseName(proposals)), h("th", { scope: "col" }, all.length > 1 ? accept(all, "Accept all", `Accept all ${all.length} proposals`) : h("span", { class: "visually-hidden" }, "Accept")))),
+      h("thead", null, h("tr", null, ["", "x (mm)", "y (mm)", "depth (mm)", "signal-to-noise"].map((name) => h("th", { scope: "col", class: "number" }, name || h("span", { class: "visually-hidden" }, "Proposal"))), h("th", { scope: "col", class: "number", title: "Full width at half maximum of the image of a small ball at this place, expected after the focus" }, promiseName(proposals)), h("th", { scope: "col" }, all.length > 1 ? accept(all, "Accept all", `${all.length} proposals`) : h("span", { class: "visually-hidden" }, "Accept")))),
       h("tbody", null, proposals.map((one, n) => h("tr", null,
-        h("th", { scope: "row", class: "number" }, String(n + 1)), one.position.map((metres) => h("td", { class: "number" }, inMm(metres))),
+        h("th", { scope: "row", class: "number" }, String(n + 1)), one.position.map((metres) => h("td", { class: "number" }, signed(metres * 1e3, 2))),
         h("td", { class: "number" }, figure(one.signal_to_noise, 2)), h("td", { class: "number" }, promiseText(one)),
-        h("td", null, accept([n + 1], "Accept", `Accept proposal ${n + 1}: ${placeText(one.position)}`))))));
+        h("td", null, accept([n + 1], "Accept", `proposal ${n + 1}, ${placeText(one.position)}`))))));
   }
 
   /** @param {Place} place */
   setPlace(place) {
     this.place = place;
-    this.inputs.forEach((input, n) => {
-      if (input !== document.activeElement) input.value = String(Number((place[n] * 1e3).toFixed(3)));
-    });
+    this.inputs.forEach((input, n) => showDecimal(input, Number((place[n] * 1e3).toFixed(3))));
     this.liveImage.markers.showChoice(this.stage?.proposals.map(({ position }) => position) ?? [], place);
   }
 
   /** @param {number} n of the coordinate */
   onTyped(n) {
-    const value = this.inputs[n].valueAsNumber;
+    const value = decimalOf(this.inputs[n]);
     if (!Number.isFinite(value)) return;
     const place = /** @type {Place} */ ([...this.place]);
     place[n] = Number((value * 1e-3).toPrecision(9));

@@ -1,5 +1,6 @@
 // @ts-check
 // Histogram of the visible values and the window of the colour scale, with a handle at either end.
+import { decimalInput, decimalOf, showDecimal } from "../decimal_input.js";
 import { oncePerFrame, h } from "../dom.js";
 import { colour, onTheme } from "../theme.js";
 import { PRESSURE, figure } from "../units.js";
@@ -70,8 +71,8 @@ export class Histogram {
 
   /** @param {number} handleIndex @param {string} name */
   input(handleIndex, name) {
-    const input = h("input", { type: "number", step: "any", "aria-label": `Window ${name}`, class: "short" });
-    input.addEventListener("change", () => Number.isFinite(input.valueAsNumber) && this.setWindow(handleIndex, input.valueAsNumber));
+    const input = decimalInput({ "aria-label": `Window ${name}`, class: "short" });
+    input.addEventListener("change", () => Number.isFinite(decimalOf(input)) && this.setWindow(handleIndex, decimalOf(input)));
     return input;
   }
 
@@ -108,7 +109,7 @@ export class Histogram {
       this.handles[n].setAttribute("aria-valuemin", String(low));
       this.handles[n].setAttribute("aria-valuemax", String(high));
       this.handles[n].setAttribute("aria-valuetext", figure(value));
-      if (document.activeElement !== this.inputs[n]) this.inputs[n].value = String(Number(value.toPrecision(4)));
+      showDecimal(this.inputs[n], value, 4);
     });
     this.name.textContent = this.stage.nameText;
     this.name.hidden = !this.name.textContent;

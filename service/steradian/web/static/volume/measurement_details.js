@@ -1,7 +1,7 @@
 // @ts-check
 // Details of a named measurement: figures of the service, profile in the plane that was measured.
 import { h, s } from "../dom.js";
-import { PRESSURE, count, figure } from "../units.js";
+import { PRESSURE, count, decimalText, figure } from "../units.js";
 import { PLANES, axisIndex, voxelIndex } from "./volume_data.js";
 import { profile } from "./measurements.js";
 import { correctedText, widthText } from "./measurement_table.js";
@@ -98,7 +98,7 @@ function chart(stage, plane, { measurement: { start, end }, figures }) {
   const [left, right] = [1e3 * Number(figures.left), 1e3 * Number(figures.right)];
   const half = y(Number(figures.base) + Number(figures.value) / 2);
   return s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "profile", role: "img", "aria-label": "Profile along the line" },
-    ticks(0, last, 5).map((mm) => s("text", { x: x(mm), y: HEIGHT - 5, "text-anchor": "middle" }, String(mm))),
+    ticks(0, last, 5).map((mm) => s("text", { x: x(mm), y: HEIGHT - 5, "text-anchor": "middle" }, decimalText(mm))),
     s("text", { x: WIDTH, y: HEIGHT - 5, "text-anchor": "end" }, "mm"), s("text", { x: 0, y: 10 }, stage.isMaps ? "" : PRESSURE),
     [low, high].map((value) => s("text", { x: LEFT - 4, y: y(value) + 4, "text-anchor": "end" }, Math.abs(value) < 5e-3 * (high - low) ? "0" : figure(value, 2))),
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 4}V${HEIGHT - BOTTOM}H${WIDTH}` }),

@@ -1,5 +1,6 @@
 // @ts-check
 // Overlay of a slice: ticks in mm, crosshair, marks, scale bar.
+import { decimalText, signed } from "../units.js";
 import { PLANES, axisIndex } from "./volume_data.js";
 import { MARKS } from "./view_state.js";
 import { paintRamp, colourTable } from "./colours.js";
@@ -68,14 +69,14 @@ function drawTicks(context, view) {
   for (const mm of ticks(Math.max(left, x0), Math.min(right, x1), view.width / 56)) {
     const [x] = view.toPixels(mm, 0);
     strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(x, 0); context.lineTo(x, 5); });
-    if (x > 22 && x < view.width - 22) drawLabel(context, String(mm).replace("-", "−"), x, 7);
+    if (x > 22 && x < view.width - 22) drawLabel(context, decimalText(mm), x, 7);
   }
   context.textAlign = "left";
   context.textBaseline = "middle";
   for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), Math.max(view.height / 44, LEAST_TICKS))) {
     const [, y] = view.toPixels(0, mm);
     strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
-    if (y > 22 && y < view.height - 32) drawLabel(context, String(mm).replace("-", "−"), 8, y);
+    if (y > 22 && y < view.height - 32) drawLabel(context, decimalText(mm), 8, y);
   }
   context.textBaseline = "bottom";
   drawLabel(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);
@@ -174,5 +175,5 @@ export function drawDepthBar(context, depths, height) {
   context.drawImage(ramp, left, y, DEPTH_BAR_WIDTH, 6);
   context.textAlign = "left";
   context.textBaseline = "bottom";
-  drawLabel(context, `depth ${depths.map((mm) => mm.toFixed(1)).join(" … ")} mm`, left, y - 4);
+  drawLabel(context, `depth ${depths.map((mm) => signed(mm, 1)).join(" to ")} mm`, left, y - 4);
 }

@@ -1,5 +1,6 @@
 // @ts-check
 // Options of an overlay: colours, opacity and scale of the image and of the reference laid over it, with their colour bars.
+import { decimalInput, decimalOf, showDecimal } from "../decimal_input.js";
 import { h } from "../dom.js";
 import { MAP_LABELS, OVERLAY_MAPS, PRESSURE_MAPS, paintRamp } from "./colours.js";
 
@@ -33,10 +34,10 @@ function layer(stage, n) {
   });
   const canvas = h("canvas", { width: BAR_WIDTH, height: 1, class: "colour-bar", "aria-hidden": "true" });
   const inputs = ["from", "to"].map((name, side) => {
-    const input = h("input", { type: "number", step: "any", class: "short", "aria-label": `${which}: ${name}` });
+    const input = decimalInput({ class: "short", "aria-label": `${which}: ${name}` });
     input.addEventListener("change", () => {
       const window = /** @type {[number, number]} */ ([...(n ? stage.overlayWindow : stage.window)]);
-      window[side] = input.valueAsNumber;
+      window[side] = decimalOf(input);
       if (window[0] < window[1]) stage.store.change(n ? { overlayWindow: window } : { window });
       else show();
     });
@@ -47,7 +48,7 @@ function layer(stage, n) {
     map.value = n ? stage.view.overlayMap : stage.view.map;
     opacity.value = String(stage.view.opacity[n]);
     const window = n ? stage.overlayWindow : stage.window;
-    window.forEach((value, side) => inputs[side] !== document.activeElement && (inputs[side].value = String(Number(value.toPrecision(4)))));
+    window.forEach((value, side) => showDecimal(inputs[side], value, 4));
     const pixels = new ImageData(BAR_WIDTH, 1);
     paintRamp(n ? stage.overlayColours : stage.colours, window, window, new Uint32Array(pixels.data.buffer));
     canvas.getContext("2d")?.putImageData(pixels, 0, 0);

@@ -35,7 +35,7 @@ export function lengthWithError(mm, error) {
   const shownError = Math.max(error * factor, minError);
   const power = Math.floor(Math.log10(shownError) + 1e-9);
   const digits = Math.max(0, -power + (shownError / 10 ** power < 1.95 && shownError > minError ? 1 : 0));
-  return `${(mm * factor).toFixed(digits)} ± ${shownError.toFixed(digits)} ${unit}`;
+  return `${signed(mm * factor, digits)} ± ${signed(shownError, digits)} ${unit}`;
 }
 
 /** Return tick positions within a range, at most `maxTicks`.

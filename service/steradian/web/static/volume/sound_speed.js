@@ -3,7 +3,7 @@
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace, s } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { formatTime } from "../units.js";
+import { formatTime, signed } from "../units.js";
 import { ticks } from "./scale.js";
 
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 172, 34, 22, 36];
@@ -67,12 +67,12 @@ export function soundSpeedPanel(reconstruction) {
       return;
     }
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    status.textContent = `Best fit at ${best.toFixed(1)}${error ? ` ± ${error.toFixed(1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
+    status.textContent = `Best fit at ${signed(best, 1)}${error ? ` ± ${signed(error, 1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
     const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
-      h("a", { class: "button", href: rerunUrl(best) }, `Rerun at ${best.toFixed(1)} m/s`),
+      h("a", { class: "button", href: rerunUrl(best) }, `Rerun at ${signed(best, 1)} m/s`),
       ...noteElements(job),
-      h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed line: this volume, ${reportedSpeed.toFixed(1)} m/s. ` : ""}Or select a point of the curve.`));
+      h("p", { class: "dim small" }, `${reportedSpeed && reportedSpeed >= speeds[0] && reportedSpeed <= speeds[speeds.length - 1] ? `Dashed line: this volume, ${signed(reportedSpeed, 1)} m/s. ` : ""}Or select a point of the curve.`));
   }
 
   return { element, open: load };
@@ -100,6 +100,6 @@ function chart(speeds, sharpness, startSpeed, rerunUrl) {
     s("path", { class: "axis", d: `M${LEFT} ${TOP - 6}V${HEIGHT - BOTTOM}H${WIDTH}` }),
     startSpeed && startSpeed >= low && startSpeed <= high ? s("path", { class: "width", d: `M${x(startSpeed)} ${TOP - 6}V${HEIGHT - BOTTOM}` }) : null,
     s("path", { class: "curve", d: speeds.map((speed, n) => `${n ? "L" : "M"}${x(speed).toFixed(1)} ${y(sharpness[n]).toFixed(1)}`).join("") }),
-    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Rerun at ${speed.toFixed(1)} m/s`, dataset: { speed: String(speed) } },
-      s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${speed.toFixed(1)} m/s: ${sharpness[n].toPrecision(4)}`))));
+    speeds.map((speed, n) => s("a", { href: rerunUrl(speed), "aria-label": `Rerun at ${signed(speed, 1)} m/s`, dataset: { speed: String(speed) } },
+      s("circle", { cx: x(speed), cy: y(sharpness[n]), r: 4 }), s("title", null, `${signed(speed, 1)} m/s: ${sharpness[n].toPrecision(4)}`))));
 }

@@ -3,7 +3,7 @@
 import { api, BASE, idempotencyHeaders } from "../api.js";
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { nanometres } from "../units.js";
+import { nanometres, percent } from "../units.js";
 import { wavelengthsOf } from "./series_player.js";
 
 const BLOOD = ["oxyhaemoglobin", "deoxyhaemoglobin"];
@@ -83,7 +83,7 @@ export function unmixingResult(reconstruction) {
 /** @param {any} found */
 function figures(found) {
   const { saturation, fluence } = found;
-  const share = (/** @type {number} */ value) => `${(100 * value).toFixed(1)} %`;
+  const share = (/** @type {number} */ value) => percent(value, 1);
   const rows = [["Chromophores", found.chromophores.join(", ")], ["Wavelengths", `${found.wavelengths_m.map(nanometres).join(", ")} nm`],
     ["Light", fluence.name], ["Voxels with signal", String(found.voxels)]];
   if (saturation?.mean !== undefined) {
