@@ -5,8 +5,10 @@ import { count, mm, nanometres } from "./units.js";
 
 /** @typedef {{points: string, depth: string, wavelengths: string}} Facts */
 
-const UNKNOWN = { points: "…", depth: "…", wavelengths: "…" };
+/** Facts that are not loaded yet. */
+export const UNKNOWN = { points: "…", depth: "…", wavelengths: "…" };
 
+/** Facts of a scan; wavelengths are empty if its plan has none. */
 export class ScanFacts {
   /** @param {() => void} changed called when facts are loaded */
   constructor(changed) {
@@ -48,6 +50,6 @@ const pathsOf = (scan) => [`/masks/${scan.mask_id}`, `/plans/${scan.plan_id}`];
 
 /** @param {number[]} lights in nm */
 function wavelengthsText(lights) {
-  if (!lights.length) return "–";
+  if (!lights.length) return "";
   return `${lights.length > 3 ? `${lights.length}, ${Math.min(...lights)} to ${Math.max(...lights)}` : lights.join(", ")}\u00a0nm`;
 }

@@ -4,7 +4,7 @@ import { api } from "./api.js";
 import { byId, oncePerFrame, h, replaceKeepingFocus, replace } from "./dom.js";
 import { live } from "./event_stream.js";
 import { stateLabel } from "./scan/stages.js";
-import { ScanFacts } from "./scan_facts.js";
+import { ScanFacts, UNKNOWN } from "./scan_facts.js";
 import { ScanThumbnails } from "./scan_thumbnails.js";
 import { showEmpty, showError, showLoading } from "./panel_states.js";
 import { formatTime, count, identifierElement } from "./units.js";
@@ -17,6 +17,8 @@ const thumbnails = new ScanThumbnails((id) => {
   const scan = scans.find((one) => one.id === id);
   if (scan) facts.request(scan); // it may have left the list
 });
+/** Explanations of columns. @type {Record<string, string>} */
+const TITLES = { Depth: "Depth of the mask's point of interest", Wavelengths: "Excitation wavelengths of the plan" };
 const NUMBERS = new Set(["Points", "Depth", "A-lines"]);
 /** @type {any[]} */
 let scans = [];
@@ -40,9 +42,11 @@ const draw = oncePerFrame(() => {
   }
   const searchText = search.value.trim().toLowerCase();
   const matches = scans.filter((scan) => !searchText || textOf(scan).includes(searchText));
+  const hasWavelengths = matches.some((scan) => !["", UNKNOWN.wavelengths].includes(facts.of(scan).wavelengths));
+  const columns = ["Scan", "State", "Points", "Depth", ...(hasWavelengths ? ["Wavelengths"] : []), "A-lines", "Labels", "Started"];
   replaceKeepingFocus(body, h("table", null,
-    h("thead", null, h("tr", null, h("td"), ["Scan", "State", "Points", "Depth", "Wavelengths", "A-lines", "Labels", "Started"].map((name) => h("th", { scope: "col", class: NUMBERS.has(name) ? "number" : "" }, name)))),
-    h("tbody", null, matches.map(row))),
+    h("thead", null, h("tr", null, h("td"), columns.map((name) => h("th", { scope: "col", class: NUMBERS.has(name) ? "number" : "", title: TITLES[name] ?? null }, name)))),
+    h("tbody", null, matches.map((scan) => row(scan, hasWavelengths)))),
     matches.length ? null : h("p", { class: "dim" }, "No scan matches the search."),
     nextPage ? h("p", { class: "dim" }, "Only the newest 100 scans are shown; use the API to list older scans.") : null);
 });
@@ -52,8 +56,8 @@ function textOf(scan) {
   return [scan.id, scan.state, stateLabel(scan), ...Object.entries(scan.labels).flat()].join(" ").toLowerCase();
 }
 
-/** @param {any} scan */
-function row(scan) {
+/** @param {any} scan @param {boolean} hasWavelengths whether there is a column of them */
+function row(scan, hasWavelengths) {
   const { done, total } = scan.progress;
   const isFault = scan.state === "failed" || scan.state === "interrupted";
   const stored = scan.summary ? scan.summary.stored : done;
@@ -63,7 +67,7 @@ function row(scan) {
     h("td", null, h("a", { href: `/scans/${scan.id}`, tabindex: -1, "aria-hidden": "true" }, thumbnails.of(scan.id))),
     h("td", null, identifierElement(scan.id, `/scans/${scan.id}`)),
     h("td", { class: isFault ? "fault" : "" }, stateLabel(scan), scan.simulated ? h("span", { class: "dim" }, " (simulated)") : null),
-    h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, depth), h("td", null, wavelengths),
+    h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, depth), hasWavelengths ? h("td", { class: "nowrap" }, wavelengths || h("span", { class: "dim" }, "not stated")) : null,
     h("td", { class: "number" }, stored === planned ? count(stored) : `${count(stored)} of ${count(planned)}`),
     h("td", null, Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`))),
     h("td", { class: "nowrap" }, formatTime(scan.started ?? scan.created, true).slice(0, -3)));

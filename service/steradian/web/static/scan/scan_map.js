@@ -146,7 +146,7 @@ export class ScanMap {
       const label = /** @type {HTMLElement} */ (button.lastElementChild);
       if (label.textContent !== text) label.textContent = text;
       button.setAttribute("aria-pressed", String(this.filter === name));
-      button.hidden = !counts.get(name) && name !== "stored" && name !== "missing" && this.filter !== name;
+      button.hidden = !counts.get(name) && name !== "stored" && this.filter !== name;
     }
   }
 

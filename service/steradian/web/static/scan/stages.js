@@ -23,11 +23,16 @@ export function isChoosable(scan) {
   return isWaiting(scan) || (scan.state === "interrupted" && ["proposed", "decided"].includes(nextStage(scan)?.state ?? ""));
 }
 
+/** Return whether a scan is over without its focus. @param {any} scan */
+const isSurveyOnly = (scan) => FINAL_STATES.has(scan.state) && (scan.summary?.stored ?? 0) > 0 && nextStage(scan) !== null;
+
 /** Return the label of a scan's state. @param {any} scan */
 export function stateLabel(scan) {
   if (isWaiting(scan)) return "waiting for a point of interest";
   if (scan.state === "paused" && scan.desired_state === "running" && nextStage(scan)) return "planning the next stage";
-  return STATE_LABELS[scan.state] ?? scan.state;
+  const label = STATE_LABELS[scan.state] ?? scan.state;
+  if (isSurveyOnly(scan)) return `${scan.state === "partial" ? "stopped" : label}, survey only`;
+  return label;
 }
 
 /** Return the points that the further stages add at most. @param {any} scan */
