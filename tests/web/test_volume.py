@@ -163,7 +163,7 @@ def test_a_region_is_numpy_s(page, made):
         assert figure(page, key) == pytest.approx(wanted, rel=1e-4)
         assert page.inner_text(f"[data-result='region'] [data-figure='{key}']").endswith("arb.\u00a0u.")
     for name in ("contrast 1", "region 1"):
-        page.get_by_role("button", name=f"Delete {name}").click()
+        page.get_by_role("button", name=f"Remove {name}").click()
         expect(page.locator(f"[data-measurement='{name}']")).to_have_count(0)
 
 
@@ -296,7 +296,7 @@ def test_named_profiles_are_kept_with_widths_and_correction(service, open_page, 
     page.get_by_role("button", name="Correct the width of ball").click()
     expect(page.locator("[data-measurement='ball'] [data-cell='corrected']")).to_contain_text("µm", timeout=120_000)
     text = page.locator("[data-result='profile']").inner_text()
-    corrected = float(re.search(r"Corrected\s+([\d.]+) µm, as a Gaussian sphere", text)[1])
+    corrected = float(re.search(r"Corrected width\s+([\d.]+) µm, as a Gaussian sphere", text)[1])
     assert corrected == pytest.approx(2 * (2 * np.log(2)) ** 0.5 * 1e6 * RADIUS, rel=0.06)
     assert float(re.search(r"Point spread\s+([\d.]+) µm", text)[1]) < corrected
     other = open_page(service, f"/volumes/{made[0][0]}")
@@ -318,7 +318,7 @@ def test_named_profiles_are_kept_with_widths_and_correction(service, open_page, 
         (volume_id, name) for volume_id in made[0][:2] for name in ("ball", "profile 2")
     ]
     for name in ("ball", "profile 2"):
-        page.get_by_role("button", name=f"Delete {name}").click()
+        page.get_by_role("button", name=f"Remove {name}").click()
         expect(page.locator(f"[data-measurement='{name}']")).to_have_count(0)
 
 

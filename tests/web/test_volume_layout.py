@@ -117,7 +117,7 @@ def test_every_depth_says_what_it_is(service, open_page, volume):
     expect(page.locator("[data-where='3-D']")).to_have_text(re.compile(r", z 0\.5 to "))
     page.goto(f"{service.url}/volumes")
     card = page.get_by_role("link").filter(has=page.locator(f"canvas[data-of='{volume}']"))
-    expect(card).to_contain_text(re.compile(r"mm, z 0\.00 to 4\.0\d\smm"))
+    expect(card).to_contain_text(re.compile(r"mm, z\s0\.00\sto\s4\.0\d\smm"))
 
 
 @pytest.mark.parametrize("fragment", ["", "#camera=-35,25,1.6"], ids=["whole", "near"])
@@ -151,3 +151,24 @@ def test_images_side_by_side_fill_the_window(service, open_page, volume, size, s
     page.get_by_label("Plane").select_option("y")
     expect(page.locator("[data-where='x–z']").first).to_be_visible()
     assert first.bounding_box()["width"] > 0.9 * panel["width"]
+
+
+def test_thumbnails_have_scale_bars_and_dates_one_format(service, open_page, volume):
+    """In both lists, a bar is as long as it says, relative to the image; dates are YYYY-MM-DD HH:MM."""
+    with Client(service.url) as client:
+        shape, spacing = (client.reconstructions.get(volume).report[name] for name in ("shape", "spacing_m"))
+        scan = client.reconstructions.get(volume).scan_id
+    side = 1e3 * max(count * step for count, step in zip(shape[:2], spacing[:2], strict=True))
+    page = open_page(service, "/volumes")
+    expect(page.get_by_text("Each has its own colour scale.")).to_be_visible()
+    date = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d(?!:)")
+    expect(page.locator(f"li:has([data-of='{volume}'])")).to_contain_text(date)
+    for address, of in (("/volumes", volume), ("/scans", scan)):
+        page.goto(service.url + address)
+        bar = page.locator(f"[data-of='{of}'] ~ .scale-bar")
+        expect(bar).to_have_text("2 mm")
+        whole = page.locator(f"[data-of='{of}']").bounding_box()["width"]
+        assert bar.bounding_box()["width"] == pytest.approx(whole * 2 / side, abs=1.5)
+    expect(page.locator(f"tr:has([data-of='{scan}'])")).to_contain_text(date)
+    page.goto(f"{service.url}/reconstructions/{volume}")
+    expect(page.locator("dt:text-is('Ended') + dd")).to_have_text(date)

@@ -2,7 +2,7 @@
 // Thumbnails of scans: projection of the newest volume or of the newest revision of the live image, loaded when in sight.
 import { api } from "./api.js";
 import { h } from "./dom.js";
-import { drawProjection, readProjection, WHITE_LEVEL } from "./volume/projection_image.js";
+import { drawProjection, readProjection, showScaleBar, WHITE_LEVEL } from "./volume/projection_image.js";
 import { createSource, firstVoxelBelow } from "./volume/volume_data.js";
 
 const PIXELS = 96;
@@ -31,14 +31,14 @@ export class ScanThumbnails {
     }, { rootMargin: "200px" });
   }
 
-  /** Return the thumbnail of a scan. @param {string} scanId */
+  /** Return the thumbnail of a scan, with its scale bar. @param {string} scanId */
   of(scanId) {
     const known = this.canvases.get(scanId);
-    if (known) return known;
-    const canvas = h("canvas", { width: 1, height: 1, class: "scan-thumb", "aria-hidden": "true", dataset: { of: scanId } });
+    if (known) return known.parentElement;
+    const canvas = h("canvas", { width: 1, height: 1, "aria-hidden": "true", dataset: { of: scanId } });
     this.canvases.set(scanId, canvas);
     this.observer.observe(canvas);
-    return canvas;
+    return h("span", { class: "scan-thumb", "aria-hidden": "true" }, canvas, h("i", { class: "scale-bar" }));
   }
 
   /** Load a scan's thumbnail again, because it has a newer image; at most once in an interval. @param {string} scanId */
@@ -77,6 +77,7 @@ export class ScanThumbnails {
     const plane = await readProjection(answer);
     if (this.requests.get(canvas) !== number) return true; // a later request draws
     drawProjection(canvas, plane, axis, [0, WHITE_LEVEL]);
+    showScaleBar(/** @type {HTMLElement | null} */ (canvas.nextElementSibling), answer.headers);
     return true;
   }
 }

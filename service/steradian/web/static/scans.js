@@ -7,7 +7,7 @@ import { stateLabel } from "./scan/stages.js";
 import { ScanFacts, UNKNOWN } from "./scan_facts.js";
 import { ScanThumbnails } from "./scan_thumbnails.js";
 import { showEmpty, showError, showLoading } from "./panel_states.js";
-import { formatTime, count, identifierElement } from "./units.js";
+import { formatDate, count, identifierElement } from "./units.js";
 
 const host = byId("scans");
 const search = h("input", { type: "search", placeholder: "Search labels, states …", "aria-label": "Search", "data-search": true, oninput: () => draw() });
@@ -70,7 +70,7 @@ function row(scan, hasWavelengths) {
     h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, depth), hasWavelengths ? h("td", { class: "nowrap" }, wavelengths || h("span", { class: "dim" }, "not stated")) : null,
     h("td", { class: "number" }, stored === planned ? count(stored) : `${count(stored)} of ${count(planned)}`),
     h("td", null, Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`))),
-    h("td", { class: "nowrap" }, formatTime(scan.started ?? scan.created, true).slice(0, -3)));
+    h("td", { class: "nowrap" }, formatDate(scan.started ?? scan.created)));
 }
 
 showLoading(body);

@@ -93,14 +93,19 @@ export function duration(seconds) {
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
-/** Format a local time of day, with the date if it is not today. @param {string | Date | null | undefined} when @param {boolean} [withDate] always */
-export function formatTime(when, withDate = false) {
+/** Format the local date and time of a record: 2026-11-29 12:05. @param {string | Date | null | undefined} when */
+export function formatDate(when) {
   if (!when) return NONE;
   const then = new Date(when);
-  const time = then.toTimeString().slice(0, 8);
-  if (!withDate && then.toDateString() === new Date().toDateString()) return time;
   const [month, day] = [then.getMonth() + 1, then.getDate()].map((part) => String(part).padStart(2, "0"));
-  return `${then.getFullYear()}-${month}-${day} ${time}`;
+  return `${then.getFullYear()}-${month}-${day} ${then.toTimeString().slice(0, 5)}`;
+}
+
+/** Format the local time of what happens now: 12:05:30; with the date if it is not today. @param {string | Date | null | undefined} when */
+export function formatTime(when) {
+  if (!when) return NONE;
+  const then = new Date(when);
+  return then.toDateString() === new Date().toDateString() ? then.toTimeString().slice(0, 8) : formatDate(when);
 }
 
 /** Create an element with a shortened identifier and a copy button. @param {string} id @param {string} [href] */

@@ -5,7 +5,7 @@ import { byId, h, replace, debounce } from "../dom.js";
 import { addShortcut } from "../shortcuts.js";
 import { live } from "../event_stream.js";
 import { showEmpty, showError, showLoading, errorElements } from "../panel_states.js";
-import { formatTime, duration } from "../units.js";
+import { formatDate, formatTime, duration } from "../units.js";
 import { showRequestForm } from "./request_form.js";
 import { createDragHandle } from "./drag_handle.js";
 import { byPriority, priorityChanges } from "./queue_order.js";
@@ -87,7 +87,7 @@ function row(one) {
   return h("tr", { dataset: { row: one.id, state: one.state, ...(isWaiting(one) ? { waits: "" } : {}) } },
     h("td", null, isWaiting(one) ? createDragHandle(one.id, waitingRows, (to) => moveJob(one.id, to), setDragging) : box), h("td", { class: "state-cell" }, h("div", null, stateElement(one)), timeElement(one)),
     h("td", { class: "nowrap" }, methodText(one), h("div", { class: "dim small" }, [soundSpeedText(one), one.id.slice(-5)].filter(Boolean).join(", "))), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
-    h("td", { class: "nowrap" }, formatTime(one.created), h("span", { class: "by dim small", title: requesterOf(one) }, requesterOf(one))), h("td", { class: "nowrap" }, priorityElement(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
+    h("td", { class: "nowrap" }, formatDate(one.created), h("span", { class: "by dim small", title: requesterOf(one) }, requesterOf(one))), h("td", { class: "nowrap" }, priorityElement(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
 }
 
 /** @param {any} one */

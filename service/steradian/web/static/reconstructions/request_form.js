@@ -3,7 +3,7 @@
 import { api, idempotencyHeaders, Problem } from "../api.js";
 import { h, replace } from "../dom.js";
 import { showError, showLoading, errorElements } from "../panel_states.js";
-import { formatTime, count } from "../units.js";
+import { formatDate, count } from "../units.js";
 import { frameFields, motionFields } from "./command.js";
 import { ParameterForm } from "./parameter_form.js";
 import { parameterGroups } from "./schema.js";
@@ -130,5 +130,5 @@ function frameOption(fields, text) {
 export function scanTitle(one) {
   const labels = Object.entries(one.labels ?? {}).map(([name, text]) => `${name}: ${text}`).join(", ");
   const stored = one.summary?.stored ?? one.progress.done;
-  return `${labels || "no labels"}, …${one.id.slice(-5)}, ${formatTime(one.created)}, ${count(stored)} A-lines`;
+  return `${labels || "no labels"}, …${one.id.slice(-5)}, ${formatDate(one.created)}, ${count(stored)} A-lines`;
 }

@@ -3,7 +3,7 @@
 import { api, idempotencyHeaders } from "../api.js";
 import { h, openDialog, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { count, duration, figure, formatTime, identifierElement } from "../units.js";
+import { count, duration, figure, formatDate, identifierElement } from "../units.js";
 import { iterativeButton } from "../reconstructions/iterative_beside.js";
 import { startScan } from "./create.js";
 import { readLease, ScannerChoice } from "./scanner_choice.js";
@@ -88,7 +88,7 @@ export class Controls {
     const over = FINAL_STATES.has(this.scan?.state);
     this.bar.hidden = over && isWhole;
     if (over && this.pace.parentElement !== this.below) this.below.prepend(this.pace); // beside the labels, where there are more actions
-    if (over && this.scan.started) parts.push(`measured ${formatTime(this.scan.started, true)}${this.scan.ended ? ` in ${duration(secondsBetween(this.scan.started, this.scan.ended))}` : ""}`);
+    if (over && this.scan.started) parts.push(`measured ${formatDate(this.scan.started)}${this.scan.ended ? ` in ${duration(secondsBetween(this.scan.started, this.scan.ended))}` : ""}`);
     this.pace.textContent = parts.join(", ");
     const advice = over || !TRANSITIONS[this.scan?.state] ? "" : stopSummary(this.stored, this.total, this.toCome);
     if (this.advice.textContent !== advice) this.advice.textContent = advice;

@@ -3,7 +3,7 @@
 import { api, idempotencyHeaders } from "../api.js";
 import { debounce, oncePerFrame, h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { formatTime, figure } from "../units.js";
+import { formatDate, figure } from "../units.js";
 import { methodText } from "../reconstructions/summary.js";
 import { frameText } from "../reconstructions/volume_names.js";
 import { PLANES, createSource } from "./volume_data.js";
@@ -231,5 +231,5 @@ export class Compare {
 
 /** Describe a reconstruction in one line. @param {any} one */
 export function reconstructionTitle(one) {
-  return `${formatTime(one.ended ?? one.created)}, ${methodText(one)}, ${one.id.slice(-5)}`;
+  return `${formatDate(one.ended ?? one.created)}, ${methodText(one)}, ${one.id.slice(-5)}`;
 }

@@ -4,13 +4,13 @@ import { api, request } from "../api.js";
 import { byId, h, replace } from "../dom.js";
 import { live } from "../event_stream.js";
 import { showEmpty, showError, showLoading } from "../panel_states.js";
-import { formatTime, pressure, signed } from "../units.js";
+import { formatDate, pressure, signed } from "../units.js";
 import { methodText, scanNames, soundSpeedText } from "../reconstructions/summary.js";
 import { volumeName } from "../reconstructions/volume_names.js";
 import { wavelengthsOf } from "./series_player.js";
 import { depthsText } from "./scale.js";
 import { createSource, firstVoxelBelow, projectedDepths, rangeEnds } from "./volume_data.js";
-import { drawProjection, numbersOf, readProjection, WHITE_LEVEL } from "./projection_image.js";
+import { drawProjection, numbersOf, readProjection, showScaleBar, WHITE_LEVEL } from "./projection_image.js";
 
 const THUMBNAIL_PIXELS = 256;
 const MAX_LISTED = 200; // maximum page size of the service
@@ -44,7 +44,7 @@ async function load() {
 function show() {
   const searchText = search.value.trim().toLowerCase();
   const matches = items.filter((one) => [one.id, one.scan_id, scanLabels.get(one.scan_id), methodText(one), ...(one.report.notes ?? [])].join(" ").toLowerCase().includes(searchText));
-  const note = h("p", { class: "dim small" }, "Maximum-intensity projections along z (line scans: sections). ", scaleText, `${listedCount === MAX_LISTED ? `. The search covers the newest ${MAX_LISTED} volumes.` : ""}`);
+  const note = h("p", { class: "dim small" }, "Maximum-intensity projections along z (line scans: sections). ", scaleText, `${listedCount === MAX_LISTED ? ` The search covers the newest ${MAX_LISTED} volumes.` : ""}`);
   const grid = h("div", { class: "stack" }, matches.length ? [note, h("ul", { class: "gallery" }, matches.map(createCard))] : h("p", { class: "dim" }, "No volume matches the search."));
   if (panel.contains(search)) panel.lastElementChild?.replaceWith(grid);
   else replace(panel, h("header", { class: "row" }, search, h("label", { class: "row nowrap" }, oneScale, "One colour scale")), grid);
@@ -58,7 +58,7 @@ function createCard(one) {
   const axis = shape.length === 3 ? "z" : "y";
   return h("li", null, h("a", { href: `/volumes/${one.id}` },
     h("span", { class: "thumbs" }, shownIndices(one).map((index) => thumbnail(one, axis, index))),
-    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatTime(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), one.report.frames?.length ? h("span", { dataset: { shown: "" } }, shownIndices(one).map((index) => volumeName(one, index)).join(" | ")) : null, h("span", { class: "dim" }, `${extents} mm${depthsOf(one)}`), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
+    h("strong", null, scanLabels.get(one.scan_id) || "no labels"), h("span", null, `created ${formatDate(one.ended ?? one.created)}`), h("span", null, [methodText(one), soundSpeedText(one)].filter(Boolean).join(", ")), one.report.frames?.length ? h("span", { dataset: { shown: "" } }, shownIndices(one).map((index) => volumeName(one, index)).join(" | ")) : null, h("span", { class: "dim" }, `${extents} mm${depthsOf(one)}`), h("span", { class: "dim" }, `${one.simulated ? "simulated, " : ""}scan ${one.scan_id.slice(-5)}, ${one.id.slice(-5)}`)));
 }
 
 /** Describe the depths of a volume, and those that its projection covers. @param {any} one */
@@ -67,7 +67,7 @@ function depthsOf(one) {
   if (!source) return "";
   const whole = depthsText(rangeEnds(source, "z", { from: 0, to: source.shape[2] }));
   const shown = depthsText(projectedDepths(source));
-  return source.flat || shown === whole ? `, z ${whole}` : `, z ${whole}; maximum of ${shown}`;
+  return `, ${(source.flat || shown === whole ? [`z ${whole}`] : [`z ${whole}`, `maximum of ${shown}`]).map((text) => text.replaceAll(" ", "\u00a0")).join("; ")}`;
 }
 
 /** Values of the loaded thumbnails in bytes, with the values of 0 and 255. @type {Map<HTMLCanvasElement, {values: Uint8Array, shape: [number, number], window: [number, number], isMap: boolean}>} */
@@ -89,7 +89,7 @@ const ownEnd = ({ window: [low, high] }) => low + (WHITE_LEVEL / 255) * (high - 
 function paintAll() {
   const shown = [...loaded].filter(([canvas, { isMap }]) => panel.contains(canvas) && !isMap);
   const end = oneScale.checked && shown.length ? Math.max(...shown.map(([, thumb]) => ownEnd(thumb))) : null;
-  scaleText.textContent = end === null ? "Each has its own colour scale" : `Colours from 0 to ${pressure(end)}, the brightest of those loaded`;
+  scaleText.textContent = end === null ? "Each has its own colour scale." : `Colours from 0 to ${pressure(end)}, the brightest of those loaded.`;
   for (const canvas of loaded.keys()) paintThumbnail(canvas, end);
 }
 
@@ -123,7 +123,7 @@ function thumbnail(one, axis, index) {
   const cached = thumbnails.get(`${one.id} ${index}`);
   if (cached) return cached;
   const canvas = h("canvas", { width: 1, height: 1, role: "img", "aria-label": [`Maximum along ${axis}`, volumeName(one, index)].filter(Boolean).join(", "), dataset: { of: one.id, axis, first: String(firstVoxel(one)), index: one.report.frames?.length ? String(index) : "", kind: one.kind } });
-  const element = h("span", { class: "thumb" }, canvas, h("span", null, "loading …"));
+  const element = h("span", { class: "thumb" }, canvas, h("span", null, "loading …"), h("i", { class: "scale-bar", "aria-hidden": "true" }));
   thumbnails.set(`${one.id} ${index}`, element);
   observer.observe(canvas);
   return element;
@@ -143,6 +143,7 @@ async function drawThumbnail(canvas) {
     const answer = await request("GET", `/reconstructions/${of}/mip?${query}`, undefined, { accept: "application/octet-stream" });
     const window = /** @type {[number, number]} */ (numbersOf(answer.headers, "X-Window", "0,1"));
     const plane = await readProjection(answer);
+    showScaleBar(/** @type {HTMLElement | null} */ (canvas.parentElement?.querySelector(".scale-bar")), answer.headers);
     loaded.set(canvas, { ...plane, window, isMap: canvas.dataset.kind === "unmixing" });
     if (oneScale.checked) paintAll(); // it may be the brightest
     else paintThumbnail(canvas, null);

@@ -15,7 +15,7 @@ import { RegionCourses } from "./region_course.js";
 
 const TOOL_TEXTS = {
   crosshair: ["Crosshair", "Click or drag in a view to move the crosshair in all views; its value can be kept."],
-  line: ["Line", "Drag a line across an object to measure its profile and full width at half maximum; each line is kept with a name."],
+  line: ["Line", "Drag a line across an object to measure its profile and width (full width at half maximum); each line is kept with a name."],
   region: ["Region", "Drag a rectangle over an object to measure mean, standard deviation and extremes."],
   background: ["Background", "Drag a rectangle next to a region, in the same view, to measure the contrast-to-noise ratio of the region."],
   point: ["Point", "Click a point that a mask should image well, drag its ring in another view to set the depth, then design the mask."],

@@ -14,6 +14,7 @@ import { lengthOf, ticks } from "./scale.js";
 /** @typedef {[string, string, string?, number?, string?]} Row name, text, key and value for scripts, description */
 
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 154, 40, 22, 20];
+const WIDTH_TEXT = "Full width at half maximum";
 const inMm = (/** @type {[number, number]} */ place) => /** @type {[number, number]} */ (place.map((metres) => 1e3 * metres));
 
 /** @param {VolumeState} stage @param {SliceView[]} views @param {Measured} item @param {...(Node | null)} more */
@@ -42,7 +43,7 @@ function rowsOf(stage, item) {
     row("Mean of the background", "background_mean"), row("Deviation of the background", "background_deviation")];
   if (kind === "point") return [row("Value", "value"), ["Position", PLANES[axis].map((one, n) => `${one} ${mmText(1e3 * start[n])}`).join(", ")]];
   const length = end ? 1e3 * Math.hypot(end[0] - start[0], end[1] - start[1]) : 0;
-  return [["FWHM", widthText(item), "fwhm", 1e3 * Number(figures.width)], ...(figures.width === null ? [] : [row("Peak above base", "value"), row("Base", "base")]),
+  return [["Width", widthText(item), "fwhm", 1e3 * Number(figures.width), WIDTH_TEXT], ...(figures.width === null ? [] : [row("Peak above base", "value"), row("Base", "base")]),
     ["Length", lengthOf(length)], ...correctionRows(item)];
 }
 
@@ -51,8 +52,8 @@ function correctionRows({ measurement: { axis }, ends, correction }) {
   if (!correction) return [];
   const length = (/** @type {number | null} */ metres) => (metres === null ? "–" : lengthOf(1e3 * metres));
   const shape = correction.corrected === null ? "" : `, as a ${correction.shape}`;
-  return [[`FWHM, slice at ${axis} ${mmText(1e3 * ends[0][axisIndex(axis)])}`, length(correction.fwhm)], ["Point spread", length(correction.point_spread)],
-    ["Corrected", `${correctedText(correction)}${shape}${correction.reason ? `: ${correction.reason}` : ""}`]];
+  return [[`Width, slice at ${axis} ${mmText(1e3 * ends[0][axisIndex(axis)])}`, length(correction.fwhm)], ["Point spread", length(correction.point_spread)],
+    ["Corrected width", `${correctedText(correction)}${shape}${correction.reason ? `: ${correction.reason}` : ""}`]];
 }
 
 /** @param {Measured} item */

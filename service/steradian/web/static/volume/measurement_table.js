@@ -61,7 +61,7 @@ function row(store, item, n, show) {
   const cell = (/** @type {string} */ key, /** @type {...any} */ ...children) => h("td", { dataset: { cell: key } }, ...children);
   return h("tr", { dataset: { measurement: name }, onclick: () => store.select(name) },
     h("td", null, rename), cell("kind", [kind, index === null ? "" : volumeName(store.reconstruction, index)].filter(Boolean).join(", ")), cell("value", valueText(store, item)), cell("width", widthText(item)), cell("corrected", correctedWidth(store, item)),
-    h("td", null, h("button", { type: "button", class: "quiet", "aria-label": `Delete ${name}`, onclick: (/** @type {Event} */ event) => { event.stopPropagation(); void store.remove(name); } }, "delete")));
+    h("td", null, h("button", { type: "button", class: "quiet", "aria-label": `Remove ${name}`, onclick: (/** @type {Event} */ event) => { event.stopPropagation(); void store.remove(name); } }, "remove")));
 }
 
 /** @param {MeasurementStore} store @param {Measured} item */

@@ -4,7 +4,7 @@ import { api } from "../api.js";
 import { h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
 import { methodText, scanNames } from "../reconstructions/summary.js";
-import { formatTime } from "../units.js";
+import { formatDate } from "../units.js";
 import { downloadTable } from "./measurement_table.js";
 
 /** @typedef {import("./measurement_store.js").MeasurementStore} MeasurementStore */
@@ -30,7 +30,7 @@ export function measurementVolumes(store) {
       const [{ items }, labels] = await Promise.all([api.get("/reconstructions?state=succeeded&limit=200"), scanNames()]);
       const others = items.filter((/** @type {any} */ one) => one.id !== store.reconstruction.id && one.report?.shape?.length === store.reconstruction.report.shape.length);
       replace(choice, h("legend", null, "Other volumes"), others.length ? others.map((/** @type {any} */ one) => h("label", { class: "row nowrap" },
-        h("input", { type: "checkbox", value: one.id, onchange: update }), h("span", null, [labels.get(one.scan_id), methodText(one), formatTime(one.ended ?? one.created), one.id.slice(-5)].filter(Boolean).join(", ")))) : h("p", { class: "dim" }, "There is no other volume."));
+        h("input", { type: "checkbox", value: one.id, onchange: update }), h("span", null, [labels.get(one.scan_id), methodText(one), formatDate(one.ended ?? one.created), one.id.slice(-5)].filter(Boolean).join(", ")))) : h("p", { class: "dim" }, "There is no other volume."));
     } catch (error) {
       replace(message, ...errorElements(error));
     }

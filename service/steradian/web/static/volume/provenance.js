@@ -4,7 +4,7 @@ import { api } from "../api.js";
 import { LineChart } from "../charts.js";
 import { copyText, h, replace } from "../dom.js";
 import { showError } from "../panel_states.js";
-import { formatTime, count, duration, identifierElement } from "../units.js";
+import { formatDate, count, duration, identifierElement } from "../units.js";
 import { isUnmixingCommandComplete, optionsOf, curlCommand, shellCommand } from "../reconstructions/command.js";
 import { differences, parameterGroups, displayPath, formatValue, valueAt } from "../reconstructions/schema.js";
 import { SERVICE_URL } from "../urls.js";
@@ -30,7 +30,7 @@ async function load(element, reconstruction) {
       entry("A-lines", report?.sensors === null || report?.sensors === undefined ? null : `${count(report.sensors)} of ${count(report.planned)}`),
       entry("Voxels", report?.shape ? `${report.shape.join(" × ")}, ${report.spacing_m.map((/** @type {number} */ one) => Number((one * 1e6).toPrecision(4))).join(" × ")} µm` : null),
       entry("Centre in file coordinates", report?.centre_m?.length ? `${report.centre_m.map((/** @type {number} */ one) => Number((one * 1e3).toPrecision(6))).join(", ")} mm` : null),
-      entry("Created", reconstruction.ended ? `${formatTime(reconstruction.ended)}${seconds ? `, computed in ${duration(seconds)}` : ""}` : null),
+      entry("Created", reconstruction.ended ? `${formatDate(reconstruction.ended)}${seconds ? `, computed in ${duration(seconds)}` : ""}` : null),
       entry("Method", reconstruction.parameters.method), entry("Speed of sound", report?.sound_speed_m_s ? `${report.sound_speed_m_s} m/s` : null)),
     ...(report?.notes ?? []).map((/** @type {string} */ note) => h("p", { class: "note" }, note)),
     ...noiseGain(report?.noise_gain ?? []),

@@ -3,7 +3,7 @@
 import { api, idempotencyHeaders } from "../api.js";
 import { h, replace, s } from "../dom.js";
 import { errorElements } from "../panel_states.js";
-import { formatTime, signed } from "../units.js";
+import { formatDate, signed } from "../units.js";
 import { ticks } from "./scale.js";
 
 const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [264, 172, 34, 22, 36];
@@ -62,12 +62,12 @@ export function soundSpeedPanel(reconstruction) {
   /** @param {any} job */
   function show(job) {
     if (job.result.parameters) {
-      status.textContent = `Layers, computed ${formatTime(job.ended)}.`;
+      status.textContent = `Layers, computed ${formatDate(job.ended)}.`;
       replace(curve, ...job.result.parameters.map(parameterText), ...noteElements(job));
       return;
     }
     const { sound_speeds: speeds, sharpness, best, standard_error: error, at_edge: edge } = job.result;
-    status.textContent = `Best fit at ${signed(best, 1)}${error ? ` ± ${signed(error, 1)}` : ""} m/s, computed ${formatTime(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
+    status.textContent = `Best fit at ${signed(best, 1)}${error ? ` ± ${signed(error, 1)}` : ""} m/s, computed ${formatDate(job.ended)}${edge ? ". The optimum is at the edge: shift the range" : ""}.`;
     const rerunUrl = (/** @type {number} */ speed) => `/reconstructions?again=${reconstruction.id}&set=${encodeURIComponent(JSON.stringify({ sound_speed: Number(speed.toFixed(1)) }))}`;
     replace(curve, chart(speeds, sharpness, reportedSpeed, rerunUrl),
       h("a", { class: "button", href: rerunUrl(best) }, `Rerun at ${signed(best, 1)} m/s`),

@@ -6,7 +6,7 @@ import { byId, copyText, h, pathIdentifier, replace } from "../dom.js";
 import { addShortcut } from "../shortcuts.js";
 import { showEmpty, showError, showLoading } from "../panel_states.js";
 import { methodText } from "../reconstructions/summary.js";
-import { formatTime, identifierElement } from "../units.js";
+import { formatDate, identifierElement } from "../units.js";
 import { urlOf } from "../urls.js";
 import { AXES, findBrightest, createSource } from "./volume_data.js";
 import { Compare } from "./compare.js";
@@ -145,7 +145,7 @@ function createHeading(reconstruction, stage) {
   stage.store.on((_view, changed) => changed.has("index") && showTitle());
   void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
   return h("header", { class: "volume-head" }, sample, h("span", { class: "method", title: methodText(reconstruction) }, methodText(reconstruction)),
-    h("span", null, reconstruction.simulated ? "simulated, " : "", `created ${formatTime(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
+    h("span", null, reconstruction.simulated ? "simulated, " : "", `created ${formatDate(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
     h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), h("span", { class: "row nowrap" }, toFigure, link));
 }
 
