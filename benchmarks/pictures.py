@@ -1,78 +1,27 @@
 """Pictures of every page, in both themes, on a service that holds what a laboratory's would.
 
 ``python benchmarks/pictures.py [FOLDER]`` writes them (``docs/page`` by itself); with ``--tablet`` every page is also
-shown at 1024 × 768. It needs Debian's chromium and playwright, and takes about five minutes.
+shown at 1024 × 768, with ``--wide`` at 1440 × 900. It needs Debian's chromium and playwright, and takes about ten
+minutes.
 """
 
 import argparse
-import io
 import re
 import tempfile
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from fabry_perot.simulator.named_phantoms import vessels
 from fabry_perot.simulator.phantoms import pressure
-from page import address, service_and_browser
-from steradian_benchmarks.paper.pictures import few_colours
+from page import service_and_browser
+from page_camera import Camera
 from steradian_client import Client
 
-SIZES = {"": (1280, 720), "tablet-": (1024, 768)}
-TABLET = {"design", "volume"}
-"""Pages that are shown at both sizes anyway: they look differently there."""
-WAIT = 240_000.0
 APERTURE, SPEED, INTERVAL = 13.56e-3, 1500.0, 16e-9
-
-
-class Camera:
-    """Opens pages in every theme and size, and keeps what they look like."""
-
-    def __init__(self, service, browser, folder, *, tablet, only):
-        self.service, self.browser, self.folder, self.tablet, self.only = service, browser, folder, tablet, only
-
-    def take(self, name, path, ready, *, act=None, during=None):
-        """Keep ``name-dark.png`` and ``name-light.png`` of an address, once ``ready`` is seen and ``act`` was done.
-
-        ``during`` makes sure, before and after, that what is shown is still under way; such a page never rests.
-        """
-        if not re.search(self.only, name):
-            return
-        for prefix, size in SIZES.items():
-            if prefix and not (self.tablet or name in TABLET):
-                continue
-            for theme in ("dark", "light"):
-                with self._page(path, ready, theme, size) as page:
-                    if act is not None:
-                        act(page)
-                    if during is None:
-                        page.wait_for_load_state("networkidle")
-                    else:
-                        during()
-                    page.wait_for_timeout(700)  # pictures that are drawn when the page rests
-                    shot = page.screenshot()
-                    if during is not None:
-                        during()
-                    self._keep(shot, f"{name}-{prefix}{theme}.png")
-
-    @contextmanager
-    def _page(self, path, ready, theme, size):
-        context = self.browser.new_context(
-            viewport=dict(zip(("width", "height"), size, strict=True)), color_scheme=theme, reduced_motion="reduce"
-        )
-        context.set_default_timeout(WAIT)
-        page = context.new_page()
-        page.goto(address(self.service, path))
-        page.wait_for_selector(ready)
-        yield page
-        context.close()
-
-    def _keep(self, shot, name):
-        picture = few_colours(Image.open(io.BytesIO(shot)).convert("RGB"))
-        picture.save(self.folder / name, "png", optimize=True)
+DEPTHS = (0.5e-3, 7e-3)
+WAVELENGTHS = (600e-9, 900e-9)
 
 
 def recording(folder):
@@ -101,7 +50,7 @@ def scanned(client, sample, *, rate, wait=True, **plan):
 def made(client, scan):
     """Reconstruct a scan in several ways; returns the jobs, the best first, two of them compared."""
     ways = ({}, {"method": "nearest"}, {"sound_speed": SPEED + 40})
-    jobs = [client.reconstructions.create(scan.id, depth_range=(0.5e-3, 7e-3), **way) for way in ways]
+    jobs = [client.reconstructions.create(scan.id, depth_range=DEPTHS, **way) for way in ways]
     jobs = [client.reconstructions.wait(job) for job in jobs]
     client.reconstructions.compare(jobs[0].id, jobs[1].id)
     speeds = {"first": SPEED - 60, "last": SPEED + 60, "steps": 21}
@@ -121,6 +70,30 @@ def all_drawn(page):
           const seen = all.filter((one) => one.getBoundingClientRect().top < innerHeight);
           return seen.length > 0 && seen.every((one) => one.width > 1); }"""
     )
+
+
+def take_design(camera):
+    """A design, its pulse budget, and one that is refused."""
+    address = "/design?label=mouse+ear&pulse_rate=400"
+
+    def budget(page):
+        worked_out(page)
+        panel = page.get_by_role("region", name="Pulse budget")
+        for label, value in {"Time (min)": "0.2", "Noise of one pulse (dB)": "25"}.items():
+            panel.get_by_label(label).fill(value)
+        panel.get_by_role("button", name="Propose").click()
+        panel.get_by_text("; proposed").wait_for()
+        panel.scroll_into_view_if_needed()
+
+    def refused(page):
+        worked_out(page)
+        page.locator("#field-depth").fill("0")
+        page.locator("#design[data-outcome='refused']").wait_for()
+        page.locator("#field-depth").scroll_into_view_if_needed()
+
+    camera.take("design", address, "#scan-this:enabled", act=worked_out)
+    camera.take("design-budget", address, "#scan-this:enabled", act=budget)
+    camera.take("design-refused", address, "#scan-this:enabled", act=refused)
 
 
 def line_across(volume):
@@ -150,6 +123,10 @@ def take_volumes(camera, client, jobs):
         page.click("[data-measurement] [data-cell='kind']")
         page.wait_for_selector("[data-result='profile']")
 
+    def figure(page):
+        page.click("[data-to-figure]")
+        page.get_by_role("button", name="Create the figure").scroll_into_view_if_needed()
+
     camera.take("volumes", "/volumes", ".gallery canvas", act=all_drawn)
     camera.take("volume", f"/volumes/{first}", drawn)
     camera.take(
@@ -161,19 +138,39 @@ def take_volumes(camera, client, jobs):
     camera.take("volume-compare", f"/volumes/{first}#against={second}", drawn, act=tab("Compare"))
     camera.take("volume-speed", f"/volumes/{first}#map=depth", drawn, act=tab("Speed"))
     camera.take("volume-files", f"/volumes/{first}", drawn, act=tab("Files"))
+    camera.take("volume-figure", f"/volumes/{first}", drawn, act=figure)
+    camera.take("volume-enlarged", f"/volumes/{first}#large=z", drawn)
     camera.take("side-by-side", f"/reconstructions?side={first},{third}", "[data-changes]")
     camera.take("reconstruction", f"/reconstructions/{first}", "#reconstruction h2")
 
 
+def take_series(camera, client):
+    """A series of two wavelengths, and one laid over the other."""
+    mask = client.masks.equi_steradian(aperture=APERTURE, depth=3.6e-3, count=1600)
+    plan = client.plans.create(mask.id, pulse_rate=400.0, excitation=WAVELENGTHS)
+    scan = client.scans.create(plan.id, labels={"sample": "mouse ear, two wavelengths"})
+    client.scans.wait(scan)
+    job = client.reconstructions.wait(client.reconstructions.create(scan.id, depth_range=DEPTHS))
+
+    def compare(page):
+        page.click("[data-tab='Compare']")
+        page.wait_for_selector("[data-overlay] h3")
+
+    drawn = "#volume[data-surveyed]"
+    camera.take("volume-series", f"/volumes/{job.id}#index=1", drawn)
+    camera.take("volume-overlay", f"/volumes/{job.id}#map=red&against={job.id}:1&how=overlay", drawn, act=compare)
+
+
 def take_queue(camera, client, scan, jobs):
     """The queue while one runs and two wait, and the form."""
-    long = client.reconstructions.create(scan.id, method="iterative", priority=5)
+    long = client.reconstructions.create(scan.id, method="iterative", modes=640, priority=5)
     waiting = [client.reconstructions.create(scan.id, modes=modes) for modes in (300, 400)]
     try:
         camera.take("reconstructions", "/reconstructions", f"[data-row='{long.id}'][data-state='running']")
     finally:
         for job in (*waiting, long):
-            client.jobs.cancel(job.id)
+            if not client.jobs.get(job.id).is_over:
+                client.jobs.cancel(job.id)
     camera.take("reconstruction-form", f"/reconstructions?again={jobs[0].id}", "[data-field='modes']")
 
 
@@ -249,6 +246,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parents[1] / "docs" / "page")
     parser.add_argument("--tablet", action="store_true", help="every page at 1024 × 768, too")
+    parser.add_argument("--wide", action="store_true", help="every page at 1440 × 900, too")
     parser.add_argument("--only", default="", help="names of pictures that are taken, a regular expression")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
@@ -257,12 +255,14 @@ def main():
         tempfile.TemporaryDirectory(prefix="steradian-pictures-") as folder,
         Client(re.sub("/api/v1$", "", service.url)) as client,
     ):
-        camera = Camera(service, browser, asked.folder, tablet=asked.tablet, only=asked.only)
-        camera.take("design", "/design?label=mouse+ear&pulse_rate=400", "#scan-this:enabled", act=worked_out)
+        sizes = {prefix for prefix, wanted in (("tablet-", asked.tablet), ("wide-", asked.wide)) if wanted}
+        camera = Camera(service, browser, asked.folder, sizes=sizes, only=asked.only)
+        take_design(camera)
         scan = scanned(client, "mouse ear", rate=400.0)
         camera.take("scan-finished", f"/scans/{scan.id}", "section.image canvas")
         jobs = made(client, scan)
         take_volumes(camera, client, jobs)
+        take_series(camera, client)
         take_queue(camera, client, scan, jobs)
         take_data(camera, recording(Path(folder)))
         take_choice(camera, client)

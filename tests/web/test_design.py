@@ -341,7 +341,7 @@ def test_a_pulse_budget_is_proposed_and_its_split_taken_by_keyboard_and_pointer(
     expect(proposed).to_contain_text("; proposed")
     slider.focus()
     page.keyboard.press("End")
-    expect(proposed).to_contain_text("1,156 points × 1 averages")
+    expect(proposed).to_contain_text("1,156 points × 1 average,")
     expect(page.locator(FIELD.format("side"))).to_have_value("34")
     expect(page.locator(FIELD.format("averages"))).to_have_value("1")
     page.keyboard.press("ArrowLeft")

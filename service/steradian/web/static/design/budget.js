@@ -95,7 +95,7 @@ export function budgetPanel(host, design, changed) {
       iterating?.abort();
       text.textContent = splitText(splits[n], budget);
       use.onclick = () => take(n);
-      replace(iterative, h("button", { type: "button", class: "quiet", onclick: () => {
+      replace(iterative, h("button", { type: "button", onclick: () => {
         iterating = new AbortController();
         void simulateIterative(iterative, asked, splits[n], iterating.signal);
       } }, "Simulate its iterative image"));
@@ -109,7 +109,7 @@ export function budgetPanel(host, design, changed) {
       adopt(splits[n]);
       changed();
     };
-    const use = h("button", { type: "button", class: "quiet" }, "Use it");
+    const use = h("button", { type: "button" }, "Use it");
     const first = Math.max(0, splits.findIndex(({ proposed }) => proposed));
     const plot = splitPlot(splits, first, choose, take);
     replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB each. Drag the point, or use the arrow keys, to set points and averages.`), plot, h("div", { class: "row" }, text, use), iterative);
@@ -129,13 +129,16 @@ export function budgetPanel(host, design, changed) {
   }
 }
 
+/** @param {{points: number, averages: number}} split */
+const productText = ({ points, averages }) => `${count(points)} points × ${count(averages)} ${averages === 1 ? "average" : "averages"}`;
+
 /** Return the figures of a split as text. @param {Split} split @param {any} budget */
 function splitText(split, { max_contrast_db: most }) {
   const side = split.side_lobes_db === null ? "" : ` (${signed(split.side_lobes_db, 1)} dB without noise)`;
   const contrast = split.side_lobes_db === null && split.contrast_db >= most ? `above ${most} dB` : `${signed(split.contrast_db, 1)} dB${side}`;
   const width = split.width === null ? "no width" : `width ${length(split.width)}${split.width_scatter === null ? ", often none" : ` ± ${percent(split.width_scatter, 1)}`}`;
   const resolution = split.resolution === null ? "" : `, resolution ${length(split.resolution)}`;
-  return `${count(split.points)} points × ${count(split.averages)} averages, ${duration(split.seconds)}: contrast ${contrast}, ${width}${resolution}${split.proposed ? "; proposed" : ""}`;
+  return `${productText(split)}, ${duration(split.seconds)}: contrast ${contrast}, ${width}${resolution}${split.proposed ? "; proposed" : ""}`;
 }
 
 /** Simulate the iterative image of a split, which takes a minute. @param {HTMLElement} host @param {any} asked @param {Split} split @param {AbortSignal} signal of another choice */
@@ -182,7 +185,7 @@ function splitPlot(splits, first, choose, adopt) {
     const { points, averages, contrast_db: contrast } = splits[next];
     handle.setAttribute("transform", `translate(${x(next)} ${y(contrast)})`);
     handle.setAttribute("aria-valuenow", String(next));
-    handle.setAttribute("aria-valuetext", `${count(points)} points × ${count(averages)} averages, ${signed(contrast, 1)} dB`);
+    handle.setAttribute("aria-valuetext", `${productText({ points, averages })}, ${signed(contrast, 1)} dB`);
     choose(next);
   };
   const nearest = (/** @type {PointerEvent} */ event) => {

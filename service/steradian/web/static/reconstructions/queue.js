@@ -86,7 +86,7 @@ function row(one) {
   });
   return h("tr", { dataset: { row: one.id, state: one.state, ...(isWaiting(one) ? { waits: "" } : {}) } },
     h("td", null, isWaiting(one) ? createDragHandle(one.id, waitingRows, (to) => moveJob(one.id, to), setDragging) : box), h("td", { class: "state-cell" }, h("div", null, stateElement(one)), timeElement(one)),
-    h("td", { class: "nowrap" }, methodText(one), h("div", { class: "dim small" }, [soundSpeedText(one), one.id.slice(-5)].filter(Boolean).join(", "))), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
+    h("td", { class: "method" }, methodText(one), h("div", { class: "dim small" }, [soundSpeedText(one), one.id.slice(-5)].filter(Boolean).join(", "))), h("td", { class: "named" }, h("a", { href: `/scans/${one.scan_id}`, title: `${names.get(one.scan_id) ?? ""} ${one.scan_id}` }, names.get(one.scan_id) || `…${one.scan_id.slice(-5)}`)),
     h("td", { class: "nowrap" }, formatDate(one.created), h("span", { class: "by dim small", title: requesterOf(one) }, requesterOf(one))), h("td", { class: "nowrap" }, priorityElement(one)), h("td", null, h("div", { class: "actions" }, ...actionsOf(one))));
 }
 

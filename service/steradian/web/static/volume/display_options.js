@@ -4,6 +4,7 @@ import { h } from "../dom.js";
 import { signed } from "../units.js";
 import { MAP_LABELS, PRESSURE_MAPS } from "./colours.js";
 import { mmText } from "./panes.js";
+import { firstVoxelBelow, rangeEnds } from "./volume_data.js";
 import { DECIBELS, GAMMAS } from "./view_state.js";
 
 /** @typedef {import("./volume_state.js").VolumeState} VolumeState */
@@ -65,7 +66,8 @@ export function depthControls(stage) {
   });
   const show = () => {
     slider.value = String(stage.cut);
-    status.textContent = stage.cut ? `to ${mmText(stage.cut)}` : "none";
+    const top = firstVoxelBelow(stage.source, stage.cut);
+    status.textContent = top ? `to ${mmText(rangeEnds(stage.source, "z", { from: 0, to: top })[1])}` : "none";
     stage.shownEnds("z").forEach((mm, n) => inputs[n] !== document.activeElement && (inputs[n].value = String(Math.max(0, Number(mm.toFixed(2))))));
   };
   stage.store.on(show);

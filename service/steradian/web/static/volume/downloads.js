@@ -55,7 +55,7 @@ export class Downloads {
     const numpyRow = this.isSeries ? null : h("tr", null, h("td", null, "NumPy: values only"), h("td", { class: "number nowrap" }, bytes(this.valueBytes + 128)),
       h("td", null, h("a", { class: "button", href: `${BASE}/reconstructions/${this.reconstruction.id}/volume`, download: `${this.reconstruction.id}.npy` }, "Download")));
     replace(this.element,
-      h("table", null,
+      h("table", { class: "files" },
         h("thead", null, h("tr", null, h("th", null, "Format"), h("th", { class: "number" }, "Size"), h("th", null, h("span", { class: "visually-hidden" }, "Action")))),
         h("tbody", null, FORMATS.filter(([name]) => !this.isSeries || SERIES_FORMATS.includes(name)).map((format) => this.row(format)), numpyRow)),
       this.isSeries ? h("p", { class: "dim small" }, this.reconstruction.kind === "unmixing" ? "A file contains all maps, with their names." : "A file contains all volumes, with their wavelengths and times.") : null,

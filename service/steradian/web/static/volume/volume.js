@@ -145,8 +145,8 @@ function createHeading(reconstruction, stage) {
   stage.store.on((_view, changed) => changed.has("index") && showTitle());
   void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
   return h("header", { class: "volume-head" }, sample, h("span", { class: "method", title: methodText(reconstruction) }, methodText(reconstruction)),
-    h("span", null, reconstruction.simulated ? "simulated, " : "", `created ${formatDate(reconstruction.ended ?? reconstruction.created)}`), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
-    h("span", null, "from ", h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), h("span", { class: "row nowrap" }, toFigure, link));
+    h("span", { title: "Created" }, reconstruction.simulated ? "simulated, " : "", formatDate(reconstruction.ended ?? reconstruction.created)), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
+    h("span", null, h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), h("span", { class: "row nowrap" }, toFigure, link));
 }
 
 /** Create the crosshair controls. @param {VolumeState} stage @param {string} scanId */
