@@ -55,7 +55,9 @@ def test_whole_view_tab_is_visible_without_scrolling(service, open_page, series,
         assert place.bounding_box()["y"] < size["height"] - 20
     tops = {tab.bounding_box()["y"] for tab in page.get_by_role("tab").all()}
     assert len(tops) == 1, "the tabs are in one line"
-    expect(page.locator("[data-where='x–y']")).to_be_visible()
+    title = page.locator("[data-where='x–y']")
+    expect(title).to_have_text(re.compile(r"^750 nm, maximum of z \S+ to \S+\smm$"))  # one volume at each wavelength
+    assert title.evaluate("(one) => one.scrollWidth <= one.clientWidth")
 
 
 @pytest.mark.parametrize("size", [DESKTOP, TABLET], ids=["desktop", "tablet"])
