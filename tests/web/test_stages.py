@@ -1,6 +1,7 @@
 """Scans in stages on the page: a survey, the choice of its point of interest, the focus; and a scan around a place."""
 
 import re
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -53,6 +54,15 @@ def is_complete(service, scan):
     return service.get(f"/scans/{scan}").json()["state"] == "complete"
 
 
+@contextmanager
+def paused(service, scan, points):
+    """Pause a scan as soon as it has so many points, so that the image of a part of it is made however busy the machine is."""
+    until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= points)
+    service.http.put(f"/scans/{scan}/desired-state", json={"state": "paused"}).raise_for_status()
+    yield
+    service.http.put(f"/scans/{scan}/desired-state", json={"state": "running"}).raise_for_status()
+
+
 def chosen_place(page):
     return [number_in(page.locator(f"#place-{axis}")) for axis in ("x", "y", "depth")]
 
@@ -69,7 +79,8 @@ def test_place_chosen_by_click_on_growing_image_is_focused(service, open_page):
     page.on("response", lambda one: seen.append(one) if one.status == 200 and one.url.endswith("/revision") else None)
     scan = begin(page, service, **WATCHED, decision="ask", choice="several")
     choice = page.locator(".stage-choice")
-    expect(page.locator("section.image .caption", has_text="revision")).to_be_visible()
+    with paused(service, scan, points=10):
+        expect(page.locator("section.image .caption", has_text="revision")).to_be_visible()
     expect(choice).to_contain_text("The laser is off: choose the point of interest")
     assert service.get("/scanners/scanner-0").json()["laser"] == "off"
     expect(page.locator("section.head strong")).to_have_text("waiting for a point of interest")
@@ -98,6 +109,8 @@ def test_place_chosen_by_click_on_growing_image_is_focused(service, open_page):
     expect(choice).to_be_hidden()
     expect(page.locator(".stage-list")).to_be_focused()
     expect(page.locator("[data-filter=missing]")).not_to_have_text("missing 0")  # the points of the focus are shown
+    with paused(service, scan, points=65):
+        expect(page.locator("section.image")).to_contain_text(re.compile(r"revision \d+, from (6[1-9]|[7-9]\d|1\d\d) of"))
     until(lambda: page.evaluate("1") and is_complete(service, scan))
     survey, focus = stages(service, scan)
     assert (survey["state"], focus["state"], focus["decided_by"]) == ("made", "made", "local")
