@@ -43,14 +43,14 @@ def test_a_running_scan_is_followed_to_its_full_reconstruction(tmp_path):
         "reconstruct", "scan.h5", "-o", "live", "--follow", "--interval", "200ms", "--modes", "32", cwd=tmp_path
     )
     try:
-        run("scan", "plan.json", "--simulator-speed", "0.6", cwd=tmp_path)
+        run("scan", "plan.json", "--simulator-speed", "0.15", cwd=tmp_path)
         output = follower.communicate(timeout=250)[0]
     finally:
         follower.kill()
     assert follower.returncode == 0, output
     revision = json.loads((tmp_path / "live" / "revision.json").read_text())
     assert revision["final"] is True
-    assert revision["number"] >= 2  # the others while the scan ran, for over three seconds
+    assert revision["number"] >= 2  # the others while the scan ran, for over thirteen seconds
     run_here("reconstruct", "scan.h5", "-o", "whole", "--modes", "32", cwd=tmp_path)
     live, whole = (read_volume(tmp_path / name / "volume.h5").values for name in ("live", "whole"))
     np.testing.assert_array_equal(live, whole)

@@ -15,7 +15,7 @@ from support.commands import run_here
 from support.services import Service
 from support.waiting import until
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.timeout(900)
 ASKING = """
 import time
 from steradian.reconstructions.warmup import warmup_in_background
