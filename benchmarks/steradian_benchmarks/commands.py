@@ -11,7 +11,7 @@ from rich.table import Table
 
 from steradian.cli.benchmark_output import JsonFile, print_and_save, save
 from steradian.cli.console import console, finish_with_summary, progress_bar
-from steradian_benchmarks.compute_commands import gpu, learned_positions, operators
+from steradian_benchmarks.compute_commands import gpu, iterative_amplitudes, learned_positions, operators
 
 app = typer.Typer(
     help="Measure this installation; prints a table and, with --json, writes it to a file.", no_args_is_help=True
@@ -19,6 +19,7 @@ app = typer.Typer(
 app.command()(gpu)
 app.command()(operators)
 app.command("learned-positions")(learned_positions)
+app.command("iterative-amplitudes")(iterative_amplitudes)
 
 
 @app.command()

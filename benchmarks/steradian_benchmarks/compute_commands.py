@@ -1,4 +1,4 @@
-"""Commands of ``python -m steradian_benchmarks`` about CUDA devices and differentiable operators."""
+"""Commands of ``python -m steradian_benchmarks`` about CUDA devices, operators and iterative images."""
 
 from __future__ import annotations
 
@@ -84,3 +84,24 @@ def learned_positions(
     print_and_save("learned-positions", rows, json_file)
     if page is not None:
         report.write_page(page, rows)
+
+
+def iterative_amplitudes(
+    json_file: JsonFile = None,
+    page: Annotated[Path | None, typer.Option(help="Also write the table into this page, docs/amplitudes.md.")] = None,
+    quick: Annotated[bool, typer.Option(help="One object from few points: whether it runs, no measurement.")] = False,
+) -> None:
+    """Compare iterative images of held-out vessels and of yarns with the objects: amplitude and correlation.
+
+    The command fails when an amplitude is not 0.95 to 1.05 at 30 dB or 0.9 to 1.05 at 20 dB.
+    """
+    from steradian_benchmarks import iterative_amplitudes as measured
+
+    with progress_bar() as progress:
+        rows = measured.iterative_amplitudes(quick=quick, progress=progress)
+    print_and_save("iterative-amplitudes", rows, json_file)
+    if page is not None:
+        measured.write_page(page, rows)
+    if not quick and (missed := measured.violations(rows)):
+        console().print("\n".join(missed))
+        raise typer.Exit(1)

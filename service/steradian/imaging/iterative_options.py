@@ -36,7 +36,8 @@ class IterativeOptions:
     change
         Stop when an iteration changes the image by less than this share of its norm.
     discrepancy
-        Stop when the residual is below so many times the noise's norm (Morozov's principle); None: do not look.
+        Stop when the residual is below so many times the noise's norm (Morozov's principle), of thresholding from many
+        sensors not before the fourth iteration; None: do not look.
     noise
         Standard deviation of the noise of one sample, in the traces' unit; None: read from above the signal's band.
     highest_frequency

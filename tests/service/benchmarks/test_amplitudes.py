@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from steradian.scans.importing.geometry import fit_sensor_plane
+from steradian_benchmarks import iterative_amplitudes
 from steradian_benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
 
 pytestmark = pytest.mark.long
@@ -66,3 +67,22 @@ def test_imported_rectangular_field_has_exact_sensed_area():
     mask = sensors.mask("npy")
     assert mask.sensed_area == pytest.approx(160e-6)
     np.testing.assert_allclose(mask.weights, 4e-8)
+
+
+def test_iterative_amplitudes_are_judged_by_their_noise_and_put_into_the_page(tmp_path):
+    """Images of a kind are one line of the table, with their means, and noise decides what is too little."""
+    (made,) = iterative_amplitudes.iterative_amplitudes(quick=True)
+    assert 0.5 < made["amplitude"] < 1.5
+    assert made["correlation"] > 0.5
+    rows = [
+        {**made, "noise_db": noise, "amplitude": amplitude}
+        for noise, amplitude in ((30.0, 0.96), (30.0, 0.94), (20.0, 0.94), (20.0, 1.06), (None, 0.5))
+    ]
+    told = iterative_amplitudes.violations(rows)
+    assert [re.search(r"amplitude (\S+),", line)[1] for line in told] == ["0.940", "1.060"]
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{iterative_amplitudes.BEGIN}\n{iterative_amplitudes.END}\nafter\n")
+    iterative_amplitudes.write_page(page, rows)
+    assert "| 2 vessels |" in page.read_text()
+    assert "0.95 (0.94–0.96)" in page.read_text()
+    assert page.read_text().endswith("after\n")
