@@ -21,6 +21,7 @@ from steradian.cli.frame_options import AlignOption, AverageOption, FrameOption,
 from steradian.cli.import_ import DescriptionOption, parse_description
 from steradian.cli.medium_options import AttenuationOption, LayerOption, parse_medium
 from steradian.cli.reconstruction_summary import show_report, show_series_report
+from steradian.cli.subset_options import SuppressOption, UncertaintyOption, parse_subsets, refuse_series
 from steradian.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ def reconstruct(
     average: AverageOption = False,
     align: AlignOption = False,
     motion: MotionOption = False,
+    uncertainty: UncertaintyOption = False,
+    suppress_artefacts: SuppressOption = False,
     modes: Annotated[int | None, typer.Option(help="Lateral modes per axis; default: as the scan suggests.")] = None,
     upsampling: Annotated[int, typer.Option(help="Sinc interpolation of the finished image, times.")] = 1,
     sound_speed: Annotated[float | None, _option("Speed of sound; default: the scan's.", kind=speed)] = None,
@@ -213,6 +216,7 @@ def reconstruct(
         },
     )
     choice = FrameChoice(frame, wavelength, average)
+    subsets = parse_subsets(uncertainty, suppress_artefacts, follow=follow)
     if follow and choice != FIRST:
         raise InvalidInput("follow", "true", "without frame, wavelength and average")
     if follow and (align or motion):
@@ -222,20 +226,23 @@ def reconstruct(
     ):
         from steradian.scans.importing.sandbox import import_in_sandbox
 
-        path, options = parse_description(description)
+        path, described = parse_description(description)
         output.mkdir(parents=True, exist_ok=True)
         with progress_bar() as progress:
             file = import_in_sandbox(
-                file, output / "scan.h5", description=path, options=options, progress=progress
+                file, output / "scan.h5", description=path, options=described, progress=progress
             ).path
     is_series = frame is None and not follow and file.is_file() and is_scan_file(file)
     if is_series and len(series_choices(list_frames(file), wavelength=wavelength, average=average)) > 1:
+        refuse_series(subsets)
         selection = {"wavelength": wavelength, "average": average, "align": align, "motion": motion}
         show_series_report(_make_series(file, output, parameters, selection, yes), output)
     elif align:
         raise InvalidInput("align", "true", "a series: a scan file with several frames, none of them chosen")
     elif not follow:
-        show_report(_make(file, output, parameters, {"frame": choice, "motion": motion}, yes), output)
+        show_report(
+            _make(file, output, parameters, {"frame": choice, "motion": motion, "subsets": subsets}, yes), output
+        )
     else:
         from steradian.reconstructions.live.follow import reconstruct_live
         from steradian.reconstructions.warmup import warmup_second_half

@@ -25,6 +25,7 @@ def show_report(report: Report, output: Path) -> None:
         **_fit(report),
         **_band(report),
         **_motion([report.motion]),
+        **_uncertainty(report),
         **_medium(report),
         "sensed": _area(report),
         "seconds": ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in report.seconds.items()),
@@ -83,6 +84,15 @@ def _motion(found: list[MotionReport | None]) -> dict[str, object]:
             text = ", ".join(f"{axis} {1e6 * rms:.2g} ± {1e6 * error:.2g} µm" for axis, rms, error in pairs)
             texts.append(f"{text} ({'undone' if each.corrected else 'not significant'})")
     return {"motion (rms)": "; ".join(texts)} if texts else {}
+
+
+def _uncertainty(report: Report) -> dict[str, object]:
+    """Return a table row on the standard errors; empty where they were not asked for."""
+    found = report.uncertainty
+    if found is None:
+        return {}
+    share = f"{100 * found.above_three:.2g} % of the voxels exceed three of them"
+    return {"standard errors": f"median {found.median:.3g}, {share}, in {found.file}"}
 
 
 def _shifts(report: SeriesReport) -> dict[str, object]:

@@ -15,6 +15,7 @@ from steradian.reconstructions.pipeline.completeness import IncompleteCoverage
 from steradian.reconstructions.pipeline.diagnostics import BandLimit, FitDiagnostics
 from steradian.reconstructions.pipeline.motion import MotionReport
 from steradian.reconstructions.pipeline.resolve import ReconstructionSetup
+from steradian.reconstructions.pipeline.sensor_subsets import UncertaintyReport
 from steradian.reconstructions.shot_normalisation import ShotVariation
 
 
@@ -51,6 +52,8 @@ class Report:
     """What A-lines differed in, and how many were left out."""
     motion: MotionReport | None = None
     """Motion found within the scan, where it was asked for."""
+    uncertainty: UncertaintyReport | None = None
+    """Standard errors, where they were asked for."""
     device: str = ""
     """What computed: "cpu", or the GPU's name."""
     near_field_m: float = 0.0

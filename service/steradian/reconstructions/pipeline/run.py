@@ -30,6 +30,13 @@ from steradian.reconstructions.pipeline.resolve import (
     sound_speed_of,
     weights_of,
 )
+from steradian.reconstructions.pipeline.sensor_subsets import (
+    NONE,
+    SubsetOptions,
+    standard_errors,
+    suppressed_image,
+    write_uncertainty,
+)
 from steradian.reconstructions.pipeline.size_limit import require_agreed
 from steradian.reconstructions.shot_normalisation import ShotVariation, normalise_shots
 from steradian.reconstructions.volumes.file import write_volume
@@ -54,6 +61,7 @@ def reconstruct_scan(
     *,
     frame: int | FrameChoice = FIRST,
     motion: bool = False,
+    subsets: SubsetOptions = NONE,
     plans: PlanCache | None = None,
     agreed: bool = True,
     progress: Progress | None = None,
@@ -61,7 +69,8 @@ def reconstruct_scan(
 ) -> Report:
     """Reconstruct a recording and write ``volume.h5``, ``mip-{x,y,z}.png``, ``mip-depth.png`` and ``report.json``.
 
-    Where attenuation was compensated, also ``noise-gain.png``, and ``motion.png`` where motion was looked for.
+    Where attenuation was compensated, also ``noise-gain.png``, ``motion.png`` where motion was looked for, and
+    ``uncertainty.h5`` where standard errors were asked for.
 
     Parameters
     ----------
@@ -75,6 +84,8 @@ def reconstruct_scan(
         Which frame, or which frames' mean, of a scan that has several; by default the first, with a note.
     motion
         Estimate the motion of the object within the scan, and undo it where it is significant.
+    subsets
+        Standard errors and suppression of artefacts.
     plans
         Where plans are looked for and kept, if many recordings of one geometry are reconstructed.
     agreed
@@ -99,7 +110,15 @@ def reconstruct_scan(
     if not agreed:
         require_agreed(recording, chosen)
     return reconstruct_and_write(
-        recording, output, chosen, report, motion=motion, plans=plans, progress=progress, cancelled=cancelled
+        recording,
+        output,
+        chosen,
+        report,
+        motion=motion,
+        subsets=subsets,
+        plans=plans,
+        progress=progress,
+        cancelled=cancelled,
     )
 
 
@@ -110,11 +129,13 @@ def reconstruct_and_write(
     report: Report,
     *,
     motion: bool = False,
+    subsets: SubsetOptions = NONE,
     plans: PlanCache | None = None,
     progress: Progress | None = None,
     cancelled: CancelCheck | None = None,
 ) -> Report:
     """Reconstruct a recording in memory and write the files of :func:`reconstruct_scan`; complete the report."""
+    subsets.check(recording, chosen.method, motion=motion)
     report.parameters, report.missing = effective_parameters(recording, chosen), find_missing_points(recording)
     with report.measure_stage("even out"):
         recording, uneven = normalise_shots(recording, chosen.shots, progress=progress, cancelled=cancelled)
@@ -124,12 +145,19 @@ def reconstruct_and_write(
     with report.measure_stage("reconstruct"):
         acquisition, setup = prepare(recording, chosen, progress=progress, cancelled=cancelled)
         report.note_band(acquisition, setup)
-        moved = None
+        altered = errors = None
         if motion:
-            moved, report.motion = correct_motion(recording, acquisition, setup, progress=progress, cancelled=cancelled)
-        volume = _image(acquisition, setup, plans, progress, cancelled) if moved is None else moved
+            altered, report.motion = correct_motion(
+                recording, acquisition, setup, progress=progress, cancelled=cancelled
+            )
+        elif subsets.suppress_artefacts:
+            altered = suppressed_image(recording, acquisition, setup, cancelled=cancelled)
+        volume = _image(acquisition, setup, plans, progress, cancelled) if altered is None else altered
         assert volume.info is not None  # noqa: S101 - it was reconstructed
         report.note_info(volume.info)
+    if subsets.uncertainty:
+        with report.measure_stage("standard errors"):
+            errors = standard_errors(acquisition, setup, progress=progress, cancelled=cancelled)
     if report.device not in ("", "cpu"):
         array_backend.device().release()  # for the GPU's other users: this process may wait long for its next job
     report.axes = ", ".join(volume.names)
@@ -142,7 +170,9 @@ def reconstruct_and_write(
         report.notes += notes_on_weights(recording, report.sensed_area_m2)
     elif chosen.method == "iterative" and chosen.iterative.regularisation not in ("none", "thresholding"):
         report.notes.append(SHRINKAGE_NOTE)
-    report.provenance = recording.provenance
+    report.provenance = dict(recording.provenance)
+    if subsets.suppress_artefacts:
+        report.provenance["values"] = volume.info.notes[-1]
     report.notes += (*recording.notes, *chosen.film.notes(film_of(recording)))
     output.mkdir(parents=True, exist_ok=True)
     with report.measure_stage("project"):
@@ -154,11 +184,15 @@ def reconstruct_and_write(
             output / "volume.h5",
             volume,
             parameters=report.parameters,
-            provenance=recording.provenance,
+            provenance=report.provenance,
             projections=projections,
             near_field=report.near_field_m,
             centre=recording.centre,
         )
+        if errors is not None:
+            report.uncertainty = write_uncertainty(
+                output, volume, errors, recording, report.parameters, report.near_field_m
+            )
     with report.measure_stage("draw"):
         from steradian.reconstructions.volumes.images import draw_depth_coded, draw_projection
 
