@@ -24,16 +24,7 @@ Parameter: TypeAlias = Any
 class ForwardOperator(DifferentiableModel):
     """Differentiable forward operator from volumes to A-lines: :class:`steradian.ForwardOperator` of JAX arrays.
 
-    Parameters
-    ----------
-    geometry, grid, response, max_frequency, tolerance, compute
-        As in :class:`steradian.ForwardOperator`, on the CPU. Products have the precision of their arrays; those of
-        float64 (``jax_enable_x64``) are as exact as ``tolerance`` says.
-
-    Raises
-    ------
-    InvalidInput
-        If a parameter is out of range.
+    Parameters and errors are those of :class:`.DifferentiableModel`, on the CPU; float64 is that of ``jax_enable_x64``.
     """
 
     def __init__(self, *arguments: Any, compute: Compute = Compute(device="cpu"), **named: Any) -> None:
@@ -50,22 +41,8 @@ class ForwardOperator(DifferentiableModel):
     ) -> Array:
         """Return the A-lines (…, M, N_t) of images (…, x, y, z), or (…, x, z) in 2-D.
 
-        Parameters
-        ----------
-        image
-            Initial pressure.
-        positions
-            Sensor positions (M, 2) in m, (M, 1) in 2-D, within the aperture; None: the geometry's.
-        sound_speed
-            In m/s, one number for each layer; None: the geometry's. Voxels keep their places. The last sample may be
-            sound from up to 1.05 times the geometry's distance.
-        time_zero
-            Time of the first sample after the laser pulse in s; None: the geometry's.
-
-        Raises
-        ------
-        InvalidInput
-            If a shape or type does not fit. A number out of range raises an error of the callback, which names it.
+        Parameters and errors are those of :class:`.DifferentiableModel`. A number out of range raises an error of the
+        callback, which names it.
         """
         dtype = _check("image", image, self.volume_shape)
         if positions is None and sound_speed is None and time_zero is None:
@@ -125,24 +102,7 @@ class ForwardOperator(DifferentiableModel):
 class DirectReconstruction(DifferentiableInversion):
     """Differentiable direct reconstruction (paper, equation 7): volumes of A-lines as JAX arrays.
 
-    The image is that of :func:`steradian.reconstruct` with the same geometry, grid and method, to the tolerance, but
-    for lateral waves at the Nyquist frequency of an even number of modes, which are left out.
-
-    Parameters
-    ----------
-    geometry
-        Sensors with their weights, and timing, in one lossless medium.
-    grid
-        Voxels, without ``upsampling``.
-    method
-        NEDNER-NUFFT, without a film's correction; ``max_frequency`` a number or None.
-    compute
-        As in :class:`ForwardOperator`.
-
-    Raises
-    ------
-    InvalidInput
-        If a parameter is out of range.
+    Parameters, image and errors are those of :class:`.DifferentiableInversion`, on the CPU.
     """
 
     def __init__(self, *arguments: Any, compute: Compute = Compute(device="cpu"), **named: Any) -> None:
@@ -158,20 +118,7 @@ class DirectReconstruction(DifferentiableInversion):
         time_zero: Parameter = None,
         weights: Array | None = None,
     ) -> Array:
-        """Return the images (…, x, y, z) of A-lines (…, M, N_t).
-
-        Parameters
-        ----------
-        traces, positions, sound_speed, time_zero
-            As in :class:`ForwardOperator`.
-        weights
-            Areas (M,) of the sensors' cells in m² (lengths in m in 2-D); None: the geometry's, wherever sensors are.
-
-        Raises
-        ------
-        InvalidInput
-            As in :class:`ForwardOperator`.
-        """
+        """Return the images (…, x, y, z) of A-lines (…, M, N_t); parameters and errors as in the forward operator."""
         dtype = _check("traces", traces, self.trace_shape)
         weighted = traces * self._weights(traces, weights)
         return self._varied(dtype, True, weighted, positions, sound_speed, time_zero)

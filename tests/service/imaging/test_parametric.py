@@ -175,6 +175,34 @@ def test_inversion_with_weights_is_the_reconstruction() -> None:
     assert np.linalg.norm(found - expected) <= 1e-8 * np.linalg.norm(expected)
 
 
+@pytest.mark.parametrize("by", ["", "x", "y"])
+def test_waves_at_the_nyquist_frequency_of_even_modes_are_left_out_of_the_model(by: str) -> None:
+    """Which alternate from voxel to voxel, so that their direction, and a derivative by positions, has no sign."""
+    grid = replace(GRID, modes=(8, 6), lateral_padding=1.0)
+    transform = parametric_forward_model(geometry(), grid, tolerance=1e-11, max_frequency=2e7, compute=EXACT)
+    assert all(n % 2 == 0 for n in transform.geometry.padded_modes)
+    at, image = transform.at(transform.parameters()), RNG.standard_normal(transform.volume_shape)
+    found = at.positions_to_traces(image)["xy".index(by)] if by else at.to_traces(image)
+    expected = direct(transform, image, by)
+    assert np.linalg.norm(found - expected) <= 1e-8 * np.linalg.norm(expected)
+    if not by:
+        operator = ForwardOperator(geometry(), grid, tolerance=1e-11, max_frequency=2e7, compute=EXACT)
+        assert np.linalg.norm(found - operator.forward(image)) <= 1e-7 * np.linalg.norm(expected)
+
+
+def test_waves_at_the_nyquist_frequency_of_even_modes_are_all_that_differs_from_the_reconstruction() -> None:
+    grid, method = ImageGrid(modes=(8, 6)), Nufft(tolerance=1e-9)
+    transform = parametric_inversion(geometry(), grid, method, compute=EXACT)
+    traces = RNG.standard_normal(transform.trace_shape)
+    plan = ReconstructionPlan(geometry(), grid, method, compute=EXACT)
+    expected = np.fft.fft2(plan.run(traces).values, axes=(0, 1))
+    image = transform.at(transform.parameters()).to_image(transform.geometry.weights[:, None] * traces)
+    found = np.fft.fft2(image, axes=(0, 1))
+    assert np.linalg.norm(expected[4]) > 1e-3 * np.linalg.norm(expected)
+    expected[4], expected[:, 3] = 0, 0
+    assert np.linalg.norm(found - expected) <= 1e-8 * np.linalg.norm(expected)
+
+
 def test_derivative_of_a_film_s_response_by_speed_is_the_difference_quotient() -> None:
     film = ElasticFilm()
     transform = parametric_forward_model(

@@ -39,7 +39,22 @@ class DifferentiableModel:
     Raises
     ------
     InvalidInput
-        If a parameter is out of range.
+        If a parameter is out of range; by products also if a shape or type does not fit, or a parameter cannot vary.
+
+    Notes
+    -----
+    Variable parameters of products:
+
+    positions
+        Sensor positions (M, 2) in m, (M, 1) in 2-D, within the aperture; None: the geometry's.
+    sound_speed
+        In m/s, one number for each layer; None: the geometry's. Voxels keep their places. The last sample may be sound
+        from up to 1.05 times the geometry's distance.
+    time_zero
+        Time of the first sample after the laser pulse in s; None: the geometry's.
+    weights
+        Of a direct reconstruction: areas (M,) of the sensors' cells in m² (lengths in m in 2-D); None: the geometry's,
+        wherever sensors are.
     """
 
     def __init__(
