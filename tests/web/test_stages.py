@@ -56,7 +56,7 @@ def is_complete(service, scan):
 
 @contextmanager
 def paused(service, scan, points):
-    """Pause a scan as soon as it has so many points, so that the image of a part of it is made however busy the machine is."""
+    """Pause a scan as soon as it has so many points: the image of a part of it is made however busy the machine is."""
     until(lambda: service.get(f"/scans/{scan}").json()["progress"]["done"] >= points)
     service.http.put(f"/scans/{scan}/desired-state", json={"state": "paused"}).raise_for_status()
     yield
@@ -110,7 +110,8 @@ def test_place_chosen_by_click_on_growing_image_is_focused(service, open_page):
     expect(page.locator(".stage-list")).to_be_focused()
     expect(page.locator("[data-filter=missing]")).not_to_have_text("missing 0")  # the points of the focus are shown
     with paused(service, scan, points=65):
-        expect(page.locator("section.image")).to_contain_text(re.compile(r"revision \d+, from (6[1-9]|[7-9]\d|1\d\d) of"))
+        of_focus = re.compile(r"revision \d+, from (6[1-9]|[7-9]\d|1\d\d) of")
+        expect(page.locator("section.image")).to_contain_text(of_focus)
     until(lambda: page.evaluate("1") and is_complete(service, scan))
     survey, focus = stages(service, scan)
     assert (survey["state"], focus["state"], focus["decided_by"]) == ("made", "made", "local")
