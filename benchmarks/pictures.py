@@ -79,7 +79,7 @@ def take_design(camera):
     def budget(page):
         worked_out(page)
         panel = page.get_by_role("region", name="Pulse budget")
-        for label, value in {"Time (min)": "0.2", "Noise of one pulse (dB)": "25"}.items():
+        for label, value in {"Time (min)": "0.2", "Signal-to-noise of one pulse (dB)": "25"}.items():
             panel.get_by_label(label).fill(value)
         panel.get_by_role("button", name="Propose").click()
         panel.get_by_text("; proposed").wait_for()

@@ -52,7 +52,7 @@ def test_design_preview_shows_service_figures_and_stores_nothing(service, open_p
 def test_design_error_is_shown_beside_its_field(service, open_page):
     page = ready(open_page(service, f"/design{SMALL}"))
     page.locator(FIELD.format("depth")).fill("-1")
-    expect(page.locator("#remarks-depth")).to_contain_text("allowed: > 0")
+    expect(page.locator("#remarks-depth")).to_contain_text("allowed: > 0 mm")
     expect(page.locator(FIELD.format("depth"))).to_have_attribute("aria-invalid", "true")
     expect(page.get_by_role("button", name="Scan this")).to_be_disabled()
     page.locator(FIELD.format("depth")).fill("3.6")
@@ -332,7 +332,7 @@ def test_a_pulse_budget_is_proposed_and_its_split_taken_by_keyboard_and_pointer(
     """The chosen split fills in points and averages; its figures are the service's."""
     page = ready(open_page(service, "/design?mask=grid&side=9&aperture=0.005&depth=0.0015&interval=0.0005"))
     panel = page.get_by_role("region", name="Pulse budget")
-    for label, value in {"Time (min)": "0.4", "Noise of one pulse (dB)": "25"}.items():
+    for label, value in {"Time (min)": "0.4", "Signal-to-noise of one pulse (dB)": "25"}.items():
         panel.get_by_label(label).fill(value)
     panel.get_by_role("button", name="Propose").click()
     slider = panel.get_by_role("slider", name="Points of the scan")

@@ -117,7 +117,7 @@ def test_budget_takes_three_presses(service, open_page):
     expect(page.get_by_role("button", name="Scan this")).to_be_enabled()
     panel, steps = page.get_by_role("region", name="Pulse budget"), Steps(page)
     steps.begin()
-    for label, value in {"Time (min)": "0.4", "Noise of one pulse (dB)": "25"}.items():
+    for label, value in {"Time (min)": "0.4", "Signal-to-noise of one pulse (dB)": "25"}.items():
         panel.get_by_label(label).fill(value)
     panel.get_by_role("button", name="Propose").click()
     expect(panel.locator(".caption[aria-live]")).to_contain_text("; proposed")

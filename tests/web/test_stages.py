@@ -94,7 +94,7 @@ def test_place_chosen_by_click_on_growing_image_is_focused(service, open_page):
     for button in page.locator(".stage-choice button").all():
         expect(button).to_contain_text("(laser on)")
     expect(choice.locator("button.primary")).to_have_text("Focus here (laser on)")
-    expect(choice).to_contain_text("Each choice starts the focus at once: the laser goes on.")
+    expect(choice).to_contain_text("Accept and Focus here start the focus at once: the laser goes on.")
     expect(page.locator("#place-y")).to_have_value(re.compile("^−0"))
     x, y, depth = BALLS[1]
     click_at(page, x + 0.2, y - 0.25)

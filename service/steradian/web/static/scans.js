@@ -18,7 +18,7 @@ const thumbnails = new ScanThumbnails((id) => {
   if (scan) facts.request(scan); // it may have left the list
 });
 /** Explanations of columns. @type {Record<string, string>} */
-const TITLES = { Depth: "Depth of the mask's point of interest", Wavelengths: "Excitation wavelengths of the plan" };
+const TITLES = { Depth: "Depth of the mask's point of interest", Wavelengths: "Excitation wavelengths of the plan", Date: "Start of the scan, or its import" };
 const NUMBERS = new Set(["Points", "Depth", "A-lines"]);
 /** @type {any[]} */
 let scans = [];
@@ -43,7 +43,7 @@ const draw = oncePerFrame(() => {
   const searchText = search.value.trim().toLowerCase();
   const matches = scans.filter((scan) => !searchText || textOf(scan).includes(searchText));
   const hasWavelengths = matches.some((scan) => !["", UNKNOWN.wavelengths].includes(facts.of(scan).wavelengths));
-  const columns = ["Scan", "State", "Points", "Depth", ...(hasWavelengths ? ["Wavelengths"] : []), "A-lines", "Labels", "Started"];
+  const columns = ["Scan", "State", "Points", "Depth", ...(hasWavelengths ? ["Wavelengths"] : []), "A-lines", "Labels", "Date"];
   replaceKeepingFocus(body, h("table", null,
     h("thead", null, h("tr", null, h("td"), columns.map((name) => h("th", { scope: "col", class: NUMBERS.has(name) ? "number" : "", title: TITLES[name] ?? null }, name)))),
     h("tbody", null, matches.map((scan) => row(scan, hasWavelengths)))),

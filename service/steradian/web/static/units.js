@@ -93,12 +93,12 @@ export function duration(seconds) {
   return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
 }
 
-/** Format the local date and time of a record: 2026-11-29 12:05. @param {string | Date | null | undefined} when */
-export function formatDate(when) {
+/** Format the local date and time of a record: 2026-11-29 12:05, of steps that follow each other with seconds. @param {string | Date | null | undefined} when @param {boolean} [withSeconds] */
+export function formatDate(when, withSeconds = false) {
   if (!when) return NONE;
   const then = new Date(when);
   const [month, day] = [then.getMonth() + 1, then.getDate()].map((part) => String(part).padStart(2, "0"));
-  return `${then.getFullYear()}-${month}-${day} ${then.toTimeString().slice(0, 5)}`;
+  return `${then.getFullYear()}-${month}-${day} ${then.toTimeString().slice(0, withSeconds ? 8 : 5)}`;
 }
 
 /** Format the local time of what happens now: 12:05:30; with the date if it is not today. @param {string | Date | null | undefined} when */

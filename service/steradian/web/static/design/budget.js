@@ -25,13 +25,13 @@ export function budgetPanel(host, design, changed) {
   const source = h("select", { id: "budget-scan", onchange: () => showSource() }, h("option", { value: "" }, "typed in"));
   const propose = h("button", { type: "button", onclick: () => void request() }, "Propose");
   const result = h("div", { class: "budget-result" });
-  const noiseField = labelled("Noise of one pulse (dB)", fields.noise, "Peak of the strongest A-line over the noise's standard deviation, of one pulse");
+  const noiseField = labelled("Signal-to-noise of one pulse (dB)", fields.noise, "Peak of the strongest A-line over the noise's standard deviation, of one pulse");
   const panel = h("section", { class: "panel budget", "data-steradian": "design-budget", "aria-label": "Pulse budget" },
     h("h2", null, "Pulse budget"),
     h("div", { class: "row" },
       labelled("Time (min)", fields.minutes, "Duration of the scan; the pulse rate is that of the plan"),
       labelled("Vessel (µm)", fields.vessel, "Diameter of a vessel at the point of interest, parallel to the film"),
-      labelled("Noise", source, "Typed in, or measured in an earlier scan of a similar object"), noiseField, propose),
+      labelled("Signal-to-noise", source, "Typed in, or measured in an earlier scan of a similar object"), noiseField, propose),
     result);
   host.append(panel);
   void loadScans();
@@ -112,7 +112,7 @@ export function budgetPanel(host, design, changed) {
     const use = h("button", { type: "button" }, "Use it");
     const first = Math.max(0, splits.findIndex(({ proposed }) => proposed));
     const plot = splitPlot(splits, first, choose, take);
-    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB each. Drag the point, or use the arrow keys, to set points and averages.`), plot, h("div", { class: "row" }, text, use), iterative);
+    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB signal-to-noise each. Drag the point, use the arrow keys, or press Use it to set points and averages of the design.`), plot, h("p", { class: "caption dim" }, legendText(splits)), h("div", { class: "row" }, text, use), iterative);
     choose(first);
   }
 
@@ -131,6 +131,13 @@ export function budgetPanel(host, design, changed) {
 
 /** @param {{points: number, averages: number}} split */
 const productText = ({ points, averages }) => `${count(points)} points × ${count(averages)} ${averages === 1 ? "average" : "averages"}`;
+
+/** Return the legend of the plot. @param {Split[]} splits */
+function legendText(splits) {
+  const dotted = splits.some(({ side_lobes_db: one }) => one !== null) ? "; dotted: without noise" : "";
+  const open = splits.some(({ usable }) => !usable) ? "; open points: uncertain width" : "";
+  return `Contrast of the vessel over the number of points; ring: proposed${dotted}${open}.`;
+}
 
 /** Return the figures of a split as text. @param {Split} split @param {any} budget */
 function splitText(split, { max_contrast_db: most }) {

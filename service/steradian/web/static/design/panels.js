@@ -141,7 +141,7 @@ export function timePanel(host) {
   const draw = (/** @type {any} */ { plan, stages }) => {
     const parts = Object.entries(plan.seconds ?? {}).filter(([, seconds]) => Number(seconds) > 0);
     const total = plan.total_seconds ?? 0;
-    replace(host, ...bars(parts, total, timeText(plan, stages), plan.limiting));
+    replace(host, ...bars(parts, total, timeText(plan, stages), plan.limiting, plan.averages ?? 1));
   };
   let preview = /** @type {any} */ (null);
   const redraw = oncePerFrame(() => preview && draw(preview));
@@ -157,9 +157,10 @@ const TIME_PARTS = /** @type {Record<string, [string, string]>} */ ({
   disk: ["disk", "reduce the samples"],
 });
 
-/** @param {[string, any][]} parts @param {number} total @param {string} text @param {string | null} limiting */
-function* bars(parts, total, text, limiting) {
-  const [limitingLabel, help] = limiting ? TIME_PARTS[limiting] ?? [limiting, ""] : [];
+/** @param {[string, any][]} parts @param {number} total @param {string} text @param {string | null} limiting @param {number} averages */
+function* bars(parts, total, text, limiting, averages) {
+  const [limitingLabel, advice] = limiting ? TIME_PARTS[limiting] ?? [limiting, ""] : [];
+  const help = limiting === "laser" && averages <= 1 ? "increase the pulse rate" : advice;
   yield h("p", { class: "caption" }, h("strong", null, `Scan time ${text}`), limitingLabel ? `, limited by: ${limitingLabel}; ${help}.` : "");
   const scaleSeconds = Math.max(total, ...parts.map(([, seconds]) => Number(seconds)));
   for (const [name, seconds] of parts) {

@@ -45,7 +45,7 @@ function show(one, groups, log, attempts) {
       h("section", { class: "panel" }, h("h2", null, "Request"),
         h("dl", { class: "figures" },
           pair("Identifier", identifierElement(one.id)), pair("Scan", identifierElement(one.scan_id, `/scans/${one.scan_id}`)), pair("Method", methodText(one)),
-          pair("Submitted", formatDate(one.created)), pair("Submitted by", requesterOf(one)), pair("Started", formatDate(one.started)), pair("Ended", formatDate(one.ended)),
+          pair("Submitted", formatDate(one.created, true)), pair("Submitted by", requesterOf(one)), pair("Started", formatDate(one.started, true)), pair("Ended", formatDate(one.ended, true)),
           pair("Priority", String(one.priority)),
           one.queue?.position ? pair("Queue position", String(one.queue.position)) : [], one.queue?.expected_end ? pair("Expected end", formatTime(one.queue.expected_end)) : [],
           one.queue?.awaited ? pair("Waiting for", one.queue.awaited) : []),
@@ -53,7 +53,7 @@ function show(one, groups, log, attempts) {
         changed.length ? h("dl", { class: "figures" }, changed.flatMap((field) => pair(displayPath(field.path), formatValue(field, valueAt(one.parameters, field.path))))) : h("p", { class: "dim" }, "None.")),
       h("section", { class: "panel" }, h("h2", null, "Attempts"),
         attempts.length ? h("table", null, h("thead", null, h("tr", null, ["", "Worker", "Started", "Duration", "Outcome"].map((name) => h("th", null, name)))),
-          h("tbody", null, attempts.map((start) => h("tr", null, h("td", { class: "number" }, String(start.number)), h("td", null, start.worker ?? "–"), h("td", { class: "nowrap" }, formatDate(start.started)),
+          h("tbody", null, attempts.map((start) => h("tr", null, h("td", { class: "number" }, String(start.number)), h("td", null, start.worker ?? "–"), h("td", { class: "nowrap" }, formatDate(start.started, true)),
             h("td", { class: "nowrap" }, start.started && start.ended ? duration((new Date(start.ended).getTime() - new Date(start.started).getTime()) / 1e3) : "–"),
             h("td", null, start.outcome ?? "running", start.detail ? h("span", { class: "dim" }, ` ${start.detail}`) : null))))) : h("p", { class: "dim" }, "Not started yet."))),
     h("section", { class: "panel" }, h("h2", null, "Log"), log ? h("pre", { class: "log", tabindex: 0 }, log) : h("p", { class: "dim" }, "The log is empty.")));

@@ -12,7 +12,7 @@ import { SliceView } from "../volume/slice_view.js";
 import { VolumeState } from "../volume/volume_state.js";
 import { ViewStore } from "../volume/view_store.js";
 import { differences, parameterGroups, displayPath, formatValue, valueAt } from "./schema.js";
-import { methodText, runSeconds, stateElement } from "./summary.js";
+import { methodText, runSeconds, soundSpeedText, stateElement } from "./summary.js";
 
 /** @typedef {import("../volume/view_state.js").Axis} Axis */
 
@@ -146,7 +146,7 @@ function createTile(stage, axis, one) {
   const element = slicePane(view);
   element.setAttribute("aria-label", `${view.name} view of …${one.id.slice(-5)}`);
   const title = /** @type {HTMLElement} */ (element.querySelector("h2"));
-  replace(title, h("a", { href: `/volumes/${one.id}` }, one.id.slice(-5)), one.parameters?.method ? ` ${one.parameters.method}` : "");
+  replace(title, h("a", { href: `/volumes/${one.id}` }, one.id.slice(-5)), ` ${[one.parameters?.method, soundSpeedText(one)].filter(Boolean).join(", ")}`);
   return element;
 }
 

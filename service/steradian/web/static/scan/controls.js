@@ -77,12 +77,13 @@ export class Controls {
     const now = performance.now();
     this.history = [...this.history.filter(([at]) => now - at < RATE_WINDOW), /** @type {[number, number]} */ ([now, this.stored])];
     const [[firstTime, firstStored]] = this.history;
-    const rate = now - firstTime > 400 ? ((this.stored - firstStored) * 1e3) / (now - firstTime) : 0;
-    const left = this.eta ?? (rate > 0 ? (this.total - this.stored) / rate : null);
+    const recent = now - firstTime > 400 ? ((this.stored - firstStored) * 1e3) / (now - firstTime) : 0;
+    const left = this.eta ?? (recent > 0 ? (this.total - this.stored) / recent : null);
+    const rate = left ? (this.total - this.stored) / left : recent; // what the time left is based on
     const isWhole = FINAL_STATES.has(this.scan?.state) && this.stored === this.total;
     const parts = [`${isWhole ? "" : `${count(this.stored)} of `}${count(this.total)} A-lines`, ...(this.toCome ? [`then up to ${count(this.toCome)} points of the focus`] : [])];
     if (this.unusedShots) parts.push(`${count(this.unusedShots)} shots without an A-line`);
-    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} per second now`, ...(left ? [`${duration(left)} left`] : []));
+    if (this.scan?.state === "running" && rate > 0) parts.push(`${figure(rate, 2)} per second`, ...(left ? [`${duration(left)} left`] : []));
     this.bar.max = this.total || 1;
     this.bar.value = this.stored;
     const over = FINAL_STATES.has(this.scan?.state);

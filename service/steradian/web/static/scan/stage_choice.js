@@ -58,7 +58,7 @@ export class StageChoice {
     this.title.textContent = isInterrupted ? "The scan is interrupted; its points of interest can be chosen." : "The laser is off: choose the point of interest.";
     const found = stage.proposals.length ? "Accept a proposal, or click another place on the image." : "Nothing in the image of the survey stands out of the noise; choose a place on the image or enter one.";
     this.explanation.textContent = found;
-    this.consequence.textContent = isInterrupted ? "Then resume the scan." : "Each choice starts the focus at once: the laser goes on.";
+    this.consequence.textContent = isInterrupted ? "Then resume the scan." : "Accept and Focus here start the focus at once: the laser goes on.";
     this.focusButton.textContent = isInterrupted ? "Focus here" : `Focus here ${LASER}`;
     this.note.textContent = "On the image, a click or the arrow keys move the place.";
     replace(this.messages);

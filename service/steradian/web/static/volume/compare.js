@@ -4,7 +4,7 @@ import { api, idempotencyHeaders } from "../api.js";
 import { debounce, oncePerFrame, h, replace } from "../dom.js";
 import { errorElements } from "../panel_states.js";
 import { formatDate, figure } from "../units.js";
-import { methodText } from "../reconstructions/summary.js";
+import { methodText, soundSpeedText } from "../reconstructions/summary.js";
 import { frameText } from "../reconstructions/volume_names.js";
 import { PLANES, createSource } from "./volume_data.js";
 import { correlation } from "./measurements.js";
@@ -231,5 +231,5 @@ export class Compare {
 
 /** Describe a reconstruction in one line. @param {any} one */
 export function reconstructionTitle(one) {
-  return `${formatDate(one.ended ?? one.created)}, ${methodText(one)}, ${one.id.slice(-5)}`;
+  return [one.id.slice(-5), methodText(one), soundSpeedText(one), formatDate(one.ended ?? one.created)].filter(Boolean).join(", "); // a short field cuts the end
 }

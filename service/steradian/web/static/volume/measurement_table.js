@@ -94,7 +94,7 @@ function correctedWidth(store, item) {
 
 /** @param {MeasurementStore} store @param {"csv" | "json"} format */
 function downloadButton(store, format) {
-  return h("button", { type: "button", class: "quiet", "aria-label": `Download the measurements as ${format.toUpperCase()}`, onclick: () => void store.handle(() => downloadTable(store, format)) }, format.toUpperCase());
+  return h("button", { type: "button", class: "quiet", "aria-label": `Download the measurements as ${format.toUpperCase()}`, onclick: () => void store.handle(() => downloadTable(store, format)) }, `↓ ${format.toUpperCase()}`);
 }
 
 /** Download the table of this volume, and of others. @param {MeasurementStore} store @param {"csv" | "json"} format @param {string[]} others */
