@@ -228,6 +228,7 @@ def test_a_step_whose_momentum_raises_the_misfit_begins_at_the_image(
 ) -> None:
     """Unguarded, momentum raises the misfit of thick vessels once; where that is not allowed it falls in each step."""
     monkeypatch.setattr(ista, "MAX_RISE", allowed)
+    monkeypatch.setattr(ista, "MOMENTUM", 0.8)
     vessels = phantoms.vessels(2, centre=(0.0, 0.0, DEPTH), radius=1.1e-3, thickest=160e-6)
     mask, traces = seen(vessels, 40.0, seed=2, count=900)
     found = flat_fit(traces, mask.positions, options=THRESHOLDING, **COMMON).info.residuals

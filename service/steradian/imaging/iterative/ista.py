@@ -30,7 +30,7 @@ leaves little of the data, so that streaks are weak, steps therefore begin ahead
 
     y = f + β·p,   d = T(y + B(g − A y)) − y,   f ← y + a·d,   p the change of f before,
 
-with a of least misfit. A step that would raise the misfit by a tenth begins at f instead. The iteration takes four
+with a of least misfit. A step that would raise the misfit begins at f instead. The iteration takes four
 steps at least: the first ones reach the level of the noise with voxels beside the object. With strong streaks, which
 are stronger in y, there is no momentum.
 
@@ -54,11 +54,11 @@ from steradian.imaging.operators import ForwardOperator
 from steradian.imaging.plan import ReconstructionPlan
 from steradian.imaging.volume import RealArray, Volume
 
-MOMENTUM = 0.7  # β where the first image leaves little of the data beyond the noise:
-LITTLE_FIRST, MUCH_FIRST = 0.265, 0.36  # shares; from the second on there is no momentum,
+MOMENTUM = 0.65  # β where the first image leaves little of the data beyond the noise:
+LITTLE_FIRST, MUCH_FIRST = 0.265, 0.317  # shares; from the second on there is no momentum,
 RAMP = 4.5  # and in between, β is less by so much for each unit above the first
 MIN_STEPS = 4  # with momentum
-MAX_RISE = 1.1  # of the misfit by a step with momentum
+MAX_RISE = 1.0  # of the misfit by a step with momentum: none
 DAMPING = 0.5  # share of the way from the least misfit of a step to that of the step and the one before
 MIN_GAIN = 0.05  # share of the misfit beyond the noise that a step has to take away for another one to follow
 MIN_LAST_GAIN = 0.15  # the same where little is left:
