@@ -105,7 +105,7 @@ def test_line_of_the_address_that_is_kept_is_not_measured_again(service, open_pa
 
 
 def test_every_depth_says_what_it_is(service, open_page, volume):
-    """Depths of the depth views, box of the 3-D view and projection agree with the volume; a hidden near field moves all three."""
+    """Depth views, box of the 3-D view and projection agree with the volume; a hidden near field moves all three."""
     page = drawn(open_page(service, f"/volumes/{volume}"))
     shown = [max(0, float(one)) for one in page.get_attribute("#volume", "data-depths").split(",")]
     first, last = page.get_by_label("Shown depth, from (mm)"), page.get_by_label("Shown depth, to (mm)")
@@ -156,7 +156,7 @@ def test_images_side_by_side_fill_the_window(service, open_page, volume, size, s
 
 
 def test_thumbnails_have_scale_bars_and_dates_one_format(service, open_page, volume):
-    """In both lists, a bar is as long as it says, relative to the image; dates are YYYY-MM-DD HH:MM, a job's with seconds."""
+    """In both lists, a bar is as long as it says; dates are YYYY-MM-DD HH:MM, those of a job with seconds."""
     with Client(service.url) as client:
         shape, spacing = (client.reconstructions.get(volume).report[name] for name in ("shape", "spacing_m"))
         scan = client.reconstructions.get(volume).scan_id
