@@ -7,7 +7,7 @@ import { urlOf } from "../urls.js";
 import { frameFields, motionFields } from "./command.js";
 
 const NEWEST = 50; // reconstructions of a scan among which a direct image is searched
-const HINT = "The iterative image is nearer to the object where sensors are few or the view is limited, and takes about six times as long";
+const HINT = "The iterative image is nearer to the object where sensors are few or the view is limited, and takes about seven times as long";
 
 /**
  * Create the button that reconstructs a scan iteratively and shows both images side by side.
