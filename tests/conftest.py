@@ -37,6 +37,8 @@ Those whose kernels are compiled first stand apart: beside each other they would
 def pytest_configure(config):
     """Let hundreds of processes read each other's bytecode, as outside of containers: half of their start; no GPU."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    if hasattr(config, "workerinput") and os.environ.get("STERADIAN_COVERAGE") == "own":
+        os.environ.pop("COVERAGE_PROCESS_START", None)  # this process counts lines, those that its tests start do not
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more of them in each of several processes only wait
     if find_spec("cupy") is None:  # before anything imports Numba: the GPU's kernels run in its simulator
         os.environ["NUMBA_ENABLE_CUDASIM"] = "1"

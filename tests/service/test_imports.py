@@ -72,6 +72,7 @@ AT_REST = {
 """Libraries that an idle process of the service does without; each takes 4 to 60 MB."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("module", AT_REST)
 def test_process_of_the_service_imports_no_library_that_it_does_not_need_at_rest(module):
     code = "import importlib, sys; importlib.import_module(sys.argv[1]); print(*sys.modules)"

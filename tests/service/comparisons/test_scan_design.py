@@ -144,8 +144,14 @@ def test_more_points_lower_the_side_lobes_and_more_pulses_the_noise(tmp_path):
     assert json.loads(json.dumps(many.as_json()))["chosen"]["points"] == many.chosen.points
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [4, 10, 12])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(4, marks=pytest.mark.nightly),
+        pytest.param(10, marks=pytest.mark.long),
+        pytest.param(12, marks=pytest.mark.nightly),
+    ],
+)
 def test_predicted_contrast_and_width_are_those_of_a_simulated_scan(seed):
     """Within 2 dB and 10 %, for vessels of other length, place and direction, with other noise."""
     (row,) = budget.compare(budget.Case.random(seed), ("direct",))

@@ -33,8 +33,13 @@ def sharpness(volume):
     return tenenbaum(np.maximum(volume.mip("z"), 0))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("amplitude", [(0.0, 0.0, 100e-6), (70e-6, -50e-6, 50e-6)])
+@pytest.mark.parametrize(
+    "amplitude",
+    [
+        pytest.param((0.0, 0.0, 100e-6), marks=pytest.mark.nightly),
+        pytest.param((70e-6, -50e-6, 50e-6), marks=pytest.mark.long),
+    ],
+)
 def test_breathing_of_100_micrometres_is_undone_to_95_per_cent_of_the_still_sharpness(amplitude):
     shifts = np.maximum(0, np.sin(2 * np.pi * TIMES / 4))[:, None] ** 2 * np.array(amplitude)
     still = sharpness(reconstruct(scan(np.zeros((MASK.count, 3)), 0), GRID))

@@ -49,6 +49,7 @@ def test_a_job_that_states_its_error_fails_at_once_with_it(bench):
     assert (status.error_code, status.error) == ("invalid-input", "depth is -1; allowed: > 0 (m)")
 
 
+@pytest.mark.long
 def test_job_that_meets_a_full_disk_fails_with_the_code_of_the_problem(bench):
     bench.submit("full", "fill")
     status = bench.queue.wait("full", timeout=250)

@@ -74,6 +74,7 @@ def test_job_with_deleted_row_ends_and_next_job_runs(bench):
     assert "Traceback" not in said.partition("'gone'")[2], said
 
 
+@pytest.mark.long
 def test_settling_deleted_job_does_not_block_other_jobs(bench):
     bench.submit("there", "succeed", answer=3)
     row = bench.queue.ledger.get("there")

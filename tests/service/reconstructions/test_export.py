@@ -149,6 +149,7 @@ def test_imagej_tiff_by_pillow_and_tifffile(tmp_path, volume, values):
         np.testing.assert_array_equal(file.asarray(), values.T)
 
 
+@pytest.mark.long
 def test_ome_zarr_by_its_text_and_by_zarr(tmp_path, volume, values):
     """Zarr 2 with OME metadata 0.4: axes z, y, x in micrometres, scale and translation."""
     import zarr

@@ -163,6 +163,7 @@ def test_library_asks_for_a_frame_of_several(scan):
     assert mean.values.max() == pytest.approx(one.values.max(), rel=0.02)
 
 
+@pytest.mark.long
 def test_reconstruct_command_makes_a_series_of_all_frames_or_of_means(scan, tmp_path):
     out = run_here("reconstruct", scan, "--modes", 24, "-o", "all", cwd=tmp_path)
     assert "3 at 750 nm, 3 at 850 nm" in " ".join(out.split())

@@ -87,9 +87,13 @@ def test_medium_search_on_a_line_with_plane_echoes_finds_speeds_and_thickness() 
     assert "plane echo at 2.6" in found.notes[0]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("way", [0.95, 1.05])
-@pytest.mark.parametrize("echoes", [False, True])
+@pytest.mark.parametrize(
+    ("echoes", "way"),
+    [
+        pytest.param(*case, marks=pytest.mark.long if case in ((False, 0.95), (True, 1.05)) else pytest.mark.nightly)
+        for case in ((False, 0.95), (False, 1.05), (True, 0.95), (True, 1.05))
+    ],
+)
 def test_medium_search_on_a_line_finds_all_speeds_within_two_percent(echoes: bool, way: float) -> None:
     found = on_line(1, echoes, start(LINE, c1=way, c2=way, c3=way))
     np.testing.assert_allclose(values_of(found), [layer.sound_speed for layer in LINE.layers], rtol=0.02)

@@ -100,14 +100,13 @@ def test_a_recording_gets_its_curve_as_json_and_picture(tmp_path: Path, monkeypa
     assert (tmp_path / "cli" / "sound-speed.json").exists()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "side", "noise", "delay", "seed"),
     [
-        ("points", 4e-3, 30.0, 0.0, 901),
-        ("points", 8e-3, 20.0, 0.6e-6, 902),
-        ("vessels", 8e-3, 30.0, 0.0, 903),
-        ("smooth", 10e-3, 30.0, 0.6e-6, 904),
+        pytest.param("points", 4e-3, 30.0, 0.0, 901, marks=pytest.mark.nightly),
+        pytest.param("points", 8e-3, 20.0, 0.6e-6, 902, marks=pytest.mark.long),
+        pytest.param("vessels", 8e-3, 30.0, 0.0, 903, marks=pytest.mark.long),
+        pytest.param("smooth", 10e-3, 30.0, 0.6e-6, 904, marks=pytest.mark.long),
     ],
 )
 def test_find_sound_speed_of_small_apertures_and_smooth_objects_holds_the_truth_in_three_errors(
@@ -119,8 +118,10 @@ def test_find_sound_speed_of_small_apertures_and_smooth_objects_holds_the_truth_
     assert abs(curve.best - true) < 3 * curve.standard_error
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("side", "seed"), [(4e-3, 905), (8e-3, 906)])
+@pytest.mark.parametrize(
+    ("side", "seed"),
+    [pytest.param(4e-3, 905, marks=pytest.mark.nightly), pytest.param(8e-3, 906, marks=pytest.mark.long)],
+)
 def test_speed_fit_of_a_record_with_a_wrong_begin_is_off_by_the_trade_stated(side: float, seed: int) -> None:
     shift, interval, samples = 20e-9, 20e-9, 300
     axis = (np.arange(24) + 0.5) / 24 - 0.5

@@ -71,13 +71,13 @@ def another(kept):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (garbage, "is not an SQLite database"),
         (truncated, "damaged"),
-        (overwritten, "damaged"),
-        (empty, "empty"),
-        (missing, "missing"),
         (newer, "newer"),
         (another, "knows none of"),
+        pytest.param(garbage, "is not an SQLite database", marks=pytest.mark.long),
+        pytest.param(overwritten, "damaged", marks=pytest.mark.long),
+        pytest.param(empty, "empty", marks=pytest.mark.long),
+        pytest.param(missing, "missing", marks=pytest.mark.long),
     ],
 )
 def test_a_start_on_a_damaged_folder_is_one_clear_sentence(kept, damage, said):
@@ -107,7 +107,13 @@ def test_a_folder_that_is_well_has_nothing_to_report(kept):
     assert (done.returncode, "nothing is missing" in done.stdout) == (0, True), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("damage", [garbage, truncated, overwritten, empty, missing, another])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        truncated,
+        *(pytest.param(one, marks=pytest.mark.long) for one in (garbage, overwritten, empty, missing, another)),
+    ],
+)
 def test_check_of_damaged_folder_reports_data_that_repair_restores(kept, damage):
     damage(kept)
     found = kept.found()
