@@ -34,6 +34,8 @@ def test_uploaded_recording_is_inspected_and_imported_as_scan(service, open_page
     expect(page.locator("[data-remark=sound_speed]")).to_contain_text("1500 is an assumption")
     expect(page.get_by_role("button", name="Import")).to_be_disabled()
     expect(page.locator("#not-yet")).to_have_text("Required for the import: sampling interval.")
+    box = page.get_by_role("button", name="Import").bounding_box()
+    assert box["y"] + box["height"] <= page.viewport_size["height"], "in sight, with all fields of two files open"
     assert drawn(page) > 144  # the sensors, before anything is stored
     expect(page.locator(".chart canvas").first).to_be_visible()
     page.get_by_label("Sampling interval").fill("20")

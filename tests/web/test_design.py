@@ -339,10 +339,13 @@ def test_a_pulse_budget_is_proposed_and_its_split_taken_by_keyboard_and_pointer(
     expect(panel.get_by_text("1,200 pulses of 25.0 dB")).to_be_visible()
     proposed = panel.locator(".caption[aria-live]")
     expect(proposed).to_contain_text("; proposed")
+    state = panel.get_by_role("status").last
+    expect(state).to_have_text("The design and its figures above do not have these points yet.")
     slider.focus()
     page.keyboard.press("End")
     expect(proposed).to_contain_text("1,156 points × 1 average,")
     expect(page.locator(FIELD.format("side"))).to_have_value("34")
+    expect(state).to_have_text("The design has these points.")
     expect(page.locator(FIELD.format("averages"))).to_have_value("1")
     page.keyboard.press("ArrowLeft")
     expect(page.locator(FIELD.format("averages"))).to_have_value("2")

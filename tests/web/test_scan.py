@@ -121,6 +121,7 @@ def test_scan_page_pauses_resumes_and_stops_scan(service, open_page):
     seen = service.get(f"/scans/{scan}/coverage").json()
     expect(page.locator("[data-filter=stored]")).to_have_text(f"stored {seen['stored']}")
     expect(page.locator("[data-filter=missing]")).to_have_text(f"missing {seen['missing']}")
+    assert page.locator("section.map .stage").bounding_box()["height"] >= 240
     expect(page.get_by_role("group", name="Laser, interlock")).to_be_hidden()  # of now, when the scan is over
     page.locator("section.map canvas").focus()
     page.keyboard.press("ArrowRight")

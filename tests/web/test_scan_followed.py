@@ -121,6 +121,9 @@ def test_the_final_image_begins_below_the_near_field(service, open_page):
     assert z[first] >= near - 1e-9
     assert first == 0 or z[first - 1] < near
     assert near > 0
+    coverage = service.get(f"/scans/{scan}/coverage").json()
+    stored, planned = coverage["stored"], coverage["stored"] + coverage["missing"]
+    expect(page.locator("section.image header")).to_contain_text(f"from {stored} of {planned} A-lines")
 
 
 def test_scan_page_with_unfinished_image_shows_its_final_state(service, open_page):

@@ -52,6 +52,8 @@ def test_survey_without_focus_is_no_complete_scan(service, open_page, scan, stat
     page = open_page(service, "/data")
     show(page, service, [scan | {"state": state, "stages": made, "simulated": False}])
     expect(page.locator("tbody tr td").nth(2)).to_have_text(text)
+    depth = page.locator("tbody tr td").nth(4)
+    expect(depth).to_have_text("none" if "survey" in text else re.compile(r"mm$"))
 
 
 def test_wavelengths_have_column_only_where_plan_has_any(service, open_page, scan):

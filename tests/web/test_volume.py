@@ -79,7 +79,9 @@ def test_any_view_is_enlarged_by_double_click_and_key(page, made):
     image = extents.min() * 0.985 * min(box["width"] / extents[0], box["height"] / extents[1])
     assert image >= 560
     assert box["y"] + box["height"] <= 720
+    expect(page.locator(".large-name")).to_contain_text("nedner")
     page.keyboard.press("Escape")
+    expect(page.locator(".large-name")).to_be_hidden()
     expect(panes).to_have_count(4)
     page.locator("[data-view='3-D']").focus()
     page.keyboard.press("f")
@@ -218,6 +220,16 @@ def test_3d_view_shows_box_size_and_depth_colour_key(page, made):
     assert sides[2:] == pytest.approx(np.clip(shown_depths(page_), 0, None), abs=0.06)
     page_.get_by_label("Box: x to").fill("0.5")
     expect(page_.locator("[data-where='3-D']")).to_contain_text(re.compile(r"^x −[0-9.]+ to −?0\.[01], y .* mm$"))
+    track = page_.locator(".range").first.bounding_box()  # of x, whose thumbs are at 0 and 0.5
+    for name, start, end in (("from", 0, 0.2), ("to", 0.5, 0.9)):
+        places = [track["x"] + 8 + share * (track["width"] - 16) for share in (start, end)]  # middles of a thumb of 16
+        page_.mouse.move(places[0], track["y"] + track["height"] / 2)
+        page_.mouse.down()
+        page_.mouse.move(places[1], track["y"] + track["height"] / 2, steps=4)
+        page_.mouse.up()
+        assert float(page_.get_by_label(f"Box: x {name}").input_value()) == pytest.approx(end, abs=0.04)
+    for name, value in (("from", "0"), ("to", "0.5")):
+        page_.get_by_label(f"Box: x {name}").fill(value)
     bar, key = (np.array(page_.evaluate(one), int).reshape(-1, 4)[:, :3] for one in (BAR, KEY))
     assert np.abs(key[[2, -3]] - bar[[5, -6]]).max() < 24
     assert np.abs(key[2] - key[-3]).max() > 60

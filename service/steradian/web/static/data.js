@@ -90,7 +90,7 @@ function showForm() {
     h("div", { class: "row top" }, BASIC_FIELDS.map((one) => inputOf(one, previewSoon))),
     h("details", { class: "more-fields", open: uploads.length > 1 }, h("summary", null, h("strong", null, "More"), " ", h("span", { class: "dim" }, "units of the file, scale, grid, frames, provenance")),
       h("div", { class: "row top below" }, MORE_FIELDS.map((one) => inputOf(one, previewSoon)))),
-    messages, h("div", { class: "row" }, importButton, importHint));
+    messages, h("div", { class: "row actions" }, importButton, importHint));
   form.onsubmit = (event) => {
     event.preventDefault();
     void importRecording();

@@ -17,7 +17,7 @@ import { h } from "./dom.js";
 export const BASIC_FIELDS = [
   field("sampling_interval", "Sampling interval", "ns", "Time between samples"),
   field("time_zero", "Time zero", "ns", "Time from the laser pulse to the first sample"),
-  field("time_zero_samples", "Time zero offset", "samples", "Added to time zero; negative if the record starts before the laser pulse"),
+  field("time_zero_samples", "Further delay", "samples", "Added to time zero; negative if the record starts before the laser pulse"),
   field("sound_speed", "Speed of sound", "m/s", "In the medium, if known"),
   field("aperture", "Aperture", "mm", "Side of the square detection area around the origin"),
   field("depth", "Depth of the point", "mm", "Distance of the point of interest from the film"),

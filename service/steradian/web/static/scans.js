@@ -3,7 +3,7 @@
 import { api } from "./api.js";
 import { byId, oncePerFrame, h, replaceKeepingFocus, replace } from "./dom.js";
 import { live } from "./event_stream.js";
-import { stateLabel } from "./scan/stages.js";
+import { isSurveyOnly, stateLabel } from "./scan/stages.js";
 import { ScanFacts, UNKNOWN } from "./scan_facts.js";
 import { ScanThumbnails } from "./scan_thumbnails.js";
 import { showEmpty, showError, showLoading } from "./panel_states.js";
@@ -67,7 +67,7 @@ function row(scan, hasWavelengths) {
     h("td", null, h("a", { href: `/scans/${scan.id}`, tabindex: -1, "aria-hidden": "true" }, thumbnails.of(scan.id))),
     h("td", null, identifierElement(scan.id, `/scans/${scan.id}`)),
     h("td", { class: isFault ? "fault" : "" }, stateLabel(scan), scan.simulated ? h("span", { class: "dim" }, " (simulated)") : null),
-    h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, depth), hasWavelengths ? h("td", { class: "nowrap" }, wavelengths || h("span", { class: "dim" }, "not stated")) : null,
+    h("td", { class: "number" }, points), h("td", { class: "number nowrap" }, isSurveyOnly(scan) ? h("span", { class: "dim", title: "The scan ended before its focus" }, "none") : depth), hasWavelengths ? h("td", { class: "nowrap" }, wavelengths || h("span", { class: "dim" }, "not stated")) : null,
     h("td", { class: "number" }, stored === planned ? count(stored) : `${count(stored)} of ${count(planned)}`),
     h("td", null, Object.entries(scan.labels).map(([name, value]) => h("span", { class: "label" }, `${name}: ${value}`))),
     h("td", { class: "nowrap" }, formatDate(scan.started ?? scan.created)));

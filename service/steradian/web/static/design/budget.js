@@ -35,6 +35,7 @@ export function budgetPanel(host, design, changed) {
     result);
   host.append(panel);
   void loadScans();
+  let showUse = () => {}; // whether the design has the chosen split
 
   /** @type {AbortController | null} */
   let running = null;
@@ -95,6 +96,8 @@ export function budgetPanel(host, design, changed) {
       iterating?.abort();
       text.textContent = splitText(splits[n], budget);
       use.onclick = () => take(n);
+      chosen = splits[n];
+      showUse();
       replace(iterative, h("button", { type: "button", onclick: () => {
         iterating = new AbortController();
         void simulateIterative(iterative, asked, splits[n], iterating.signal);
@@ -110,10 +113,19 @@ export function budgetPanel(host, design, changed) {
       changed();
     };
     const use = h("button", { type: "button" }, "Use it");
+    const state = h("span", { class: "dim small", role: "status" });
+    let chosen = splits[0];
+    showUse = () => (state.textContent = isAdopted(chosen) ? "The design has these points." : "The design and its figures above do not have these points yet.");
     const first = Math.max(0, splits.findIndex(({ proposed }) => proposed));
     const plot = splitPlot(splits, first, choose, take);
-    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB signal-to-noise each. Drag the point, use the arrow keys, or press Use it to set points and averages of the design.`), plot, h("p", { class: "caption dim" }, legendText(splits)), h("div", { class: "row" }, text, use), iterative);
+    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB signal-to-noise each. Drag the point, use the arrow keys, or press Use it to set points and averages of the design.`), plot, h("p", { class: "caption dim" }, legendText(splits)), h("div", { class: "row" }, text, use, state), iterative);
     choose(first);
+  }
+
+  /** Return whether the form has points and averages of a split. @param {Split} split */
+  function isAdopted({ points, averages }) {
+    const { mask, plan } = design;
+    return plan.averages === averages && (design.arrangement === "grid" ? mask.side ** 2 === points : mask.count === points);
   }
 
   /** Set points and averages of the form, and the seed of the predicted points. @param {Split} split */
@@ -127,6 +139,8 @@ export function budgetPanel(host, design, changed) {
       if (SEEDED.has(design.arrangement)) design.mask.seed = SEED;
     }
   }
+
+  return { refresh: () => showUse() };
 }
 
 /** @param {{points: number, averages: number}} split */

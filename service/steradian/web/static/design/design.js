@@ -53,7 +53,7 @@ const maskMap = new MaskMap(planePanel, (place, over) => {
 maskMap.controls.append(
   h("label", { class: "row", for: "elsewhere", title: "Drag to evaluate a point other than the mask's point of interest" }, otherPlaceCheckbox, "Evaluate another point"),
   pinButton(/** @type {HTMLElement} */ (host.parentElement), design, writeQuery));
-budgetPanel(/** @type {HTMLElement} */ (host.parentElement), design, () => {
+const budget = budgetPanel(/** @type {HTMLElement} */ (host.parentElement), design, () => {
   form.refresh();
   onDesignChanged();
 });
@@ -126,6 +126,7 @@ const retry = new Retry(() => void requestPreview());
 
 function onDesignChanged() {
   version += 1;
+  budget.refresh();
   scanButton.disabled = true;
   undersampling.enable(false);
   outcome.wait();

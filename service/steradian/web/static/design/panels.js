@@ -7,9 +7,11 @@ import { colourTable } from "../volume/colours.js";
 import { timeText } from "./key_figures.js";
 import { extent } from "./mask_map.js";
 
+const READING = "Full widths at half maximum. A sphere that is blurred sideways reads less than its diameter in depth, down to 0.71 of it: its cross-section shrinks above and below its centre.";
+
 /** Create the panel with the point spread: the x–z section through the image of a small sphere. @param {HTMLElement} host */
 export function pointSpreadPanel(host) {
-  const title = h("p", { class: "dim caption" });
+  const title = h("p", { class: "dim caption", title: READING });
   const body = h("div", { class: "picture" });
   replace(host, h("h2", null, "Point spread"), body, title);
   showLoading(body, "simulating a sphere …");
@@ -34,7 +36,7 @@ export function pointSpreadPanel(host) {
 export function pointSpreadText(preview) {
   const width = preview.lateral === null ? "wider than shown" : `${length(preview.lateral)} wide`;
   const height = preview.axial === null ? "deeper than shown" : `${length(preview.axial)} deep`;
-  return `Sphere of ${length(preview.true_width)}: ${width}, ${height}; background ${percent(preview.background, 1)}`;
+  return `Sphere of ${length(preview.true_width)} reads ${width}, ${height}; background ${percent(preview.background, 1)}`;
 }
 
 /** @param {any} preview @returns {HTMLCanvasElement} */

@@ -20,9 +20,10 @@ const POLL_INTERVAL = 1000; // ms between two polls while the event stream is in
 const hasEnded = ({ state }) => ["failed", "cancelled"].includes(state);
 
 export class LiveImage {
-  /** @param {HTMLElement} host @param {string} scanId @param {() => Node[]} actions for a finished scan */
-  constructor(host, scanId, actions) {
+  /** @param {HTMLElement} host @param {HTMLElement} share shows of how many A-lines an image of a part is @param {string} scanId @param {() => Node[]} actions for a finished scan */
+  constructor(host, share, scanId, actions) {
     this.host = host;
+    this.share = share;
     this.scanId = scanId;
     this.actions = actions;
     this.markers = new PlaceMarkers();
@@ -171,6 +172,7 @@ export class LiveImage {
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
+    this.share.textContent = revision.final && !whole ? `from ${of}${area === null ? "" : `, ${percent(area)} of the area`}` : "";
     const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image from ${of}`;
     this.caption.textContent = `Maximum along ${axis}${this.depths}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     this.insert(this.reconstruction.id, revision.final);

@@ -57,8 +57,9 @@ const signals = new Signals(signalsPanel, id, (row) => {
   showAline();
 });
 const imageBody = h("div", { class: "image-body" });
-imagePanel.append(h("h2", null, "Image"), imageBody);
-const liveImage = new LiveImage(imageBody, id, () => controls.imageActions());
+const imageShare = h("span", { class: "dim small" });
+imagePanel.append(h("header", null, h("h2", null, "Image"), imageShare), imageBody);
+const liveImage = new LiveImage(imageBody, imageShare, id, () => controls.imageActions());
 const stagePanel = new StagePanel(stagesHost, liveImage, () => void readScan());
 
 async function readScan() {

@@ -24,7 +24,7 @@ export function isChoosable(scan) {
 }
 
 /** Return whether a scan is over without its focus. @param {any} scan */
-const isSurveyOnly = (scan) => FINAL_STATES.has(scan.state) && (scan.summary?.stored ?? 0) > 0 && nextStage(scan) !== null;
+export const isSurveyOnly = (scan) => FINAL_STATES.has(scan.state) && (scan.summary?.stored ?? 0) > 0 && nextStage(scan) !== null;
 
 /** Return the label of a scan's state. @param {any} scan */
 export function stateLabel(scan) {

@@ -16,6 +16,7 @@ const DEPTH_BAR_WIDTH = 110; // pixels of the depth colour bar
 const CROSSHAIR_GAP = 7; // pixels around the crosshair that stay free
 const MARK_COLOURS = { line: "#ffffff", region: "#7cc0ff", background: "#d0d6dd" };
 const BAR_SHARES = { width: 0.25, height: 0.5 }; // of a view's width and of the height of its image, that the scale bar has at most
+const LABEL_GAP = 8; // pixels between a measurement and its name, which the crosshair stays out of
 const LEAST_TICKS = 3; // for which a vertical axis has room
 const ELSEWHERE = 0.45; // opacity of measurements in other slices
 
@@ -131,11 +132,11 @@ function drawMeasurements(context, view) {
     if (kind === "point") strokeOutlined(context, LINE_COLOUR, width, () => { context.moveTo(x - 5, y); context.lineTo(x + 5, y); context.moveTo(x, y - 5); context.lineTo(x, y + 5); });
     else drawMark(context, view, kind === "profile" ? "line" : "region", inMm(start), inMm(end), width);
     if (from && to) drawMark(context, view, "background", inMm(from), inMm(to), width);
+    context.globalAlpha = 1; // also of a measurement elsewhere
     const isRight = x > view.width / 2;
     context.textAlign = isRight ? "right" : "left";
     context.textBaseline = "bottom";
-    drawLabel(context, name, x + (isRight ? -4 : 4), Math.max(y - 3, 14));
-    context.globalAlpha = 1;
+    drawLabel(context, name, x + (isRight ? -6 : 6), Math.max(y - LABEL_GAP, 14));
   }
 }
 

@@ -16,6 +16,9 @@ export const formatMm = (mm) => signed(mm, 2);
 /** @param {number} mm */
 export const mmText = (mm) => `${formatMm(mm)} mm`;
 
+/** Return the names of two volumes, with one unit if they are wavelengths. @param {string} one @param {string} other */
+const pairText = (one, other) => `${/ nm$/.test(one) && /^[0-9]+ nm$/.test(other) ? one.replace(/ nm$/, "") : one} + ${other}`;
+
 /** Create the pane of a slice view. @param {SliceView} view */
 export function slicePane(view) {
   const { stage, axis } = view;
@@ -43,7 +46,7 @@ export function slicePane(view) {
     slab.value = String(sliderPosition(slabThickness, source.spacing[n], stage.extent(axis)));
     const thicknessText = slabThickness === Infinity ? "all" : slabThickness === 0 ? "slice" : lengthOf(slabThickness);
     slab.setAttribute("aria-valuetext", thicknessText);
-    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${stage.nameText || "image"} + ${stage.referenceName}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? axis === "z" ? `maximum of z ${depthsText(rangeEnds(source, axis, view.stage.range(axis)))}` : `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
+    caption.textContent = [view.isDifference ? "difference" : view.isOverlay ? `${pairText(stage.nameText || "image", stage.referenceName)}` : stage.nameText, source.flat ? "image" : slabThickness === Infinity ? axis === "z" ? `maximum of z ${depthsText(rangeEnds(source, axis, view.stage.range(axis)))}` : `maximum along ${axis}` : `${axis} ${mmText(place)}${slabThickness ? `, slab ${thicknessText}` : ", slice"}`].filter(Boolean).join(", ");
     caption.title = caption.textContent;
   };
   store.on(show);
@@ -92,13 +95,17 @@ export function pane3d(view3d) {
   };
   stage.store.on(updateCaption);
   updateCaption();
-  const sliders = AXES.map((axis, n) => h("span", { class: "clip" }, axis,
-    ...[0, 1].map((side) => {
+  const sliders = AXES.map((axis, n) => {
+    const range = h("span", { class: "range" });
+    range.append(...[0, 1].map((side) => {
       const slider = h("input", {
         type: "range", min: 0, max: 1, step: 0.01, "aria-label": `Box: ${axis} ${side ? "to" : "from"}`,
       });
       const show = () => {
-        slider.value = String((stage.view.clip ?? [0, 1, 0, 1, 0, 1])[2 * n + side]);
+        const share = (stage.view.clip ?? [0, 1, 0, 1, 0, 1])[2 * n + side];
+        slider.value = String(share);
+        slider.classList.toggle("above", !side && share > 0.5); // at the far end the other thumb cannot make room
+        range.style.setProperty(side ? "--to" : "--from", String(share));
         slider.setAttribute("aria-valuetext", mmText(place(axis, Number(slider.value))));
       };
       slider.addEventListener("input", () => {
@@ -110,7 +117,9 @@ export function pane3d(view3d) {
       stage.store.on(show);
       show();
       return slider;
-    })));
+    }));
+    return h("span", { class: "clip" }, axis, range);
+  });
   return h("section", { class: "pane panel", "aria-label": "3-D view", dataset: { steradian: "view-3d" } },
     h("header", null, h("h2", null, "3-D"), caption),
     view3d.element, h("div", { class: "pane-controls" }, h("span", { class: "dim" }, "box"), ...sliders));

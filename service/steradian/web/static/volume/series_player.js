@@ -36,7 +36,7 @@ export class SeriesPlayer {
     this.button = h("button", { type: "button", dataset: { play: "" }, onclick: () => (this.isPlaying ? this.pause() : void this.play()) }, "Play");
     this.status = h("output", { class: "dim", dataset: { series: "" } });
     const isMaps = frames.some(({ name }) => name);
-    this.element = h("div", { class: "row series", role: "group", "aria-label": "Series" }, this.light, this.choice, isMaps ? null : [this.slider, this.button], this.status);
+    this.element = h("div", { class: "row series", role: "group", "aria-label": "Series" }, this.light, this.choice, isMaps ? null : [this.slider, this.button], h("span", { class: "dim nowrap" }, "volume ", this.status));
     stage.store.on((_view, changed) => {
       if (changed.has("index")) this.show();
       if (this.isPlaying && ["at", "slab", "cut", "map", "against"].some((name) => changed.has(name))) keepPlayedPlanes(true); // other planes from now on

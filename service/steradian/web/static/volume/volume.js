@@ -83,9 +83,10 @@ async function show(panel, reconstruction, source) {
   const [firstPane, ...panes] = views.map((view) => addEnlarging(stage, view.axis, view.name, slicePane(view)));
   const grid = h("div", { class: "views" }, firstPane, view3d ? addEnlarging(stage, "3d", "3-D", pane3d(view3d)) : null, ...panes);
   addLayout(stage, panel, grid);
+  const largeName = h("p", { class: "large-name" }); // while one view fills the window, without the heading
   replace(panel,
-    createHeading(reconstruction, stage), player?.element,
-    h("div", { class: source.flat ? "volume flat" : "volume" }, h("div", { class: "column" }, grid, measurementTable(measurements)), h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, side)),
+    createHeading(reconstruction, stage, largeName), player?.element,
+    h("div", { class: source.flat ? "volume flat" : "volume" }, h("div", { class: "column" }, grid, measurementTable(measurements)), h("aside", { class: "panel side", dataset: { steradian: "volume-side" } }, largeName, side)),
     h("p", { class: "visually-hidden", id: "view-keys" }, "The arrow keys move the crosshair, Page Up and Page Down change the slice, plus and minus zoom, 0 resets the view, m switches between slice and projection, f enlarges the view, Escape shows all views."));
   const overview = loadOverview(stage, views, histogram); // before the views request the same data
   for (const view of views) {
@@ -132,8 +133,8 @@ async function loadOverview(stage, views, histogram) {
   byId("volume").dataset.surveyed = "";
 }
 
-/** @param {any} reconstruction @param {VolumeState} stage */
-function createHeading(reconstruction, stage) {
+/** @param {any} reconstruction @param {VolumeState} stage @param {HTMLElement} largeName shows the same name beside an enlarged view */
+function createHeading(reconstruction, stage, largeName) {
   const toFigure = h("button", { type: "button", dataset: { toFigure: "" }, title: "Figure of the views for a paper: PDF, SVG, PNG", onclick: () => {
     /** @type {HTMLElement | null} */ (document.querySelector('[role="tab"][data-tab="Files"]'))?.click();
     document.getElementById("figure-format")?.focus();
@@ -143,7 +144,9 @@ function createHeading(reconstruction, stage) {
   const showTitle = () => (document.title = [stage.nameText, "Volume · Steradian"].filter(Boolean).join(" · "));
   showTitle();
   stage.store.on((_view, changed) => changed.has("index") && showTitle());
-  void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = Object.values(labels).join(", ")), () => null);
+  const largeSample = h("strong");
+  replace(largeName, largeSample, " ", h("span", { class: "dim" }, methodText(reconstruction)));
+  void api.get(`/scans/${reconstruction.scan_id}`).then(({ labels }) => (sample.textContent = sample.title = largeSample.textContent = Object.values(labels).join(", ")), () => null);
   return h("header", { class: "volume-head" }, sample, h("span", { class: "method", title: methodText(reconstruction) }, methodText(reconstruction)),
     h("span", { title: "Created" }, reconstruction.simulated ? "simulated, " : "", formatDate(reconstruction.ended ?? reconstruction.created)), identifierElement(reconstruction.id, `/reconstructions/${reconstruction.id}`),
     h("span", null, h("a", { href: `/scans/${reconstruction.scan_id}`, title: reconstruction.scan_id }, `scan …${reconstruction.scan_id.slice(-5)}`)), h("span", { class: "row nowrap" }, toFigure, link));
