@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fabry_perot.simulator.phantoms import Balls
 from steradian import phantoms
 from steradian.benchmarks.report_pages import replace_between_markers
 from steradian.core.progress import Progress
-from steradian.imaging import Acquisition, Compute, ImageGrid, Iterative, reconstruct
+from steradian.imaging import Acquisition, Compute, ImageGrid, Iterative, Volume, reconstruct
 from steradian.masks import equi_steradian_mask
 from steradian.quality import correlation
 
@@ -24,6 +26,13 @@ BEGIN, END = (
 LEAST = {30.0: 0.95, 20.0: 0.9}
 """Least amplitude by noise in dB."""
 MOST = 1.05
+MOSTLY_VISIBLE = 0.6
+"""Share of its waves that reach the aperture, from which on a part of a vessel counts as visible."""
+FEWEST = 3  # balls of a part
+DIRECTIONS, LARGEST_GAP = (
+    360,
+    2.5,
+)  # of emission in half a circle; between neighbouring balls of one vessel, in units of s
 Row: TypeAlias = dict[str, Any]
 
 
@@ -63,7 +72,9 @@ def iterative_amplitudes(*, quick: bool = False, progress: Progress | None = Non
     Returns
     -------
     list of dict
-        One row an image: ``kind``, ``points``, ``noise_db``, ``seed``, ``amplitude``, ``correlation``, ``products``.
+        One row an image: ``kind``, ``points``, ``noise_db``, ``seed``, ``amplitude``, ``correlation``, ``products``;
+        the amplitudes of parts of which at least 60 % of the waves reach the aperture (``visible``) and of the others
+        (``hidden``; None if there are few), fitted together.
     """
     cases = (Case("vessels", 100, 30.0, HELD_OUT[:1]),) if quick else CASES
     total, rows = sum(len(case.seeds) for case in cases), list[Row]()
@@ -85,6 +96,7 @@ def _image(case: Case, seed: int) -> Row:
     acquisition = Acquisition(traces, mask.positions, dt=INTERVAL, sound_speed=SPEED, aperture=SIDE)
     image = reconstruct(acquisition, ImageGrid(MODES, depth=SHOWN), Iterative(), compute=Compute(device="cpu"))
     truth = phantoms.rasterise(balls, image).values
+    visible, hidden = _parts(balls, image)
     assert image.info is not None
     return {
         "kind": case.kind,
@@ -94,7 +106,55 @@ def _image(case: Case, seed: int) -> Row:
         "amplitude": float(np.vdot(truth, image.values) / np.vdot(truth, truth)),
         "correlation": float(correlation(image.values, truth)),
         "products": image.info.products,
+        "visible": visible,
+        "hidden": hidden,
     }
+
+
+def visible_share(balls: Balls, side: float) -> NDArray[np.float64]:
+    """Return the share of waves of each ball of a tube phantom that reach a square aperture at z = 0.
+
+    A tube emits at right angles to its axis, which is the direction to the next ball; a wave and the one the other way
+    count once.
+
+    Parameters
+    ----------
+    balls
+        Balls in their order along the tubes.
+    side
+        Side of the aperture in m, with its middle at x = y = 0.
+
+    Returns
+    -------
+    (B,) shares, 0 to 1.
+    """
+    steps = np.diff(balls.centres, axis=0)
+    last = np.append(np.linalg.norm(steps, axis=1) > LARGEST_GAP * balls.sigmas[:-1], True)
+    axes = np.append(steps, steps[-1:], axis=0)
+    axes[last] = axes[np.maximum(np.flatnonzero(last) - 1, 0)]
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    across = np.cross(axes, np.where(np.abs(axes[:, 2:]) < 0.9, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    angles = np.pi * (np.arange(DIRECTIONS) + 0.5) / DIRECTIONS
+    waves = np.cos(angles)[:, None] * across[:, None] + np.sin(angles)[:, None] * np.cross(axes, across)[:, None]
+    up = np.where(waves[..., 2:] > 0, -waves, waves)
+    paths = balls.centres[:, None, 2:] / np.minimum(up[..., 2:], -1e-9)
+    places = balls.centres[:, None, :2] - up[..., :2] * paths
+    found: NDArray[np.float64] = (np.abs(places) <= side / 2).all(axis=-1).mean(axis=1)
+    return found
+
+
+def _parts(balls: Balls, image: Volume) -> tuple[float, float | None]:
+    """Return the amplitudes of visible and hidden parts, fitted together by least squares; None for few balls."""
+    is_visible = visible_share(balls, SIDE) >= MOSTLY_VISIBLE
+    parts = [
+        phantoms.rasterise(Balls(balls.centres[own], balls.sigmas[own], balls.amplitudes[own]), image).values.ravel()
+        for own in (is_visible, ~is_visible)
+        if own.sum() >= FEWEST
+    ]
+    basis = np.stack(parts, axis=1).astype(np.float64)
+    visible, *hidden = np.linalg.solve(basis.T @ basis, basis.T @ image.values.ravel())
+    return float(visible), float(hidden[0]) if hidden else None
 
 
 def violations(rows: list[Row]) -> list[str]:
@@ -109,13 +169,19 @@ def violations(rows: list[Row]) -> list[str]:
 
 def table(rows: list[Row]) -> str:
     """Return the rows of five objects a line as Markdown: means, and the range in brackets."""
-    lines = ["| objects | points | noise | amplitude, true 1 | correlation | products |", "|---|--:|--:|--:|--:|--:|"]
+    lines = [
+        "| objects | points | noise | amplitude, true 1 | visible parts | hidden parts | correlation | products |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|",
+    ]
     for kind, points, noise in dict.fromkeys((row["kind"], row["points"], row["noise_db"]) for row in rows):
         own = [row for row in rows if (row["kind"], row["points"], row["noise_db"]) == (kind, points, noise)]
         cells = [f"{len(own)} {kind if kind == 'vessels' else 'yarns'}", f"{points:,}"]
         cells.append("none" if noise is None else f"{noise:g} dB")
-        for name, digits in (("amplitude", 2), ("correlation", 3), ("products", 0)):
-            found = [row[name] for row in own]
+        for name, digits in (("amplitude", 2), ("visible", 2), ("hidden", 2), ("correlation", 3), ("products", 0)):
+            found = [row[name] for row in own if row[name] is not None]
+            if not found:
+                cells.append("none")
+                continue
             cells.append(f"{np.mean(found):.{digits}f} ({min(found):.{digits}f}–{max(found):.{digits}f})")
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

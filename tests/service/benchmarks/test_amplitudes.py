@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fabry_perot.simulator.phantoms import Balls
 from steradian.scans.importing.geometry import fit_sensor_plane
 from steradian_benchmarks import iterative_amplitudes
 from steradian_benchmarks.amplitudes import BEGIN, END, amplitudes, table, write_page
@@ -67,6 +68,25 @@ def test_imported_rectangular_field_has_exact_sensed_area():
     mask = sensors.mask("npy")
     assert mask.sensed_area == pytest.approx(160e-6)
     np.testing.assert_allclose(mask.weights, 4e-8)
+
+
+def test_visible_share_of_tubes_below_a_square_is_that_of_the_angle_under_which_they_see_it():
+    """A tube parallel to the film by the angle of the square, an upright one none, one at the edge by one side's."""
+    depth, side = 3e-3, 12e-3
+    along = 1e-4 * np.arange(-3, 4)
+
+    def share(centres):
+        few = len(centres)
+        return iterative_amplitudes.visible_share(Balls(centres, np.full(few, 1e-4), np.ones(few)), side)
+
+    level = np.stack([along, 0 * along, np.full(7, depth)], axis=1)
+    np.testing.assert_allclose(share(level), 2 * np.arctan(side / 2 / depth) / np.pi, atol=1 / 180)
+    steep = np.stack([0 * along, 0 * along, depth + along], axis=1)
+    np.testing.assert_array_equal(share(steep), 0)
+    at_edge = level + np.array([0, side / 2, 0])
+    np.testing.assert_allclose(share(at_edge), np.arctan(side / depth) / np.pi, atol=1 / 180)
+    both = share(np.concatenate([level, steep + np.array([5e-3, 0, 0])]))
+    np.testing.assert_allclose(both, np.repeat([2 * np.arctan(side / 2 / depth) / np.pi, 0], 7), atol=1 / 180)
 
 
 def test_iterative_amplitudes_are_judged_by_their_noise_and_put_into_the_page(tmp_path):

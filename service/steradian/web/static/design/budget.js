@@ -31,7 +31,7 @@ export function budgetPanel(host, design, changed) {
     h("div", { class: "row" },
       labelled("Time (min)", fields.minutes, "Duration of the scan; the pulse rate is that of the plan"),
       labelled("Vessel (µm)", fields.vessel, "Diameter of a vessel at the point of interest, parallel to the film"),
-      labelled("Signal-to-noise", source, "Typed in, or measured in an earlier scan of a similar object"), noiseField, propose),
+      labelled("Noise", source, "Typed in, or measured in an earlier scan of a similar object"), noiseField, propose),
     result);
   host.append(panel);
   void loadScans();

@@ -2,7 +2,7 @@
 // Panels of a design: point spread, visible orientations, solid angles and scan time.
 import { oncePerFrame, h, replace, s } from "../dom.js";
 import { showError, showLoading } from "../panel_states.js";
-import { duration, length, mm, percent } from "../units.js";
+import { duration, length, mm, percent, signed } from "../units.js";
 import { colourTable } from "../volume/colours.js";
 import { timeText } from "./key_figures.js";
 import { extent } from "./mask_map.js";
@@ -58,11 +58,11 @@ export function paintSection({ x, z, section }) {
 }
 
 /** @param {number[]} places in metres */
-const span = (places) => `${mm(places[0], 1)} to ${mm(places[places.length - 1], 1)}`;
+const span = (places) => `${signed(1e3 * places[0], 1)} to ${mm(places[places.length - 1], 1)}`;
 
 /** @param {any} preview */
 function axisLabels({ x, z }) {
-  return h("span", { class: "axes dim" }, `x → ${span(x)}, z ↓ ${span(z)}; colour scale: 0 to maximum`);
+  return h("span", { class: "axes dim", title: "Colour scale: 0 to maximum" }, `x → ${span(x)}, z ↓ ${span(z)}`);
 }
 
 /** Create the polar plot of the visible edge normals at the point. @param {HTMLElement} host */
