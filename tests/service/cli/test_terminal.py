@@ -21,8 +21,8 @@ from steradian.plans import ScanPlan  # noqa: E402
 from steradian.plans.files import write_json  # noqa: E402
 from steradian.scans.file.stages import read_stages  # noqa: E402
 
-POINTS = 2116
-ANSWER = r"laser off; ([\d,]+) of 2,116 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
+POINTS = 576
+ANSWER = r"laser off; ([\d,]+) of 576 stored in scan\.h5 \([^)]*\); go on with: steradian scan resume scan\.h5"
 EXACT = {"noise_db": float("inf"), "energy_jitter": 0.0}
 """A simulated scanner whose A-lines depend on the point alone."""
 READING = """
@@ -61,7 +61,7 @@ def hears():
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
-    mask = grid_mask(13.56e-3, 46, 280e-6)
+    mask = grid_mask(13.56e-3, 24, 560e-6)
     path = tmp_path_factory.mktemp("plan") / "plan.json"
     write_json(ScanPlan.create(mask=mask, samples=256, order="shortest"), path)
     return path
@@ -94,7 +94,7 @@ def terminal(tmp_path):
 
 def stop_at(process, share=4):
     """Press Ctrl-C once so many hundredths of the A-lines are stored."""
-    bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
+    bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/576")
     while True:
         process.expect(bar)
         if int(process.match[1]) * 100 >= share * POINTS:
@@ -112,7 +112,7 @@ def read(path):
 @pytest.mark.long
 def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
     """The first Ctrl-C answers with one line, and what that line says to type completes the scan, checked."""
-    scan = terminal("scan", "run", plan, "--simulator-speed", "1")
+    scan = terminal("scan", "run", plan, "--simulator-speed", "0.4")
     stop_at(scan)
     scan.expect(ANSWER)
     stored = int(scan.match[1].replace(",", ""))
@@ -124,13 +124,13 @@ def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
     assert 0 < stored < POINTS
 
     resumed = terminal("scan", "resume", "scan.h5", "--simulator-speed", "50")
-    resumed.expect(r"2,116 of 2,116 A-lines in scan\.h5 \([\d.]+ [kMG]?B\)")
+    resumed.expect(r"576 of 576 A-lines in scan\.h5 \([\d.]+ [kMG]?B\)")
     resumed.expect(pexpect.EOF)
     resumed.close()
     assert resumed.exitstatus == 0
 
     check = terminal("scan", "check", "scan.h5")
-    check.expect("2,116 of 2,116 A-lines intact")
+    check.expect("576 of 576 A-lines intact")
     check.expect(pexpect.EOF)
     check.close()
     assert check.exitstatus == 0
@@ -139,7 +139,7 @@ def test_a_scan_is_stopped_by_ctrl_c_and_resumed(plan, terminal, tmp_path):
 @pytest.mark.long
 def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, tmp_path):
     """The scanner's own account: no shot after the answer, as many fired as stored; the whole is as never stopped."""
-    with launch(speed=1.0, seed=3, **EXACT) as simulator:
+    with launch(speed=0.4, seed=3, **EXACT) as simulator:
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
         stop_at(scan)
         scan.expect(ANSWER)
@@ -154,7 +154,7 @@ def test_after_ctrl_c_the_laser_is_off_and_every_shot_is_stored(plan, terminal, 
     with launch(speed=100.0, seed=3, **EXACT) as simulator:
         for words in (["resume", "scan.h5"], ["run", plan, "--output", "whole.h5"]):
             process = terminal("scan", *words, "--scanner", simulator.url)
-            process.expect("2,116 of 2,116 A-lines")
+            process.expect("576 of 576 A-lines")
             process.expect(pexpect.EOF)
             process.close()
             assert process.exitstatus == 0, process.before
@@ -169,7 +169,7 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
     """Whoever presses Ctrl-C again is not kept waiting, even by a scanner that has gone silent; nothing is damaged."""
     with launch(speed=1.0, seed=3) as simulator:
         scan = terminal("scan", "run", plan, "--scanner", simulator.url)
-        bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/2116")
+        bar = re.compile(r"A-lines\D[^\r\n]*?(\d+)/576")
         scan.expect(bar)
         simulator.send_command("stall", way="up", seconds=1000)
         simulator.send_command("stall", way="down", seconds=1000)
@@ -192,7 +192,7 @@ def test_a_second_ctrl_c_leaves_at_once_with_the_file_whole(plan, terminal, tmp_
 @pytest.mark.parametrize("way", ["signal alone", "terminal goes", "terminal goes with standard error"])
 def test_scan_run_after_sighup_ends_as_after_ctrl_c(plan, terminal, tmp_path, way):
     """As when an ssh connection is closed; words on a terminal that is gone are lost, those in a file are not."""
-    with launch(speed=1.0, seed=3) as simulator:
+    with launch(speed=0.4, seed=3) as simulator:
         command = [sys.executable, "-m", "steradian", "scan", "run", str(plan), "--scanner", simulator.url]
         master, slave = os.openpty()
         with (tmp_path / "said").open("wb") as said:
