@@ -165,6 +165,8 @@ class TerminalScanControl(SessionControl):
         """Print the result of a scan stopped by Ctrl-C and exit; return if the scan completed or was not stopped."""
         self._answered.set()
         if self._stop.is_set() and summary.end is not SessionOutcome.COMPLETE:
+            if not self._file.exists():  # the connection ended before there was one
+                self.report_early_stop()
             print_stderr(f"{self._laser()}; {self._stored(summary.stored, summary.points)}")
             raise typer.Exit(EXIT_INTERRUPTED)
 

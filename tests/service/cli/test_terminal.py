@@ -12,13 +12,17 @@ import time
 import h5py
 import numpy as np
 import pytest
+import typer
 
 pexpect = pytest.importorskip("pexpect")
 
 from fabry_perot.simulator import launch  # noqa: E402
+from steradian.cli.terminal_scan_control import terminal_scan_control  # noqa: E402
 from steradian.masks import equi_steradian_mask, grid_mask  # noqa: E402
 from steradian.plans import ScanPlan  # noqa: E402
 from steradian.plans.files import write_json  # noqa: E402
+from steradian.scans.acquisition.run import ScanSummary  # noqa: E402
+from steradian.scans.acquisition.session_control import SessionOutcome  # noqa: E402
 from steradian.scans.file.stages import read_stages  # noqa: E402
 
 POINTS = 576
@@ -246,6 +250,18 @@ def test_ctrl_c_is_heard_before_anything_else_is_read():
     read = subprocess.run([sys.executable, "-c", HEARING], capture_output=True, text=True, preexec_fn=hears, env=only)
     first = ["steradian", "steradian._display_loaders", "steradian._version", "steradian.cli"]
     assert read.stdout == f"{first}\n", read.stderr
+
+
+def test_connection_that_ends_by_request_before_there_is_a_file_is_a_stop_before_the_scan(tmp_path, capsys):
+    """The session ends by itself where a library swallows the exception of Ctrl-C; the answer is the same."""
+    file = tmp_path / "scan.h5"
+    with terminal_scan_control(file) as control:
+        with pytest.raises(KeyboardInterrupt):
+            control.on_signal(signal.SIGINT, None)
+        with pytest.raises(typer.Exit) as ended:
+            control.end(ScanSummary(file, points=POINTS, fired=0, stored=0, end=SessionOutcome.STOPPED))
+    assert ended.value.exit_code == 130
+    assert capsys.readouterr().err.strip() == "stopped before the scan began; nothing is written"
 
 
 @pytest.mark.long
