@@ -196,6 +196,7 @@ def test_design_shows_range_of_time_and_points_of_stages(service, open_page):
     expect(page).to_have_url(re.compile("focus_places=3.*stopping=change"))  # the address follows a moment later
     page.reload()
     expect(page.locator("#field-focus_places")).to_have_value("3")
+    expect(page.get_by_role("button", name="Scan this")).to_be_enabled()  # the request of the page itself is answered
     with page.expect_request("**/designs/preview") as request:
         page.get_by_label("Place chosen").select_option("auto")
     assert request.value.post_data_json["survey"] == survey | {"decision": "auto"}

@@ -78,7 +78,7 @@ def test_depth_views_beside_measurements_have_ticks_and_scale_bar(service, open_
     for view in ("x–z", "y–z"):
         assert page.locator(f"[data-view='{view}']").bounding_box()["height"] >= 120
         letters = page.evaluate("(view) => window.letters[view]", view)
-        assert len([one for one in letters if one["x"] == 8 and re.fullmatch(r"[0-9.]+", one["text"])]) >= 2
+        assert len([one for one in letters if one["x"] == 11 and re.fullmatch(r"[0-9.]+", one["text"])]) >= 2
         (bar,) = (told for one in letters if (told := re.fullmatch(r"([0-9.]+) (mm|µm)", one["text"])))
         length = float(bar[1]) * MICROMETRES[bar[2]] / 1000
         assert length < 0.6 * (float(depths[1]) - float(depths[0]))

@@ -96,6 +96,7 @@ export function budgetPanel(host, design, changed) {
       iterating?.abort();
       text.textContent = splitText(splits[n], budget);
       use.onclick = () => take(n);
+      use.textContent = `Use ${productText(splits[n])}`;
       chosen = splits[n];
       showUse();
       replace(iterative, h("button", { type: "button", onclick: () => {
@@ -112,13 +113,13 @@ export function budgetPanel(host, design, changed) {
       adopt(splits[n]);
       changed();
     };
-    const use = h("button", { type: "button" }, "Use it");
-    const state = h("span", { class: "dim small", role: "status" });
+    const use = h("button", { type: "button" });
+    const state = h("strong", { role: "status" });
     let chosen = splits[0];
-    showUse = () => (state.textContent = isAdopted(chosen) ? "The design has these points." : "The design and its figures above do not have these points yet.");
+    showUse = () => (state.textContent = isAdopted(chosen) ? "The design has these points." : "Not in the design yet: figures above and Scan this are of the form.");
     const first = Math.max(0, splits.findIndex(({ proposed }) => proposed));
     const plot = splitPlot(splits, first, choose, take);
-    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB signal-to-noise each. Drag the point, use the arrow keys, or press Use it to set points and averages of the design.`), plot, h("p", { class: "caption dim" }, legendText(splits)), h("div", { class: "row" }, text, use, state), iterative);
+    replace(result, h("p", { class: "caption" }, `${count(budget.pulses)} pulses of ${signed(budget.noise_db, 1)} dB signal-to-noise each. All points × averages fit into them. Drag the point, use the arrow keys, or press Use … to set points and averages of the design.`), plot, h("p", { class: "caption dim" }, legendText(splits)), text, h("div", { class: "row below" }, use, state), iterative);
     choose(first);
   }
 
@@ -192,7 +193,8 @@ function splitPlot(splits, first, choose, adopt) {
     s("path", { d: `M${left},${top}V${height - bottom}H${width - right}`, class: "axis" }),
     [low + 2, high - 2].map((level) => s("text", { x: left - 6, y: y(level) + 4, class: "tick end" }, `${signed(level, 0)} dB`)),
     splits.map(({ points }, n) => s("text", { x: x(n), y: height - bottom + 16, class: "tick middle" }, count(points))),
-    s("text", { x: (left + width - right) / 2, y: height - 3, class: "tick middle" }, "points"),
+    s("text", { x: (left + width - right) / 2, y: height - 3, class: "tick middle" }, "points, logarithmic"),
+    s("text", { x: left + 6, y: top + 8, class: "tick" }, "contrast"),
     splits.some(({ side_lobes_db: one }) => one !== null) ? s("path", { d: path((split) => split.side_lobes_db), class: "limit" }, s("title", null, "without noise")) : null,
     s("path", { d: path((split) => split.contrast_db), class: "contrast" }),
     splits.map((split, n) => s("circle", { cx: x(n), cy: y(split.contrast_db), r: split.proposed ? 9 : 3, class: split.proposed ? "proposed" : split.usable ? "split" : "split unsure" })),

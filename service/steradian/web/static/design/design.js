@@ -27,7 +27,7 @@ const panel = (/** @type {string} */ name) => h("section", { class: `panel ${nam
 const [formPanel, planePanel, spread, orientation, angle, time] = ["form", "plane", "spread", "orientation", "angle", "time"].map(panel);
 const figures = h("dl", { class: "figures across" });
 const messages = h("div", { class: "remarks", role: "alert" });
-const scanButton = h("button", { type: "button", class: "primary", id: "scan-this", disabled: true, onclick: () => void submitScan() }, "Scan this");
+const scanButton = h("button", { type: "button", class: "primary", id: "scan-this", disabled: true, onclick: () => void submitScan() }, "Scan this (laser on)");
 const label = h("input", { type: "text", maxlength: 200, placeholder: "e.g. yarn phantom", "aria-label": "Name of the sample", class: "short", value: design.label, oninput: () => { design.label = label.value; writeQuery(); } });
 const followCheckbox = h("input", { type: "checkbox", id: "watch", checked: true });
 const scannerChoice = new ScannerChoice();
@@ -38,7 +38,7 @@ replace(host,
   formPanel,
   h("div", { class: "middle" }, planePanel, time),
   h("div", { class: "beside", tabindex: 0, role: "group", "aria-label": "Image quality at the point" }, spread, orientation, angle),
-  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, ...(design.through ? undersampling.elements : [label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Show a live image"), scanButton]))));
+  h("footer", { class: "panel foot" }, figures, h("div", { class: "row" }, messages, ...(design.through ? undersampling.elements : [label, scannerChoice.host, h("label", { class: "row", for: "watch" }, followCheckbox, "Live image"), scanButton]))));
 
 onScanners((first, all) => first && scannerChoice.show(all));
 const form = new DesignForm(h("div", { class: "scrolled" }), design, onDesignChanged);

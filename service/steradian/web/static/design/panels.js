@@ -13,7 +13,7 @@ const READING = "Full widths at half maximum. A sphere that is blurred sideways 
 export function pointSpreadPanel(host) {
   const title = h("p", { class: "dim caption", title: READING });
   const body = h("div", { class: "picture" });
-  replace(host, h("h2", null, "Point spread"), body, title);
+  replace(host, h("h2", null, "Image of a sphere"), body, title);
   showLoading(body, "simulating a sphere …");
   return {
     working: () => body.classList.add("stale"),

@@ -30,6 +30,8 @@ export class Controls {
     host.append(h("div", { class: "row spread" }, this.state, this.bar, this.pace, this.buttons), this.below, this.messages);
     /** @type {any} */
     this.scan = null;
+    /** @type {any} */
+    this.plan = null;
     this.renderedKey = "";
     this.stored = 0;
     this.total = 0;
@@ -46,6 +48,7 @@ export class Controls {
   /** @param {any} scan @param {any} plan @param {any} coverage counts of the service, if available */
   show(scan, plan, coverage) {
     this.scan = scan;
+    this.plan = plan;
     this.isSeries = plan.frames * Math.max(1, plan.excitation.length) > 1;
     if (coverage) {
       [this.total, this.stored] = [coverage.points, coverage.stored];
@@ -89,10 +92,16 @@ export class Controls {
     const over = FINAL_STATES.has(this.scan?.state);
     this.bar.hidden = over && isWhole;
     if (over && this.pace.parentElement !== this.below) this.below.prepend(this.pace); // beside the labels, where there are more actions
-    if (over && this.scan.started) parts.push(`measured ${formatDate(this.scan.started)}${this.scan.ended ? ` in ${duration(secondsBetween(this.scan.started, this.scan.ended))}` : ""}`);
+    if (over && this.scan.started) parts.push(`measured ${formatDate(this.scan.started)}${this.scan.ended ? ` in ${duration(secondsBetween(this.scan.started, this.scan.ended))}${isWhole ? this.plannedText() : ""}` : ""}`);
     this.pace.textContent = parts.join(", ");
     const advice = over || !TRANSITIONS[this.scan?.state] ? "" : stopSummary(this.stored, this.total, this.toCome);
     if (this.advice.textContent !== advice) this.advice.textContent = advice;
+  }
+
+  /** Return the planned duration of a scan of one stage. */
+  plannedText() {
+    const seconds = this.scan.stages ? null : this.plan?.preview?.total_seconds;
+    return seconds ? ` (planned: ${duration(seconds)})` : "";
   }
 
   render() {

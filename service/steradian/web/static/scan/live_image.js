@@ -172,7 +172,7 @@ export class LiveImage {
     this.final = revision.final;
     const { area = null, largest_gap_m: gap = null } = revision.coverage ?? {};
     const [of, whole] = [`${count(revision.points)} of ${count(revision.planned)} A-lines`, revision.points === revision.planned];
-    this.share.textContent = revision.final && !whole ? `from ${of}${area === null ? "" : `, ${percent(area)} of the area`}` : "";
+    this.share.textContent = revision.final && !whole ? `from ${of}${area === null ? "" : `, ${percent(area)} of the area`}; amplitudes differ from those of a whole scan` : "";
     const description = !revision.final ? `revision ${revision.number}, from ${of}` : whole ? `the complete image from ${count(revision.points)} A-lines` : `the final image from ${of}`;
     this.caption.textContent = `Maximum along ${axis}${this.depths}, ${mm(size[0], 1)} × ${mm(size[1], 1)}; ${description}${area === null ? "" : `, ${percent(area)} of the area`}${gap === null ? "" : `, largest gap ${length(gap)}`}`;
     this.insert(this.reconstruction.id, revision.final);

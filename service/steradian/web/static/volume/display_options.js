@@ -74,7 +74,7 @@ export function depthControls(stage) {
   show();
   const [least, most] = [Math.max(0, first), last].map((mm) => signed(mm, 1));
   return h("div", { class: "stack options", dataset: { depths: "" } },
-    h("div", { class: "option" }, h("span", { title: "Depths of x–z, y–z and 3-D; the maximum in x–y covers all below the near field" }, "Depth views"), h("span", { class: "choice" }, inputs[0], "to", inputs[1], "mm")),
+    h("div", { class: "option" }, h("span", { title: "Depths of x–z, y–z and 3-D; the maximum in x–y covers all below the near field" }, "x–z, y–z, 3-D"), h("span", { class: "choice" }, inputs[0], "to", inputs[1], "mm")),
     h("div", { class: "option" }, h("span"), h("span", { class: "choice" },
       h("button", { type: "button", title: "Depths in which the volume has signal, with a margin", onclick: () => stage.store.change({ depth: null, centre: null }) }, "Object"),
       h("button", { type: "button", title: "All depths of the volume", "aria-label": `All depths, ${least} to ${most} mm`, onclick: () => stage.store.change({ depth: [0, Infinity], centre: null }) }, `All, ${least} to ${most} mm`))),

@@ -30,6 +30,7 @@ export function addEnlarging(stage, name, title, pane) {
     const isLarge = stage.large === name;
     pane.hidden = stage.large !== null && !isLarge;
     replace(button, isLarge ? "All views" : s("svg", { viewBox: "0 0 16 16", width: 14, height: 14, "aria-hidden": "true" }, s("path", { d: "M9 2h5v5M14 2 9 7M7 14H2V9M2 14l5-5", fill: "none", stroke: "currentColor", "stroke-width": 1.6 })));
+    button.classList.toggle("quiet", !isLarge);
     button.title = isLarge ? "Shortcut: f or Escape" : "Shortcut: f, or a double click on the image";
     button.setAttribute("aria-label", isLarge ? "Show all views" : `Enlarge the ${title} view`);
   };

@@ -77,7 +77,7 @@ function drawTicks(context, view) {
   for (const mm of ticks(Math.max(vertical[0], y0), Math.min(vertical[1], y1), Math.max(view.height / 44, LEAST_TICKS))) {
     const [, y] = view.toPixels(0, mm);
     strokeOutlined(context, LINE_COLOUR, 1, () => { context.moveTo(0, y); context.lineTo(5, y); });
-    if (y > 22 && y < view.height - 32) drawLabel(context, decimalText(mm), 8, y);
+    if (y > 22 && y < view.height - 32) drawLabel(context, decimalText(mm), 11, y);
   }
   context.textBaseline = "bottom";
   drawLabel(context, `${across} → ${up} ${view.up ? "↑" : "↓"} mm`, 8, view.height - 9);
@@ -132,7 +132,8 @@ function drawMeasurements(context, view) {
     if (kind === "point") strokeOutlined(context, LINE_COLOUR, width, () => { context.moveTo(x - 5, y); context.lineTo(x + 5, y); context.moveTo(x, y - 5); context.lineTo(x, y + 5); });
     else drawMark(context, view, kind === "profile" ? "line" : "region", inMm(start), inMm(end), width);
     if (from && to) drawMark(context, view, "background", inMm(from), inMm(to), width);
-    context.globalAlpha = 1; // also of a measurement elsewhere
+    context.globalAlpha = 1;
+    if (!isPlaneShown(stage, item) && stage.measurements?.selectedName !== name) continue; // its line is elsewhere
     const isRight = x > view.width / 2;
     context.textAlign = isRight ? "right" : "left";
     context.textBaseline = "bottom";

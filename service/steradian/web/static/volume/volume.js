@@ -159,7 +159,7 @@ function positionControls(stage, scanId) {
   stage.store.on(update);
   update();
   return h("div", { class: "stack crosshair" },
-    h("div", { class: "row spread nowrap" }, h("h3", null, "Crosshair"), h("button", { type: "button", class: "primary", title: "Design a scan with a mask around the crosshair", onclick: () => void scanHere(stage, scanId) }, "Scan here")), show,
+    h("div", { class: "row spread nowrap" }, h("h3", null, "Crosshair"), h("button", { type: "button", class: "primary", title: "Design a scan with a mask around the crosshair", onclick: () => void scanHere(stage, scanId) }, "Scan here …")), show,
     h("div", { class: "row nowrap" },
       h("button", { type: "button", title: "Shortcut: b", onclick: () => void moveToBrightest(stage) }, "Brightest"),
       h("button", { type: "button", title: "Shortcut: 0", onclick: () => stage.store.change({ zoom: 1, centre: null }) }, "Fit"),
