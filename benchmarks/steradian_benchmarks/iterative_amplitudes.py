@@ -29,10 +29,8 @@ MOST = 1.05
 MOSTLY_VISIBLE = 0.6
 """Share of its waves that reach the aperture, from which on a part of a vessel counts as visible."""
 FEWEST = 3  # balls of a part
-DIRECTIONS, LARGEST_GAP = (
-    360,
-    2.5,
-)  # of emission in half a circle; between neighbouring balls of one vessel, in units of s
+DIRECTIONS = 360  # of emission in half a circle
+LARGEST_GAP = 2.5  # between neighbouring balls of one vessel, in units of s
 Row: TypeAlias = dict[str, Any]
 
 
