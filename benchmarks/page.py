@@ -76,17 +76,17 @@ def address(service, path):
 
 def scan_of(service, key, **plan):
     """Begin a scan of 1,605 points; returns its identifier."""
-    mask = service.ask("/masks", EQUI)
-    made = service.ask("/plans", {"mask_id": mask["id"], **plan})
-    return service.ask("/scans", {"plan_id": made["id"]}, **{"Idempotency-Key": key})["id"]
+    mask = service.request("/masks", EQUI)
+    made = service.request("/plans", {"mask_id": mask["id"], **plan})
+    return service.request("/scans", {"plan_id": made["id"]}, **{"Idempotency-Key": key})["id"]
 
 
 def paints(service, browser):
     """For each page, in a browser that has kept nothing: median and maximum of the ms to the first contentful paint."""
     scan = scan_of(service, "page-paints", pulse_rate=1000.0)
-    _until(lambda: service.ask(f"/scans/{scan}")["state"] in OVER)
-    made = service.ask("/reconstructions", {"scan_id": scan}, **{"Idempotency-Key": "page-paints"})
-    _until(lambda: service.ask(f"/reconstructions/{made['id']}")["state"] == "succeeded")
+    _until(lambda: service.request(f"/scans/{scan}")["state"] in OVER)
+    made = service.request("/reconstructions", {"scan_id": scan}, **{"Idempotency-Key": "page-paints"})
+    _until(lambda: service.request(f"/reconstructions/{made['id']}")["state"] == "succeeded")
     found = {}
     for path in PAGES:
         took = []
@@ -103,7 +103,9 @@ def memory(service, browser, minutes):
     """Heap (MB), elements and listeners of a page that shows a scan at 50 Hz, after its garbage was collected."""
     frames = math.ceil(minutes * 60 * 50 / 1605) + 1
     scan = scan_of(service, "page-memory", pulse_rate=50.0, frames=frames, samples=512)
-    service.ask("/reconstructions", {"scan_id": scan, "follow": True, "interval": 5}, **{"Idempotency-Key": "memory"})
+    service.request(
+        "/reconstructions", {"scan_id": scan, "follow": True, "interval": 5}, **{"Idempotency-Key": "memory"}
+    )
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.goto(address(service, f"/scans/{scan}"))
     inside = page.context.new_cdp_session(page)
@@ -116,7 +118,7 @@ def memory(service, browser, minutes):
         found.append([round(told["JSHeapUsedSize"] / 1e6, 2), told["Nodes"], told["JSEventListeners"]])
     page.close()
     heap, nodes, listeners = (list(one) for one in zip(*found, strict=True))
-    stored = service.ask(f"/scans/{scan}/coverage")["stored"]
+    stored = service.request(f"/scans/{scan}/coverage")["stored"]
     return {"every_s": EVERY, "a_lines": stored, "heap_mb": heap, "nodes": nodes, "listeners": listeners}
 
 
@@ -134,8 +136,8 @@ def press(service, scanner, page, under):
         page.get_by_text("laser off (confirmed").wait_for(timeout=60_000)
         last, after = _read_simulator(scanner)["last_shot"] / 1e6, ahead(scanner)
     clicked = page.evaluate("window.clicked") / 1e3
-    stop = service.ask("/scanners/scanner-0")["emergency_stop"]
-    _until(lambda: service.ask(f"/scans/{scan}")["state"] in OVER)
+    stop = service.request("/scanners/scanner-0")["emergency_stop"]
+    _until(lambda: service.request(f"/scans/{scan}")["state"] in OVER)
     _release(service)
     page.locator("#stopped").wait_for(state="hidden", timeout=60_000)
     pressed = datetime.fromisoformat(stop["at"]).timestamp()
@@ -179,11 +181,11 @@ def tasks(service, browser):
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.add_init_script(WATCH)
     page.goto(address(service, f"/scans/{scan}"))
-    _until(lambda: service.ask(f"/scans/{scan}")["state"] in OVER)
+    _until(lambda: service.request(f"/scans/{scan}")["state"] in OVER)
     page.wait_for_timeout(2000)
     found = page.evaluate("window.tasks")
     page.close()
-    return {"a_lines": service.ask(f"/scans/{scan}/coverage")["stored"], "long_tasks_ms": sorted(found)}
+    return {"a_lines": service.request(f"/scans/{scan}/coverage")["stored"], "long_tasks_ms": sorted(found)}
 
 
 def main():
