@@ -253,7 +253,7 @@ def test_ctrl_c_is_heard_before_anything_else_is_read():
 
 
 def test_connection_that_ends_by_request_before_there_is_a_file_is_a_stop_before_the_scan(tmp_path, capsys):
-    """The session ends by itself where a library swallows the exception of Ctrl-C; the answer is the same."""
+    """A session that ends by the request, and not by the exception of Ctrl-C, has the same answer."""
     file = tmp_path / "scan.h5"
     with terminal_scan_control(file) as control:
         with pytest.raises(KeyboardInterrupt):

@@ -17,7 +17,7 @@ from steradian.plans.plots import plan_figure
 from steradian.reconstructions.volumes.images import draw_depth_coded, draw_mip
 
 SIZES = (240, 720, 1500)
-WIDTHS = (640, 2200)
+WIDTHS = (640, 1320, 2200)
 MASKS = {
     "equi-steradian": equi_steradian_mask(13.56e-3, 3.6e-3, 300),
     "off the centre": equi_steradian_mask(13.56e-3, 3.6e-3, 200, offset=(3e-3, -2e-3)),

@@ -121,6 +121,6 @@ export function pane3d(view3d) {
     return h("span", { class: "clip" }, axis, range);
   });
   return h("section", { class: "pane panel", "aria-label": "3-D view", dataset: { steradian: "view-3d" } },
-    h("header", null, h("h2", { title: "Seen from the film's side at first; x–y is drawn with z towards you" }, "3-D"), caption),
+    h("header", null, h("h2", null, "3-D"), caption),
     view3d.element, h("div", { class: "pane-controls" }, h("span", { class: "dim" }, "box"), ...sliders));
 }

@@ -21,7 +21,7 @@ export function soundSpeedPanel(reconstruction) {
   const status = h("p", { class: "dim small", role: "status" });
   const button = h("button", { type: "button", onclick: () => void startSearch() }, "Try 21 speeds");
   const element = h("div", { class: "stack" },
-    h("p", { class: "dim small" }, "Finds the speed of sound whose image fits the A-lines best; ± is its error from noise. For comparison, the curve shows the image's sharpness at each speed."),
+    h("p", { class: "dim small" }, "Finds the speed of sound whose image fits the A-lines best; ± is its standard error. For comparison, the curve shows the image's sharpness at each speed."),
     h("div", { class: "row" }, h("label", null, "from ", first), h("label", null, "to ", last, " m/s"), button), status, curve);
 
   async function load() {
