@@ -1,6 +1,7 @@
 """Uploads through nginx: a size that it refuses, and what breaks off and is gone on with (tus 1.0)."""
 
 import base64
+import contextlib
 import hashlib
 import itertools
 import os
@@ -122,10 +123,11 @@ def test_the_client_goes_on_with_an_upload_that_breaks_off(api, recording):
     def cut(done, total):
         sent.append(done)
         if left and done > left[0] * total:
-            left.pop(0)
-            until(lambda: sum(part.stat().st_size for part in api.data.uploads.glob("*.part")) > done // 2)
-            network.cut()
-            network.mend()
+            with contextlib.suppress(AssertionError):  # what goes into a connection that was cut never arrives
+                until(lambda: sum(part.stat().st_size for part in api.data.uploads.glob("*.part")) > done // 2, 20)
+                left.pop(0)
+                network.cut()
+                network.mend()
 
     with Client(network.url, key=KEY) as client:
         client.uploads.create(recording)  # it has answered before
