@@ -144,7 +144,13 @@ def test_the_point_goes_where_it_is_dragged(service, open_page):
     assert [number_in(page.locator(FIELD.format(name))) for name in "xy"] == offset
 
 
-@pytest.mark.parametrize("arrangement", ["combined", "grid", "hexagonal", "poisson-disc", "random", "equiangular"])
+@pytest.mark.parametrize(
+    "arrangement",
+    [
+        *("combined", "grid", "poisson-disc"),
+        *(pytest.param(name, marks=pytest.mark.nightly) for name in ("hexagonal", "random", "equiangular")),
+    ],
+)
 def test_every_arrangement_can_be_looked_at(service, open_page, arrangement):
     page = open_page(service, f"/design{SMALL}")
     page.get_by_label("Arrangement").select_option(arrangement)

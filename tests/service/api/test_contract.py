@@ -85,7 +85,7 @@ MOST = {"POST /api/v1/designs/budget": 2}
 """Examples of what computes images for seconds."""
 
 
-@pytest.mark.parametrize("examples", [1, pytest.param(10, marks=pytest.mark.long)])
+@pytest.mark.parametrize("examples", [1, pytest.param(10, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_every_answer_is_as_documented(server, fault_clerk, existing, operations, name, examples):
     from schemathesis.checks import CHECKS

@@ -31,22 +31,34 @@ def pair(tmp_path):
     pair.close()
 
 
-def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(pair):
-    answer = pair.http.post(STOP, json={"reason": "smoke"})
+@pytest.fixture(scope="module")
+def shared_pair(tmp_path_factory):
+    """One for all tests that leave no press and no other scanner behind."""
+    pair = Pair(tmp_path_factory.mktemp("pair"))
+    yield pair
+    pair.close()
+
+
+def test_a_press_is_answered_by_the_scanner_s_node_and_its_release_too(shared_pair):
+    answer = shared_pair.http.post(STOP, json={"reason": "smoke"})
     assert answer.status_code == 202, answer.text
-    press, shown = pair.latch.active(), answer.json()["emergency_stop"]
+    press, shown = shared_pair.latch.active(), answer.json()["emergency_stop"]
     assert (press.number, press.who, press.reason) == (shown["number"], "local", "smoke")
-    pair.latch.record_outcome(StopOutcome(press.number, "off", 0.01))
-    until(lambda: (seen := pair.http.get("/scanners/scanner-0").json()["emergency_stop"]) and seen["laser"] == "off")
-    refused = pair.http.delete(STOP, params={"number": "another"})
+    shared_pair.latch.record_outcome(StopOutcome(press.number, "off", 0.01))
+    until(
+        lambda: (
+            (seen := shared_pair.http.get("/scanners/scanner-0").json()["emergency_stop"]) and seen["laser"] == "off"
+        )
+    )
+    refused = shared_pair.http.delete(STOP, params={"number": "another"})
     assert (refused.status_code, refused.json()["code"]) == (409, "emergency-stopped")
-    assert pair.http.delete(STOP, params={"number": press.number}).json()["emergency_stop"] is None
-    assert pair.latch.active() is None
-    assert pair.http.post("/scanners/scanner-9/emergency-stop").status_code == 404
+    assert shared_pair.http.delete(STOP, params={"number": press.number}).json()["emergency_stop"] is None
+    assert shared_pair.latch.active() is None
+    assert shared_pair.http.post("/scanners/scanner-9/emergency-stop").status_code == 404
 
 
-def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_by_the_scanners_node(pair):
-    clearing = ClearFaultRequest(pair.scanner.data.emergency)
+def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_by_the_scanners_node(shared_pair):
+    clearing = ClearFaultRequest(shared_pair.scanner.data.emergency)
 
     def answer_with(*about):
         request = until(clearing.asked)
@@ -55,15 +67,15 @@ def test_clear_fault_on_a_node_without_the_scanner_is_carried_out_and_recorded_b
 
     with ThreadPoolExecutor(1) as acquisition:
         who = acquisition.submit(answer_with, "interlock-opened")
-        cleared = pair.http.post("/scanners/scanner-0/clear-fault", json={"reason": "closed"})
+        cleared = shared_pair.http.post("/scanners/scanner-0/clear-fault", json={"reason": "closed"})
         assert (cleared.status_code, who.result()) == (200, "local"), cleared.text
-    with pair.database.read() as session:
+    with shared_pair.database.read() as session:
         told = [row.data for row in session.query(EventRow).where(EventRow.kind == "scanner")]
     assert ("local", "fault cleared: interlock-opened: closed") in [(one["who"], one["why"]) for one in told]
 
 
-def test_clear_fault_without_acquisition_process_returns_503(pair):
-    refused = pair.http.post("/scanners/scanner-0/clear-fault")
+def test_clear_fault_without_acquisition_process_returns_503(shared_pair):
+    refused = shared_pair.http.post("/scanners/scanner-0/clear-fault")
     assert (refused.status_code, refused.json()["code"]) == (503, "scanner-unreachable")
     assert "acquisition process" in refused.json()["detail"]
 
@@ -165,18 +177,18 @@ def test_headers_that_come_twice_are_sent_on_and_back_twice(pair):
 
 
 @pytest.mark.parametrize("errand", ["", "01"])
-def test_only_another_node_can_say_that_a_press_is_one_that_came_before(pair, errand):
+def test_only_another_node_can_say_that_a_press_is_one_that_came_before(shared_pair, errand):
     for _ in range(2):
-        asked = httpx.post(f"{pair.scanner.url}/api/v1{STOP}", headers={"Steradian-Errand": errand}, timeout=250)
-        press = pair.latch.active()
+        asked = httpx.post(f"{shared_pair.scanner.url}/api/v1{STOP}", headers={"Steradian-Errand": errand}, timeout=250)
+        press = shared_pair.latch.active()
         assert press is not None, "it is pressed anew"
         assert asked.json()["emergency_stop"]["number"] == press.number
-        httpx.delete(f"{pair.scanner.url}/api/v1{STOP}", timeout=250).raise_for_status()
+        httpx.delete(f"{shared_pair.scanner.url}/api/v1{STOP}", timeout=250).raise_for_status()
 
 
-def test_forwarded_principal_without_node_secret_returns_401(pair):
+def test_forwarded_principal_without_node_secret_returns_401(shared_pair):
     said = {"Steradian-Principal": '{"name": "key Ada (01)", "scopes": ["read"], "key_id": "01"}'}
-    for server in (pair.scanner, pair.other):
+    for server in (shared_pair.scanner, shared_pair.other):
         ask = f"{server.url}/api/v1/session"
         for secret in ("", SECRET[:-1], SECRET + "x"):
             assert httpx.get(ask, headers=said | {"Steradian-Node": secret}, timeout=60).status_code == 401
@@ -196,10 +208,9 @@ def test_misrouted_request_is_refused_without_further_forwarding(pair):
     assert "another node's" in released.json()["detail"]
 
 
-@pytest.mark.long
-def test_node_secret_mismatch_returns_503_not_401(pair):
+def test_node_secret_mismatch_returns_503_not_401(shared_pair):
     """A page that is told so takes its session for over."""
-    stranger = ApiProcess(pair.folder, role="api", node_secret=SECRET[::-1]).wait()
+    stranger = ApiProcess(shared_pair.folder, role="api", node_secret=SECRET[::-1]).wait()
     try:
         released = httpx.delete(f"{stranger.url}/api/v1{STOP}", timeout=250)
     finally:

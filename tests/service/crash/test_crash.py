@@ -1,4 +1,4 @@
-"""What is killed, and what becomes of the jobs: real processes, real signals, both databases."""
+"""What is killed, and what becomes of the jobs: real processes, real signals, both databases where that may matter."""
 
 import signal
 import subprocess
@@ -17,6 +17,7 @@ from steradian.storage.state_machines import ReconstructionState, is_terminal
 pytestmark = [pytest.mark.crash, pytest.mark.timeout(180)]
 R = ReconstructionState
 LIMIT = 30.0
+embedded_only = pytest.mark.parametrize("running", ["embedded"], indirect=True)
 JOBS = 8
 
 
@@ -59,6 +60,7 @@ def test_a_killed_worker(running, capsys):
     settle(running, names, killed, "worker, kill -9", capsys)
 
 
+@embedded_only
 def test_a_killed_child(running, capsys):
     names = load(running, "child", seconds=1.0)
     killed = time.monotonic()
@@ -67,6 +69,7 @@ def test_a_killed_child(running, capsys):
     assert running.queue.status(names[0]).attempts[0]["outcome"] in {"died", "succeeded"}
 
 
+@pytest.mark.parametrize("running", ["postgres"], indirect=True)
 def test_a_killed_api(running, capsys):
     names = load(running, "api")
     killed = time.monotonic()
@@ -75,6 +78,7 @@ def test_a_killed_api(running, capsys):
     running.until(lambda: running.answers, 20)
 
 
+@embedded_only
 def test_two_services_on_one_data_directory(running, capsys):
     names = load(running, "second")
     killed = time.monotonic()

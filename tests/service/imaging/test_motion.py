@@ -52,7 +52,7 @@ def test_breathing_of_100_micrometres_is_undone_to_95_per_cent_of_the_still_shar
     assert sharpness(reconstruct_moving(moving, TIMES, motion, GRID)) >= 0.95 * still
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_still_object_has_no_significant_motion():
     motion = estimate_motion(scan(np.zeros((MASK.count, 3)), 2), TIMES, GRID)
     assert not motion.is_significant

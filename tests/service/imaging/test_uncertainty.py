@@ -103,8 +103,10 @@ def dense_positions() -> np.ndarray:
     return np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("arrangement", ["random", "equi-steradian"])
+@pytest.mark.parametrize(
+    "arrangement",
+    [pytest.param("random", marks=pytest.mark.nightly), pytest.param("equi-steradian", marks=pytest.mark.long)],
+)
 def test_intervals_of_one_standard_error_hold_about_68_percent_of_the_truths(arrangement: str) -> None:
     """In 20 simulated scans of 222 points at 20 and 30 dB: of all voxels, and of those of the object.
 

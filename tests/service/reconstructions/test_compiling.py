@@ -82,7 +82,7 @@ def test_service_start_precompiles_kernels_for_first_job(fresh, tmp_path):
         service.close()
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 def test_each_half_comes_to_its_end_alone(fresh):
     with subprocess.Popen([*WARMUP_COMMAND, SECOND_HALF], stdin=subprocess.PIPE) as second:
         assert second.wait() == 0

@@ -84,7 +84,7 @@ def service(request, tmp_path_factory):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.nightly if number % 3 else pytest.mark.long)
+        pytest.param(name, marks=pytest.mark.nightly if number % 6 else pytest.mark.long)
         for number, name in enumerate(ATTACKS)
     ],
 )
