@@ -33,7 +33,7 @@ def pair(tmp_path):
 
 @pytest.fixture(scope="module")
 def shared_pair(tmp_path_factory):
-    """One for all tests that leave no press and no other scanner behind."""
+    """Pair of nodes for all tests that leave no press and no other scanner behind."""
     pair = Pair(tmp_path_factory.mktemp("pair"))
     yield pair
     pair.close()
