@@ -4,6 +4,7 @@ import json
 import socket
 
 import httpx
+import pytest
 
 from support.waiting import until
 
@@ -12,6 +13,7 @@ from .conftest import api_of
 HALF = b"POST /api/v1/masks HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n\r\n{"
 
 
+@pytest.mark.long
 def test_request_cut_off_by_shutdown_is_answered_503_without_traceback(tmp_path):
     api = api_of(tmp_path).wait()
     with socket.create_connection(("127.0.0.1", int(api.url.rpartition(":")[2]))) as client:

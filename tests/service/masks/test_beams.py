@@ -99,7 +99,7 @@ def test_one_beam_is_any_mask_of_as_many_points_and_the_same_call_gives_the_same
         ([(0, 0), (0, 0)], "two at the same place"),
         ([(0, 0)] * 65, "beams"),
         (np.zeros((0, 2)), "beams"),
-        ([(0, 0), (9e-3, 9e-3)], "fits"),
+        pytest.param([(0, 0), (9e-3, 9e-3)], "fits", marks=pytest.mark.long),
         ([(0, 0), (np.nan, 0)], "beams"),
     ],
 )
@@ -108,7 +108,7 @@ def test_a_pattern_that_is_none_or_does_not_fit_is_refused(beams, field):
         multi_beam_mask(equi_steradian_mask(10e-3, 3e-3, 60), beams)
 
 
-@pytest.mark.parametrize("centred", [True, False])
+@pytest.mark.parametrize("centred", [pytest.param(True, marks=pytest.mark.long), False])
 def test_beams_on_a_small_grid_stay_in_the_aperture_though_its_cells_reach_beyond(centred):
     """Cells of a grid that begins at the aperture's edge, as grids of a scanner's own interval do, are half outside."""
     small = grid_mask(8e-3, 4, 2e-3, centred=centred)

@@ -43,7 +43,9 @@ def test_off_the_centre_the_nearer_of_both_is_taken(count):
     assert found == (below if count - below < above - count else above)
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 30, 100, 381, 900, 2000])
+@pytest.mark.parametrize(
+    "count", [1, 2, 30, 381, *(pytest.param(count, marks=pytest.mark.long) for count in (5, 100, 900, 2000))]
+)
 def test_a_hexagonal_lattice_has_the_nearest_number_of_all_intervals(count):
     """By brute force over 4,000 intervals, the lattices themselves counted."""
     guess = APERTURE * (2 / 3**0.5 / count) ** 0.5

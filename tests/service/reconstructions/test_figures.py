@@ -58,6 +58,7 @@ def test_depth_coded_figure_has_warm_near_and_cold_far(tmp_path):
     assert far[2] > far[0]
 
 
+@pytest.mark.long
 def test_pdf_has_the_stated_page_and_truetype_letters(tmp_path):
     content = SERIES[:2].figure(tmp_path / "a.pdf", width=170).read_bytes()
     box = [float(each) for each in re.search(rb"/MediaBox\s*\[([^\]]+)\]", content)[1].split()]

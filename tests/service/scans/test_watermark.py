@@ -187,7 +187,9 @@ class Moody(SessionControl):
         return BROKEN if roll < 0.004 else FULL if roll < 0.02 else "short" if roll < 0.1 else None
 
 
-@pytest.mark.parametrize("seed", range(RUNS))
+@pytest.mark.parametrize(
+    "seed", [*range(10), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(10, RUNS))]
+)
 def test_acknowledgement_under_random_faults_never_passes_unsynced_aline(
     seed, plan, simulator, whole, tmp_path, monkeypatch
 ):
