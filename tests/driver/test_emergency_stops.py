@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import sys
+import threading
 import time
 
 import numpy as np
@@ -14,12 +15,14 @@ import pytest
 from driver_holders import ANOTHER_USER, FAST, FOREIGN, LIAR, program, report, scan_of
 
 import fabry_perot
+from fabry_perot.host.control_server import ControlServer
 from fabry_perot.simulator import launch
 from support import copies
 from support.waiting import until
 
 QUICK = 250_000
 """Longest time from the request to the last shot, in µs of the simulator."""
+PAT = {"who": "Pat", "timeout": 20.0}
 PATIENT = fabry_perot.host.HostTiming(ttl=1_000_000)
 
 
@@ -181,6 +184,21 @@ def test_emergency_stop_before_arm_prevents_arming():
         assert (cleared.by, cleared.fault.name) == ("Kim", "emergency-stop")
         scanner.start(scanner.arm())
         assert sum(len(batch) for batch in scanner.alines()) == 20
+
+
+def test_scan_stopped_before_its_program_reads_the_request_is_told_the_name(monkeypatch):
+    """A program that answers late is passed by, so the device reports the stop before the program reads the name."""
+    attend = ControlServer._attend
+    monkeypatch.setattr(ControlServer, "_attend", lambda *told: (time.sleep(0.5), attend(*told)))
+    parameters = {"samples": 64, "sampling_interval": 8e-9, "pulse_rate": 100.0}
+    with launch(speed=5) as simulator, fabry_perot.connect(simulator.url, timing=PATIENT) as scanner:
+        scanner.upload([(0.0, 0.0)] * 10_000, **parameters)
+        scanner.start(scanner.arm())
+        stopping = threading.Thread(target=fabry_perot.emergency_stop, args=(simulator.url,), kwargs=PAT)
+        stopping.start()
+        with pytest.raises(fabry_perot.ScanAborted, match="stopped by an emergency stop from Pat"):
+            sum(1 for _ in scanner.alines())
+        stopping.join()
 
 
 def test_emergency_stop_of_a_scan_that_a_person_resumes_loses_nothing():

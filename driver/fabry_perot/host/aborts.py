@@ -39,6 +39,11 @@ class Aborts:
         return self._pending is not None
 
     @property
+    def was_sent(self) -> bool:
+        """Whether this program has sent an ABORT, acknowledged or not."""
+        return self.pending or self.acknowledgement is not None
+
+    @property
     def is_off(self) -> bool:
         """Whether the device reported, after it acknowledged the last ABORT, that the laser is off."""
         return self.after is not None and is_off(self.after)

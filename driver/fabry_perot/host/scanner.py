@@ -306,6 +306,8 @@ class Scanner(ScannerControls):
             # RELEASE has cleared the cause, and then the time was over within which the keeper may go on
             error = LeaseExpired("the laser lease lapsed: the laser is off, plan and data are kept")
         if isinstance(error, LeaseExpired | ScanAborted):
+            if host.status is not None and host.status.cause == HoldCause.REQUEST and not host.aborts.was_sent:
+                self._session.wait_for_stop_request()
             self._session.must_not_be_stopped()
         if self._session.stopped_by and isinstance(error, LinkError):
             error = LinkLost(f"stopped by an emergency stop from {self._session.stopped_by}; then {error}")

@@ -21,6 +21,8 @@ POLL_STEP = 0.05
 """Longest wait between two looks at the state, in s; also how often a waiting consumer renews the lease."""
 _STOPPED_WITHIN = 2.0
 """Longest wait in s for the outcome of an emergency stop before the port is released."""
+_STOP_REQUEST_WAIT = 1.0
+"""Longest wait in s for the request of a stop that the device has reported already."""
 _REQUEST_TIMEOUT = 15.0
 
 
@@ -178,6 +180,15 @@ class Session:
         """Raise ScanAborted if another program has stopped the laser; :attr:`changed` must be held."""
         if self.stopped_by:
             raise ScanAborted(f"stopped by an emergency stop from {self.stopped_by}; plan and data are kept")
+
+    def wait_for_stop_request(self) -> None:
+        """Wait briefly for the request of a stop that another program sent to the device itself.
+
+        That program does so where this one has not answered within 0.1 s, and the device may report the stop before
+        the request, which has the person's name, is read. :attr:`changed` must be held.
+        """
+        if self._control is not None:
+            self.changed.wait_for(lambda: self.stopped_by or self._closed, _STOP_REQUEST_WAIT)
 
     def stop(self, who: str, timeout: float) -> StopAnswer:
         """Turn the laser off for another program, and end this session's operations.
